@@ -1,0 +1,21 @@
+"""Motion capture, 2-D observations and camera calibrations: from files to arrays in mm with Z up, and back."""
+
+from __future__ import annotations
+
+from poseppl.io.amc import read_amc as read_amc
+from poseppl.io.asf import Bone as Bone
+from poseppl.io.asf import Skeleton as Skeleton
+from poseppl.io.asf import read_asf as read_asf
+from poseppl.io.bvh import read_bvh as read_bvh
+from poseppl.io.c3d import read_c3d as read_c3d
+from poseppl.io.cameras import CameraRecord as CameraRecord
+from poseppl.io.cameras import read_cameras as read_cameras
+from poseppl.io.cameras import write_cameras as write_cameras
+from poseppl.io.files import atomic_path as atomic_path
+from poseppl.io.motion import Motion as Motion
+from poseppl.io.motion import slice_frames as slice_frames
+from poseppl.io.motion import to_z_up as to_z_up
+from poseppl.io.observations import Observations as Observations
+from poseppl.io.observations import read_observations as read_observations
+from poseppl.io.observations import write_observations as write_observations
+from poseppl.io.recording import read_motion as read_motion

@@ -1,0 +1,145 @@
+"""Reading text with a bound on its size, and writing files so that a reader never sees half of one.
+
+A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name,
+flushed with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or
+Ctrl-C, leaves the old file as it was.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+
+from poseppl.errors import InputError, PosepplError
+
+MAX_TEXT_BYTES = 128 * 2**20
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+def check_file(path: str | PathLike[str], *, max_bytes: int) -> Path:
+    """Check that a path names a regular file that is neither empty nor absurdly large.
+
+    Args:
+        path: The file.
+        max_bytes: The largest size that the caller reads.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: The file is missing, not a regular file, empty, unreadable or too large.
+    """
+    source = Path(path)
+    try:
+        if not source.exists():
+            raise InputError("no such file", file=path, expected="an existing file")
+        if not source.is_file():
+            raise InputError("not a file", file=path, expected="a regular file, not a folder or a device")
+        size = source.stat().st_size
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+    if size == 0:
+        raise InputError("the file is empty", file=path)
+    if size > max_bytes:
+        raise InputError(f"the file has {size / 2**20:.0f} MiB", file=path, expected=f"at most {max_bytes // 2**20} MiB")
+    return source
+
+
+def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> str:
+    """Read a text file, UTF-8 or else Latin-1, as a whole.
+
+    Args:
+        path: The file.
+        max_bytes: The largest size that is read.
+
+    Returns:
+        The text, without a byte-order mark, with line ends as "\\n".
+
+    Raises:
+        InputError: The file cannot be read, is empty, too large, or holds binary data.
+    """
+    source = check_file(path, max_bytes=max_bytes)
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    if b"\0" in data:
+        raise InputError("the file holds binary data", file=path, expected="a text file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _check_target(path: str | PathLike[str], inputs: Iterable[str | PathLike[str]]) -> Path:
+    try:
+        target = Path(path).resolve()
+        if target.is_dir():
+            raise InputError("the output is a folder", file=path, expected="the name of a file")
+        if target.exists() and not target.is_file():
+            raise InputError("the output is not a regular file", file=path, expected="the name of a file")
+        if not target.parent.is_dir():
+            raise InputError("the output folder does not exist", file=target.parent, expected="an existing folder")
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            raise InputError("the output folder cannot be written", file=target.parent, expected="write permission")
+        for source in inputs:
+            if target == Path(source).resolve() or (target.exists() and Path(source).exists() and target.samefile(source)):
+                raise InputError("the output would overwrite an input", file=path, expected="another name")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"the output cannot be written: {error}", file=path) from error
+    return target
+
+
+def _is_full(error: OSError) -> bool:
+    # HDF5 reports the disk's error in its message alone.
+    return error.errno in _FULL or f"errno = {errno.ENOSPC}" in str(error) or os.strerror(errno.ENOSPC) in str(error)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[str]] = ()) -> Iterator[Path]:
+    """Yield a temporary name in the folder of a file; on success it becomes the file, on failure it is removed.
+
+    Args:
+        path: The file to write. A symbolic link is followed.
+        inputs: Files that must not be overwritten.
+
+    Yields:
+        The temporary path, with the suffix of ``path``; the block writes and closes it.
+
+    Raises:
+        InputError: The folder is missing or cannot be written, or the output is an input, a folder or a device.
+        PosepplError: The disk is full, or the block wrote nothing.
+    """
+    target = _check_target(path, inputs)
+    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}.tmp{target.suffix}")
+    try:
+        yield temporary
+        if not temporary.is_file():
+            raise PosepplError(f"{path}: nothing was written")
+        _flush(temporary)
+        os.replace(temporary, target)
+        _flush(target.parent)
+    except OSError as error:
+        if _is_full(error):
+            raise PosepplError(
+                f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)"
+            ) from error
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
+            raise InputError(f"cannot be written: {error.strerror}", file=path) from error
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)

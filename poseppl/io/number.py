@@ -1,0 +1,42 @@
+"""Numbers in text files: what a reader takes for one, and what it refuses by line."""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+
+from poseppl.errors import InputError
+
+LARGEST = 1e9
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
+
+
+def parse_number(token: str, *, file: str | PathLike[str], line: int, field: str | None = None) -> float:
+    """Parse one finite decimal number.
+
+    Python's own ``float`` would also take "nan", "infinity", "1_000" and the digits of other scripts.
+
+    Args:
+        token: The text, without white space around it.
+        file: The file, for the message.
+        line: The line, for the message.
+        field: The field, for the message.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: The text is no number, or its magnitude is above 1e9.
+    """
+    if len(token) <= 64 and _NUMBER.fullmatch(token):
+        number = float(token)
+        if abs(number) <= LARGEST:
+            return number
+        raise InputError(f"the number {token} is too large", file=file, line=line, field=field, expected="at most 1e9")
+    shown = token if len(token) <= 40 else token[:37] + "..."
+    raise InputError(f"{shown!r} is not a number", file=file, line=line, field=field, expected="a finite decimal number")
+
+
+def parse_numbers(tokens: list[str], *, file: str | PathLike[str], line: int, field: str | None = None) -> list[float]:
+    """Parse several numbers of one line; see `parse_number`."""
+    return [parse_number(token, file=file, line=line, field=field) for token in tokens]
