@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from os import PathLike
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
     return to_z_up(Motion(names, points * scale, parents, angles, float(clip.fps), world_up[1], source))
 
 
-def _library() -> ModuleType:
+def _library() -> Any:
     try:
         import pybvh
     except ImportError as error:
@@ -84,16 +84,16 @@ def _guess_scale(path: str | PathLike[str], height: float) -> float:
     return min(UNITS_MM, key=lambda unit: abs(math.log(unit * height / TYPICAL_HEIGHT_MM)))
 
 
-def _names(nodes: list[object]) -> tuple[tuple[str, ...], tuple[int, ...]]:
+def _names(nodes: list[Any]) -> tuple[tuple[str, ...], tuple[int, ...]]:
     names: list[str] = []
     index: dict[int, int] = {}
     for node in nodes:
-        name = f"{node.parent.name}_end" if node.is_end_site() else node.name  # type: ignore[attr-defined]
+        name = f"{node.parent.name}_end" if node.is_end_site() else node.name
         while name in names:
             name += "_"
         index[id(node)] = len(names)
         names.append(name)
-    parents = (-1 if node.parent is None else index[id(node.parent)] for node in nodes)  # type: ignore[attr-defined]
+    parents = (-1 if node.parent is None else index[id(node.parent)] for node in nodes)
     return tuple(names), tuple(parents)
 
 

@@ -1,4 +1,4 @@
-"""Marker trajectories of optical motion capture (C3D), through the library ezc3d.
+"""Marker trajectories of optical motion capture (C3D), through the library ezc3d in a process of its own (see `c3d_worker`).
 
 Only real markers are kept. Left out: the channels that POINT:ANGLES, FORCES, MOMENTS, POWERS and the like name, unlabelled
 trajectories ("*12"), the segment frames that Plug-in Gait stores as four points each (LFEO, LFEA, LFEL, LFEP) and its centre of
@@ -7,19 +7,27 @@ mass, and points that no frame shows.
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
 from os import PathLike
-from types import ModuleType
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError, PosepplError
+from poseppl.io import c3d_worker
 from poseppl.io.c3d_layout import check_layout
 from poseppl.io.motion import Motion, to_z_up
 from poseppl.io.number import LARGEST
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
+WORKER_SECONDS = 300
+_Texts = dict[str, list[str]]
 _MODELLED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS", "BONES")
 
 
@@ -38,21 +46,15 @@ def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
         PosepplError: ezc3d is not installed.
     """
     layout = check_layout(path)
-    ezc3d = _library()
-    try:
-        file = ezc3d.c3d(str(path))
-        points = np.asarray(file["data"]["points"], dtype=np.float64)
-        parameters = file["parameters"]["POINT"]
-        rate = float(parameters["RATE"]["value"][0])
-        labels = _texts(parameters, "LABELS", numbered=True)
-    except Exception as error:
-        raise InputError(f"ezc3d refuses it: {error}", file=path) from error
+    points, texts = _run_worker(path)
+    labels = _labels(texts)
     if points.ndim != 3 or points.shape[1:] != (layout.points, layout.frames) or len(labels) < layout.points:
         problem = f"{len(labels)} labels for data of shape {points.shape}"
         raise InputError(problem, file=path, field="POINT", expected=f"{layout.points} points in {layout.frames} frames")
-    positions = np.moveaxis(points[:3], 0, -1).swapaxes(0, 1) * _unit(path, parameters)
+    positions = np.moveaxis(points[:3], 0, -1).swapaxes(0, 1) * _unit(path, texts)
     labels = labels[: layout.points]
-    kept = [index for index, label in enumerate(labels) if label and label not in _modelled(parameters, labels)]
+    modelled = _modelled(texts, labels)
+    kept = [index for index, label in enumerate(labels) if label and label not in modelled]
     kept = [index for index in kept if np.isfinite(positions[:, index]).all(axis=-1).any()]
     names = tuple(labels[index] for index in kept)
     if not names:
@@ -61,32 +63,44 @@ def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
     if repeated:
         raise InputError(f"two markers are called {repeated[0]!r}", file=path, field="POINT:LABELS")
     markers = _clean(path, positions[:, kept])
-    return to_z_up(Motion(names, markers, (), None, rate, up or _up(path, parameters), str(path)))
+    return to_z_up(Motion(names, markers, (), None, layout.rate, up or _up(path, texts), str(path)))
 
 
-def _library() -> ModuleType:
-    try:
-        import ezc3d
-    except ImportError as error:
-        raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'") from error
-    return ezc3d
+def _run_worker(path: str | PathLike[str]) -> tuple[NDArray[np.float64], _Texts]:
+    if importlib.util.find_spec("ezc3d") is None:
+        raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
+    with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
+        target = Path(folder) / "points.npz"
+        # One thread: the threads of a linear algebra library reserve more memory than the limit on a large machine.
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, "-P", c3d_worker.__file__, str(Path(path).resolve()), str(target)]
+        try:
+            done = subprocess.run(command, env=environment, capture_output=True, timeout=WORKER_SECONDS, check=False)
+        except subprocess.TimeoutExpired as error:
+            raise InputError(f"ezc3d did not end within {WORKER_SECONDS} s", file=path) from error
+        if done.returncode < 0:
+            raise InputError("ezc3d crashed on it; the file is damaged", file=path, expected="a valid C3D file")
+        if done.returncode or not target.is_file():
+            reason = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
+            raise InputError(f"ezc3d refuses it: {reason[:300]}", file=path)
+        with np.load(target, allow_pickle=False) as arrays:
+            texts: _Texts = json.loads(arrays["texts"].tobytes())
+            return np.asarray(arrays["points"], dtype=np.float64), texts
 
 
-def _texts(parameters: Any, name: str, *, numbered: bool = False) -> list[str]:
-    texts: list[str] = []
+def _labels(texts: _Texts) -> list[str]:
+    # More than 255 points go on in LABELS2, LABELS3, ...
+    labels: list[str] = []
     number = 1
-    while name in parameters or number == 1:
-        texts += [str(text).strip() for text in parameters[name]["value"]] if name in parameters else []
+    while (part := texts.get("LABELS" if number == 1 else f"LABELS{number}")) is not None:
+        labels += part
         number += 1
-        name = f"{name.rstrip('0123456789')}{number}"
-        if not numbered:
-            break
-    return texts
+    return labels
 
 
-def _modelled(parameters: Any, labels: list[str]) -> set[str]:
+def _modelled(texts: _Texts, labels: list[str]) -> set[str]:
     known = set(labels)
-    names = {name for kind in _MODELLED for name in _texts(parameters, kind)}
+    names = {name for kind in _MODELLED for name in texts.get(kind, ())}
     names |= {label for label in labels if label.startswith(("*", "CentreOfMass"))}
     for stem in {label[:-1] for label in labels if label.endswith("O")}:
         quadruple = {stem + letter for letter in "OALP"}
@@ -94,16 +108,16 @@ def _modelled(parameters: Any, labels: list[str]) -> set[str]:
     return names
 
 
-def _unit(path: str | PathLike[str], parameters: Any) -> float:
-    units = _texts(parameters, "UNITS")
+def _unit(path: str | PathLike[str], texts: _Texts) -> float:
+    units = texts.get("UNITS", [])
     unit = units[0].lower() if units else "mm"
     if unit not in MM_PER_UNIT:
         raise InputError(f"unit {unit[:20]!r}", file=path, field="POINT:UNITS", expected=", ".join(MM_PER_UNIT))
     return MM_PER_UNIT[unit]
 
 
-def _up(path: str | PathLike[str], parameters: Any) -> str:
-    screen = "".join(_texts(parameters, "Y_SCREEN")).lower()
+def _up(path: str | PathLike[str], texts: _Texts) -> str:
+    screen = "".join(texts.get("Y_SCREEN", [])).lower()
     if not screen:
         return "z"
     if screen not in ("+x", "+y", "+z"):

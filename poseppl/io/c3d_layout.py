@@ -109,7 +109,7 @@ def _parameters(path: str | PathLike[str], data: bytes) -> dict[tuple[str, str],
         (offset,) = struct.unpack_from("<h", section, name_end)
         following = name_end + offset if offset else len(section)
         if offset < 0 or following > len(section) or (offset and following < name_end + 3):
-            raise InputError(f"the offset {offset} leads out of the section", file=path, field=name)
+            raise InputError(f"the parameter ends outside its section of {blocks} blocks", file=path, field=name)
         body = section[name_end + 2 : following]
         if group < 0:
             if -group in groups or name in groups.values():

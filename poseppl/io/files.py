@@ -58,7 +58,7 @@ def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> 
         max_bytes: The largest size that is read.
 
     Returns:
-        The text, without a byte-order mark, with line ends as "\\n".
+        The text, without a byte-order mark, with line ends as newlines.
 
     Raises:
         InputError: The file cannot be read, is empty, too large, or holds binary data.
