@@ -1,0 +1,34 @@
+"""Errors that a user can mend: one message that says what is wrong, where, and what was expected."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+
+class PosepplError(Exception):
+    """Base of the errors that the command line reports in one message, without a traceback."""
+
+
+class InputError(PosepplError):
+    """Bad input: a file, an option or an array that cannot be used.
+
+    Args:
+        problem: What is wrong, in one sentence.
+        file: The file that it was found in.
+        line: The 1-based line in that file.
+        field: The field, option, column or site.
+        expected: What was expected, and how to mend it.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: str | PathLike[str] | None = None,
+        line: int | None = None,
+        field: str | None = None,
+        expected: str | None = None,
+    ) -> None:
+        where = [str(part) for part in (file, f"line {line}" if line else None, field) if part is not None]
+        message = f"{', '.join(where)}: {problem}" if where else problem
+        super().__init__(f"{message} (expected {expected})" if expected else message)

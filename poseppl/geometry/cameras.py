@@ -1,0 +1,120 @@
+"""Calibrated perspective cameras with lens distortion, one or several, behind one interface.
+
+A world point p (mm) has camera coordinates ``R (p - centre)``, with the optical axis along the camera's z; the image point is
+``focal * distort(x / z, y / z) + principal``, in the camera's units: pixels for a calibrated one, and pure numbers for the
+camera of Choo and Fleet 2001 (Eq. 18), whose optical axis is the world's Y axis, image x along X and image y along Z.
+Distortion is the model of Brown and Conrady (k1, k2, p1, p2, k3), as in OpenCV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+NEAREST = 1.0
+"""Depth (mm) to which a point at or behind the camera is moved, so that projections and gradients stay finite."""
+
+
+class Cameras(NamedTuple):
+    """C cameras: ``rotation`` (C, 3, 3) world to camera, ``centre`` (C, 3) mm, ``focal`` and ``principal`` (C, 2).
+
+    ``distortion`` is (C, 5) or None, which costs nothing.
+    """
+
+    rotation: jax.Array
+    centre: jax.Array
+    focal: jax.Array
+    principal: jax.Array
+    distortion: jax.Array | None = None
+
+
+def paper_camera(centre: Sequence[float]) -> Cameras:
+    """Build the camera of Choo and Fleet 2001, Eq. 18: focal length 1, optical axis along +Y, image y up.
+
+    Args:
+        centre: (X_c, Y_c, Z_c) in mm.
+    """
+    rotation = jnp.array([[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]])
+    return Cameras(rotation, jnp.array([centre], float), jnp.array([[1.0, -1.0]]), jnp.zeros((1, 2)))
+
+
+def look_at(centre: Sequence[float], target: Sequence[float], focal: float = 1.0) -> Cameras:
+    """Point a level camera at a target, image y up as in Eq. 18; with ``target`` due +Y of ``centre`` it is the paper's.
+
+    Args:
+        centre: Camera centre, mm.
+        target: A point on the optical axis, mm; not straight above or below the centre.
+        focal: Focal length in image units.
+    """
+    forward = jnp.array(target, float) - jnp.array(centre, float)
+    forward = forward / jnp.linalg.norm(forward)
+    right = jnp.cross(forward, jnp.array([0.0, 0.0, 1.0]))
+    right = right / jnp.linalg.norm(right)
+    rotation = jnp.stack([right, jnp.cross(forward, right), forward])
+    return Cameras(rotation[None], jnp.array([centre], float), jnp.array([[focal, -focal]]), jnp.zeros((1, 2)))
+
+
+def join_cameras(cameras: Sequence[Cameras]) -> Cameras:
+    """Stack camera sets into one; where only some have distortion, the others get zeros."""
+    bent = any(camera.distortion is not None for camera in cameras)
+    if bent:
+        cameras = [
+            camera if camera.distortion is not None else camera._replace(distortion=jnp.zeros((camera.centre.shape[0], 5)))
+            for camera in cameras
+        ]
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *cameras)
+
+
+def project(cameras: Cameras, points: jax.Array) -> jax.Array:
+    """Project world points into every camera.
+
+    Args:
+        cameras: C cameras.
+        points: Shape (..., 3), mm.
+
+    Returns:
+        Image points of shape (C, ..., 2), in the cameras' image units.
+    """
+    shape = (-1,) + (1,) * (points.ndim - 1)
+    spread = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1).reshape(*leaf.shape[1:], *shape), cameras)
+    u, v = project_components(spread, points[None, ..., 0], points[None, ..., 1], points[None, ..., 2])
+    return jnp.stack([u, v], -1)
+
+
+def depth(cameras: Cameras, points: jax.Array) -> jax.Array:
+    """Distance along the optical axis (mm), positive in front: points (..., 3) give (C, ...)."""
+    offset = points[None] - cameras.centre.reshape(-1, *(1,) * (points.ndim - 1), 3)
+    return jnp.einsum("ci,c...i->c...", cameras.rotation[:, 2], offset)
+
+
+def project_components(camera: Cameras, x: jax.Array, y: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Project component by component: fields of ``camera`` with their matrix axes first, all else broadcast.
+
+    Args:
+        camera: ``rotation`` (3, 3, ...), ``centre`` (3, ...), ``focal`` (2, ...) and so on.
+        x: World coordinates in mm, of any shape that broadcasts with the fields.
+        y: Likewise.
+        z: Likewise.
+    """
+    rotation, centre = camera.rotation, camera.centre
+    x, y, z = x - centre[0], y - centre[1], z - centre[2]
+    a, b, c = (rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3))
+    inverse = 1.0 / jnp.maximum(c, NEAREST)
+    u, v = a * inverse, b * inverse
+    if camera.distortion is not None:
+        u, v = _distort(camera.distortion, u, v)
+    return camera.focal[0] * u + camera.principal[0], camera.focal[1] * v + camera.principal[1]
+
+
+def _distort(coefficients: jax.Array, u: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    k1, k2, p1, p2, k3 = coefficients
+    squared = u * u + v * v
+    radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
+    cross = u * v
+    return (
+        u * radial + 2.0 * p1 * cross + p2 * (squared + 2.0 * u * u),
+        v * radial + p1 * (squared + 2.0 * v * v) + 2.0 * p2 * cross,
+    )
