@@ -6,6 +6,7 @@ was recorded at 120 Hz.
 
 from __future__ import annotations
 
+from array import array
 from os import PathLike
 
 import numpy as np
@@ -103,7 +104,7 @@ def euler_rotation(angles: _Floats, order: str) -> _Floats:
 def _read_channels(path: str | PathLike[str], skeleton: Skeleton) -> dict[str, _Floats]:
     bones = {bone.name: bone for bone in skeleton.bones}
     moving = [bone.name for bone in skeleton.bones if bone.dof]
-    rows: dict[str, list[list[float]]] = {name: [] for name in moving}
+    rows = {name: array("d") for name in moving}
     frame, line, first = 0, 0, None
     seen: set[str] = set()
     for line, text in enumerate(read_text(path).split("\n"), start=1):
@@ -124,11 +125,11 @@ def _read_channels(path: str | PathLike[str], skeleton: Skeleton) -> dict[str, _
         _check_row(path, line, words, frame, bones.get(words[0]), seen, skeleton)
         seen.add(words[0])
         if words[0] in rows:
-            rows[words[0]].append(parse_numbers(words[1:], file=path, line=line, field=words[0]))
+            rows[words[0]].extend(parse_numbers(words[1:], file=path, line=line, field=words[0]))
     if first is None:
         raise InputError("the file holds no frame", file=path, expected="an Acclaim motion (.amc)")
     _check_complete(path, line, frame, moving, seen)
-    return {name: np.array(values, dtype=np.float64) for name, values in rows.items()}
+    return {name: np.array(values).reshape(-1, len(bones[name].dof)) for name, values in rows.items()}
 
 
 def _check_header(path: str | PathLike[str], line: int, words: list[str], skeleton: Skeleton) -> None:

@@ -10,8 +10,12 @@ brings the height of the skeleton at rest closest to 1.65 m, by ratio: right for
 
 from __future__ import annotations
 
+import itertools
 import math
+import tempfile
+from collections.abc import Iterator
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +28,7 @@ from poseppl.io.number import parse_number, parse_numbers
 UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
 MAX_JOINTS = 500
-MAX_POINTS = 20_000_000
+MAX_POINTS = 5_000_000
 _Line = tuple[int, list[str]]
 
 
@@ -46,19 +50,15 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
     """
     if scale is not None and not 1e-6 <= scale <= 1e6:
         raise InputError(f"{scale:g} mm a unit", field="scale", expected="a positive number")
-    _check_text(path, read_text(path))
-    pybvh = _library()
-    try:
-        with np.errstate(all="ignore"):
-            clip = pybvh.read_bvh_file(str(path), world_up=f"+{up}" if up else "auto", warn_on_world_up_disagreement=False)
-            points = np.asarray(clip.node_positions(), dtype=np.float64)
-            rest = np.asarray(clip.rest_pose_positions(), dtype=np.float64)
-            world_up = str(clip.world_up)
-    except Exception as error:
-        raise InputError(f"pybvh refuses it: {error}", file=path) from error
-    if world_up not in ("+x", "+y", "+z"):
-        raise InputError(f"the up axis seems to be {world_up}", file=path, field="up", expected="x, y or z, given explicitly")
-    height = float(np.ptp(rest[:, "xyz".index(world_up[1])]))
+    text = read_text(path)
+    _check_text(path, text)
+    clip = _parse(path, text, f"+{up}" if up else "auto")
+    with np.errstate(all="ignore"):
+        points = np.asarray(clip.node_positions(), dtype=np.float64)
+        rest = np.asarray(clip.rest_pose_positions(), dtype=np.float64)
+    # The inferred sign is not used: no system records head down, but a leg alone hangs from its root.
+    axis = str(clip.world_up)[-1]
+    height = float(np.ptp(rest[:, "xyz".index(axis)]))
     source = str(path)
     if scale is None:
         scale = _guess_scale(path, height)
@@ -67,15 +67,23 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
         raise InputError("positions are not finite", file=path)
     names, parents = _names(clip.nodes)
     angles = {name: np.asarray(clip.joint_angles[:, i]) for i, name in enumerate(clip.joint_names)}
-    return to_z_up(Motion(names, points * scale, parents, angles, float(clip.fps), world_up[1], source))
+    return to_z_up(Motion(names, points * scale, parents, angles, float(clip.fps), axis, source))
 
 
-def _library() -> Any:
+def _parse(path: str | PathLike[str], text: str, world_up: str) -> Any:
     try:
         import pybvh
     except ImportError as error:
         raise PosepplError("reading .bvh files needs pybvh: pip install 'poseppl[mocap]'") from error
-    return pybvh
+    with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
+        # The library reads the text that was checked; it insists on a lower-case suffix and the system's encoding.
+        copy = Path(folder) / "motion.bvh"
+        copy.write_text(text)
+        try:
+            with np.errstate(all="ignore"):
+                return pybvh.read_bvh_file(copy, world_up=world_up, warn_on_world_up_disagreement=False)
+        except Exception as error:
+            raise InputError(f"pybvh refuses it: {str(error).replace(str(copy), 'the file')}", file=path) from error
 
 
 def _guess_scale(path: str | PathLike[str], height: float) -> float:
@@ -97,18 +105,31 @@ def _names(nodes: list[Any]) -> tuple[tuple[str, ...], tuple[int, ...]]:
     return tuple(names), tuple(parents)
 
 
+def _lines(text: str) -> Iterator[_Line]:
+    return ((line, words) for line, raw in enumerate(text.split("\n"), start=1) if (words := raw.split()))
+
+
 def _check_text(path: str | PathLike[str], text: str) -> None:
-    lines = [(line, words) for line, raw in enumerate(text.split("\n"), start=1) if (words := raw.split())]
-    motion = next((i for i, (_, words) in enumerate(lines) if words[0] == "MOTION"), None)
-    if lines[:1] == [] or lines[0][1][0] != "HIERARCHY":
+    # One line at a time: the words of a long recording would take many times the memory of its text.
+    lines = _lines(text)
+    if next(lines, (1, [""]))[1][0] != "HIERARCHY":
         raise InputError("no HIERARCHY", file=path, line=1, expected="a BioVision recording (.bvh)")
-    if motion is None:
-        raise InputError("no MOTION section; is the file truncated?", file=path, line=lines[-1][0])
-    channels, points = _check_hierarchy(path, lines[1:motion])
-    _check_motion(path, lines[motion:], channels, points)
+    found: list[int] = []
+
+    def before_motion() -> Iterator[_Line]:
+        for line, words in lines:
+            if words[0] == "MOTION":
+                found.append(line)
+                return
+            yield line, words
+
+    channels, points = _check_hierarchy(path, before_motion())
+    if not found:
+        raise InputError("no MOTION section; is the file truncated?", file=path)
+    _check_motion(path, lines, found[0], channels, points)
 
 
-def _check_hierarchy(path: str | PathLike[str], lines: list[_Line]) -> tuple[int, int]:
+def _check_hierarchy(path: str | PathLike[str], lines: Iterator[_Line]) -> tuple[int, int]:
     names: set[str] = set()
     channels = depth = points = 0
     for line, words in lines:
@@ -140,22 +161,25 @@ def _check_hierarchy(path: str | PathLike[str], lines: list[_Line]) -> tuple[int
     return channels, points
 
 
-def _check_motion(path: str | PathLike[str], lines: list[_Line], channels: int, points: int) -> None:
-    heads = [words[: len(key)] for (_, words), key in zip(lines[1:3], (["Frames:"], ["Frame", "Time:"]), strict=False)]
-    if heads != [["Frames:"], ["Frame", "Time:"]]:
-        raise InputError("no lines Frames: and Frame Time: after MOTION", file=path, line=lines[0][0])
-    (line, frames), (time_line, time) = lines[1:3]
+def _check_motion(path: str | PathLike[str], lines: Iterator[_Line], start: int, channels: int, points: int) -> None:
+    heads = list(itertools.islice(lines, 2))
+    if [words[: 1 + i] for i, (_, words) in enumerate(heads)] != [["Frames:"], ["Frame", "Time:"]]:
+        raise InputError("no lines Frames: and Frame Time: after MOTION", file=path, line=start)
+    (line, frames), (time_line, time) = heads
     if len(frames) != 2 or not frames[1].isascii() or not frames[1].isdigit() or len(frames[1]) > 9:
         raise InputError("no number of frames", file=path, line=line, field="Frames:", expected="a whole number")
     seconds = parse_number(" ".join(time[2:]), file=path, line=time_line, field="Frame Time:")
     if not 1e-5 <= seconds <= 100.0:
         raise InputError(f"{seconds:g} s", file=path, line=time_line, field="Frame Time:", expected="a positive time in s")
-    rows = lines[3:]
-    if len(rows) != int(frames[1]) or not rows:
-        raise InputError(f"{len(rows)} frames", file=path, line=lines[-1][0], expected=f"{frames[1]}, as Frames: says")
-    if len(rows) * points > MAX_POINTS:
-        raise InputError(f"{len(rows)} frames of {points} joints", file=path, expected=f"at most {MAX_POINTS} positions")
-    for line, words in rows:
+    count = 0
+    for line, words in lines:
         if len(words) != channels:
             raise InputError(f"{len(words)} values", file=path, line=line, expected=f"{channels}, one a channel")
         parse_numbers(words, file=path, line=line)
+        count += 1
+    if count != int(frames[1]) or not count:
+        raise InputError(
+            f"{count} frames; is the file truncated?", file=path, line=line, expected=f"{frames[1]}, as Frames: says"
+        )
+    if count * points > MAX_POINTS:
+        raise InputError(f"{count} frames of {points} joints", file=path, expected=f"at most {MAX_POINTS} positions")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from poseppl.errors import InputError, PosepplError
 
-MAX_TEXT_BYTES = 128 * 2**20
+MAX_TEXT_BYTES = 64 * 2**20
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 

@@ -15,6 +15,7 @@ import csv
 import difflib
 import io
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from typing import NamedTuple
@@ -50,16 +51,6 @@ class Observations(NamedTuple):
     cameras: tuple[str, ...]
 
 
-class _Row(NamedTuple):
-    line: int
-    frame: int
-    camera: int
-    marker: int
-    x: float
-    y: float
-    confidence: float
-
-
 def read_observations(
     path: str | PathLike[str], marker_names: Sequence[str], camera_names: Sequence[str] = ("camera",)
 ) -> Observations:
@@ -82,21 +73,26 @@ def read_observations(
     columns = _columns(path, header)
     if "camera" not in columns and len(camera_names) != 1:
         raise InputError("no column camera", file=path, line=1, field="camera", expected="one of " + ", ".join(camera_names))
-    rows = [_row(path, line, values, columns, marker_names, camera_names) for line, values in lines]
+    rows = array("d")
+    for line, values in lines:
+        rows.extend(_row(path, line, values, columns, marker_names, camera_names))
     if not rows:
         raise InputError("the file holds no observation", file=path, expected="at least one row after the header")
-    first, total = _frame_range(path, rows, len(camera_names) * len(marker_names))
+    table = np.array(rows).reshape(-1, 7)
+    line_numbers, numbers, camera, marker = table[:, :4].astype(np.int64).T
+    first, total = _frame_range(path, numbers, line_numbers, len(camera_names) * len(marker_names))
     points = np.full((total, len(camera_names), len(marker_names), 2), np.nan)
     confidence = np.full(points.shape[:3], np.nan)
-    seen: dict[tuple[int, int, int], int] = {}
-    for row in rows:
-        place = (row.frame - first, row.camera, row.marker)
-        if place in seen:
-            problem = f"frame {row.frame} observes {marker_names[row.marker]!r} twice (before in line {seen[place]})"
-            raise InputError(problem, file=path, line=row.line)
-        seen[place] = row.line
-        points[place] = (row.x, row.y)
-        confidence[place] = row.confidence
+    place = np.ravel_multi_index((numbers - first, camera, marker), confidence.shape)
+    order = np.argsort(place, kind="stable")
+    twice = np.flatnonzero(np.diff(place[order]) == 0)
+    if twice.size:
+        before, after = order[twice[0]], order[twice[0] + 1]
+        name = marker_names[marker[after]]
+        problem = f"frame {numbers[after]} observes {name!r} twice (before in line {line_numbers[before]})"
+        raise InputError(problem, file=path, line=int(line_numbers[after]))
+    points.reshape(-1, 2)[place] = table[:, 4:6]
+    confidence.reshape(-1)[place] = table[:, 6]
     frames = np.arange(first, first + total, dtype=np.int64)
     has_confidence = "confidence" in columns
     return Observations(points, confidence if has_confidence else None, frames, tuple(marker_names), tuple(camera_names))
@@ -160,7 +156,7 @@ def _row(
     columns: dict[str, int],
     markers: Sequence[str],
     cameras: Sequence[str],
-) -> _Row:
+) -> tuple[float, ...]:
     if len(values) != len(columns):
         raise InputError(f"{len(values)} values", file=path, line=line, expected=f"{len(columns)}, one a column")
     frame = values[columns["frame"]]
@@ -174,7 +170,7 @@ def _row(
         confidence = parse_number(values[columns["confidence"]], file=path, line=line, field="confidence")
         if not 0.0 <= confidence <= 1.0:
             raise InputError(f"{confidence:g}", file=path, line=line, field="confidence", expected="0 to 1")
-    return _Row(line, int(frame), camera, marker, x, y, confidence)
+    return (line, int(frame), camera, marker, x, y, confidence)
 
 
 def _known(path: str | PathLike[str], line: int, field: str, name: str, names: Sequence[str]) -> int:
@@ -185,13 +181,17 @@ def _known(path: str | PathLike[str], line: int, field: str, name: str, names: S
     raise InputError(f"unknown {field} {name[:60]!r}", file=path, line=line, expected=f"one of {', '.join(names)}{hint}")
 
 
-def _frame_range(path: str | PathLike[str], rows: list[_Row], values: int) -> tuple[int, int]:
-    rows = sorted(rows, key=lambda row: row.frame)
-    for before, row in zip(rows, rows[1:], strict=False):
-        if row.frame - before.frame > MAX_GAP:
-            problem = f"{row.frame - before.frame - 1} frames without any row before frame {row.frame}"
-            raise InputError(problem, file=path, line=row.line, field="frame", expected=f"a gap of at most {MAX_GAP}")
-    first, total = rows[0].frame, rows[-1].frame - rows[0].frame + 1
+def _frame_range(
+    path: str | PathLike[str], numbers: NDArray[np.int64], lines: NDArray[np.int64], values: int
+) -> tuple[int, int]:
+    order = np.argsort(numbers, kind="stable")
+    gaps = np.diff(numbers[order])
+    if gaps.size and gaps.max() > MAX_GAP:
+        after = order[int(gaps.argmax()) + 1]
+        problem = f"{gaps.max() - 1} frames without any row before frame {numbers[after]}"
+        expected = f"a gap of at most {MAX_GAP}"
+        raise InputError(problem, file=path, line=int(lines[after]), field="frame", expected=expected)
+    first, total = int(numbers.min()), int(np.ptp(numbers)) + 1
     if total * values > MAX_VALUES:
         raise InputError(f"{total} frames of {values} points", file=path, expected=f"at most {MAX_VALUES} points in a file")
     return first, total

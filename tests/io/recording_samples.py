@@ -1,0 +1,147 @@
+"""Small valid files of every format, as text or bytes."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+ASF = """# a leg
+:version 1.10
+:name leg
+:units
+  mass 1.0
+  length 0.45
+  angle deg
+:root
+   order TX TY TZ RX RY RZ
+   axis XYZ
+   position 0 0 0
+   orientation 0 0 0
+:bonedata
+  begin
+     id 1
+     name femur
+     direction 0.6 -0.8 0
+     length 7.5
+     axis 0 0 20  XYZ
+    dof rx ry rz
+    limits (-160.0 20.0)
+           (-70.0 70.0)
+           (-inf inf)
+  end
+  begin
+     id 2
+     name tibia
+     direction 0 -1 0
+     length 7
+     axis 10 0 20 XYZ
+    dof rx
+    limits (-10.0 170.0)
+  end
+  begin
+     id 3
+     name foot
+     direction 0 0 1
+     length 2
+     axis 0 0 0 XYZ
+  end
+:hierarchy
+  begin
+    root femur
+    femur tibia
+    tibia foot
+  end
+"""
+
+AMC = """#!OML:ASF
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 2 3 10 20 30
+femur 5 -6 7
+tibia 40
+2
+root 1.5 2 3 10 20 30
+femur 5 -6 7e0
+tibia 41
+"""
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  JOINT Knee
+  {
+    OFFSET 2.0 -80.0 0
+    CHANNELS 3 Zrotation Yrotation Xrotation
+    End Site
+    {
+      OFFSET 0 -80.0 0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.01
+0 100 0 10 20 30 1 2 3
+1 100 0 10 20 30 1 2 4
+"""
+
+CSV = """frame,marker,x,y,camera,confidence
+3,hip,10.5,20,left,1
+3,knee,11,30.25,left,0.5
+3,hip,12,21,right,1
+5,knee,13,31,right,0.75
+"""
+
+TOML = """units = "mm"
+
+[camera.front]
+size = [1920, 1080]
+matrix = [[1500.0, 0.0, 960.0], [0.0, 1500.0, 540.0], [0.0, 0.0, 1.0]]
+distortion = [0.1, -0.05, 0.001, 0.0, 0.0]
+rotation = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+translation = [0.0, 1000.0, 5000.0]
+"""
+
+
+def c3d_bytes(
+    points: np.ndarray,
+    labels: list[str],
+    *,
+    units: str = "mm",
+    vertical: str = "+Z",
+    rate: float = 100.0,
+    angles: tuple[str, ...] = (),
+) -> bytes:
+    """A C3D file of (T, K, 3) points, NaN where unseen, after the format's manual."""
+    frames, count = points.shape[:2]
+
+    def text(values: list[str]) -> tuple[int, tuple[int, ...], bytes]:
+        width = max(map(len, values))
+        return -1, (width, len(values)), "".join(value.ljust(width) for value in values).encode()
+
+    values = {
+        "USED": (2, (), struct.pack("<H", count)),
+        "FRAMES": (2, (), struct.pack("<H", frames)),
+        "SCALE": (4, (), struct.pack("<f", -1.0)),
+        "RATE": (4, (), struct.pack("<f", rate)),
+        "DATA_START": (2, (), struct.pack("<H", 4)),
+        "UNITS": text([units]),
+        "X_SCREEN": text(["+X"]),
+        "Y_SCREEN": text([vertical]),
+        "LABELS": text(labels),
+    }
+    if angles:
+        values["ANGLES"] = text(list(angles))
+    section = struct.pack("<bb5shB", 5, -1, b"POINT", 3, 0)
+    for name, (kind, dimensions, data) in values.items():
+        body = struct.pack("<bB", kind, len(dimensions)) + bytes(dimensions) + data + b"\0"
+        section += struct.pack("<bb", len(name), 1) + name.encode() + struct.pack("<h", len(body) + 2) + body
+    section = (bytes([1, 80, 2, 84]) + section).ljust(1024, b"\0")
+    header = bytes([2, 80]) + struct.pack("<5HfHHf", count, 0, 1, frames, 0, -1.0, 4, 0, rate)
+    seen = np.isfinite(points).all(axis=-1)
+    data = np.concatenate([np.nan_to_num(points), np.where(seen, 0.0, -1.0)[..., None]], axis=-1)
+    return header.ljust(512, b"\0") + section + data.astype("<f4").tobytes().ljust(512, b"\0")

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from recording_samples import BVH
+from scipy.spatial.transform import Rotation
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.io.asf import read_asf
+from poseppl.io.bvh import read_bvh
+from poseppl.io.recording import read_motion
+
+UNIT = 25.4 / 0.45
+
+
+def read(tmp_path, text=BVH, **options):
+    (tmp_path / "leg.bvh").write_text(text)
+    return read_bvh(tmp_path / "leg.bvh", **options)
+
+
+def test_kinematics_by_hand(tmp_path):
+    motion = read(tmp_path, scale=10.0, up="y")
+    assert motion.names == ("Hips", "Knee", "Knee_end") and motion.parents == (-1, 0, 1)
+    assert motion.rate == 100.0 and motion.up == "z"
+    # Channels Z, Y, X apply as R = Rz Ry Rx.
+    hip, knee = (Rotation.from_euler("ZYX", degrees, degrees=True) for degrees in ([10, 20, 30], [1, 2, 4]))
+    points = [np.array([1.0, 100.0, 0.0])]
+    points.append(points[0] + hip.apply([2.0, -80.0, 0.0]))
+    points.append(points[1] + (hip * knee).apply([0.0, -80.0, 0.0]))
+    expected = 10.0 * np.stack(points)[:, [0, 2, 1]] * (1, -1, 1)
+    np.testing.assert_allclose(motion.positions[1], expected, rtol=1e-9)
+    np.testing.assert_allclose(motion.angles["Knee"], np.radians([[1, 2, 3], [1, 2, 4]]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, 10.0), (10.0, 1.0), (0.01, 1000.0), (0.4, 25.4)])
+def test_scale_is_guessed_from_the_height(tmp_path, factor, unit):
+    # The leg is 160 units long, so centimetres make it 1.6 m.
+    text = BVH.replace("-80.0", str(-80.0 * factor))
+    motion = read(tmp_path, text, up="y")
+    assert f"1 unit taken as {unit:.4g} mm" in motion.source
+
+
+def test_upper_case_suffix_and_carriage_returns(tmp_path):
+    (tmp_path / "LEG.BVH").write_bytes(BVH.replace("\n", "\r\n").encode())
+    assert read_motion(tmp_path / "LEG.BVH").positions.shape == (2, 3, 3)
+
+
+def test_recorded_walk(data_dir):
+    motion = read_motion(data_dir / "pybvh" / "cmu_12_01_walk.bvh")
+    assert motion.positions.shape == (524, 38, 3) and motion.rate == 120.0
+    # The unit of the CMU skeletons: the recording is small, but its arm is as long as in an ASF skeleton of the database.
+    assert "56.44 mm" in motion.source
+    height = np.ptp(motion.positions[..., 2], axis=1)
+    assert 1300 < height.mean() < 1450
+    assert abs(motion.positions[..., 2].min()) < 30
+    arm = motion.positions[:, motion.index("LeftForeArm")] - motion.positions[:, motion.index("LeftArm")]
+    asf = {bone.name: bone.length for bone in read_asf(data_dir / "cmu_amc" / "02.asf").bones}
+    np.testing.assert_allclose(np.linalg.norm(arm, axis=-1).mean(), asf["lhumerus"], rtol=0.25)
+    lengths = np.linalg.norm(motion.positions[:, 1:] - motion.positions[:, np.asarray(motion.parents)[1:]], axis=-1)
+    np.testing.assert_allclose(lengths, np.broadcast_to(lengths[0], lengths.shape), atol=1e-6)
+
+
+def test_makehuman_is_z_up_in_decimetres(data_dir):
+    motion = read_motion(data_dir / "makehuman" / "walk1.bvh")
+    assert "taken as 100 mm" in motion.source and motion.rate == 24.0
+    assert 1400 < np.ptp(motion.positions[0, :, 2]) < 1800
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("1 2 4", "1 2 nan", "line 20: 'nan' is not a number"),
+        ("1 2 4", "1 2 inf", "line 20: 'inf' is not a number"),
+        ("1 2 4", "1 2", "line 20: 8 values (expected 9"),
+        ("OFFSET 2.0", "OFFSET nan", "line 8, OFFSET: 'nan'"),
+        ("OFFSET 2.0", "OFFSET 2 2.0", "line 8, OFFSET: 4 values"),
+        ("Frames: 2", "Frames: 3", "line 20: 2 frames; is the file truncated? (expected 3"),
+        ("Frames: 2", "Frames: 1e9", "line 17, Frames:"),
+        ("Frame Time: 0.01", "Frame Time: 0", "line 18, Frame Time:"),
+        ("Frame Time: 0.01", "Frame Time: -0.01", "line 18, Frame Time:"),
+        (BVH[BVH.index("MOTION") :], "", "no MOTION"),
+        ("MOTION", "MOVING", "line 16: 'MOVING' is no part of a hierarchy"),
+        ("HIERARCHY", "TREE", "no HIERARCHY"),
+        ("JOINT Knee", "JOINT Hips", "a joint without one name of its own"),
+        ("CHANNELS 3 Z", "CHANNELS 4 Z", "the count differs"),
+        ("CHANNELS 3 Zrotation", "CHANNELS 3 Wrotation", "pybvh refuses it"),
+        ("}\nMOTION", "MOTION", "not closed"),
+    ],
+)
+def test_bad_bvh(tmp_path, old, new, message):
+    assert old in BVH
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, BVH.replace(old, new, 1))
+    assert message in str(caught.value) and "leg.bvh" in str(caught.value)
+
+
+def test_options_are_checked(tmp_path):
+    with pytest.raises(InputError, match="scale"):
+        read(tmp_path, scale=-1.0)
+    with pytest.raises(InputError, match="no height"):
+        read(tmp_path, BVH.replace("-80.0", "0"), up="y")
+
+
+def test_missing_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybvh", None)
+    with pytest.raises(PosepplError, match=r"pip install 'poseppl\[mocap\]'"):
+        read(tmp_path)
