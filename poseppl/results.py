@@ -238,9 +238,7 @@ def _coordinates(
     }
 
 
-def _dataset(
-    variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]
-) -> xr.Dataset:
+def _dataset(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
     for name, given in variables.items():
@@ -253,9 +251,7 @@ def _dataset(
     return _checked(data, known)
 
 
-def _checked(
-    data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]
-) -> xr.Dataset:
+def _checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     for name, (dims, values) in data.items():
         wanted = tuple(len(known[dim]) if dim in known else size for dim, size in zip(dims, values.shape, strict=False))
         if values.ndim != len(dims) or values.shape != wanted:

@@ -1,0 +1,73 @@
+"""Autocorrelation of Markov chains, for many quantities at once, by the fast Fourier transform.
+
+Chains lie in axis 0 and draws in axis 1; everything behind them (frames, degrees of freedom, ...) is a batch.
+
+>>> draws = np.random.default_rng(0).standard_normal((4, 1000, 3))
+>>> rho = autocorrelation(draws, max_lag=2)
+>>> rho.shape, bool(np.all(rho[0] == 1)), bool(np.all(np.abs(rho[1:]) < 0.1))
+((3, 3), True, True)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def autocovariance(draws: Floats) -> Floats:
+    """Sum over draws of the products at each lag, divided by the number of draws (the biased estimate).
+
+    Args:
+        draws: (chain, draw, ...), already centred.
+
+    Returns:
+        (chain, lag, ...) for the lags 0 to draw - 1.
+    """
+    length = draws.shape[1]
+    size = 1 << (2 * length - 1).bit_length()
+    spectrum = np.fft.rfft(draws, n=size, axis=1)
+    power = np.square(spectrum.real) + np.square(spectrum.imag)
+    return np.asarray(np.fft.irfft(power, n=size, axis=1)[:, :length] / length)
+
+
+def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
+    """Autocorrelation of each quantity, averaged over its chains, about the mean of all of them.
+
+    Centring on the common mean lets chains that sit in different places show as correlated at every lag, as they are.
+
+    Args:
+        draws: (chain, draw, ...).
+        max_lag: Largest lag; all lags if None.
+
+    Returns:
+        (lag, ...), 1 at lag 0; NaN for a quantity that never changes.
+    """
+    values = np.asarray(draws, np.float64)
+    constant = is_constant(values)
+    values = np.where(constant, 0.0, values)
+    covariance = autocovariance(values - values.mean(axis=(0, 1), keepdims=True)).mean(axis=0)
+    variance = np.where(constant, 1.0, covariance[0])
+    rho = np.where(constant, np.nan, covariance / variance)
+    rho[0] = np.where(constant, np.nan, 1.0)
+    return np.asarray(rho if max_lag is None else rho[: max_lag + 1])
+
+
+def is_constant(draws: Floats) -> NDArray[np.bool_]:
+    """Whether all draws of a quantity are equal to within the rounding of ``float64``, as ArviZ tests it, or not finite.
+
+    Args:
+        draws: (chain, draw, ...).
+
+    Returns:
+        (...).
+    """
+    spread = np.ptp(draws, axis=(0, 1)) if np.isfinite(draws).all() else _finite_spread(draws)
+    return np.asarray(~(spread >= np.finfo(np.float64).resolution))
+
+
+def _finite_spread(draws: Floats) -> Floats:
+    with np.errstate(invalid="ignore"):
+        spread = draws.max(axis=(0, 1)) - draws.min(axis=(0, 1))
+    return np.where(np.isfinite(spread), spread, np.nan)

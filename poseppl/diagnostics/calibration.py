@@ -1,0 +1,151 @@
+"""Whether a posterior is honest: coverage of its intervals, errors of its means, and ranks of the truth among its draws.
+
+The truths of neighbouring frames lie inside or outside of their intervals together, and those of one body do so too, so the
+standard error of a coverage comes from whole sequences where there are several, and from batches of consecutive frames where
+there is one. It is never below that of as many independent trials.
+
+>>> inside = np.random.default_rng(0).random((400, 5)) < 0.9
+>>> result = coverage(inside, 0.9)
+>>> abs(result.estimate - 0.9) < 3 * result.standard_error < 0.05
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.diagnostics.autocorrelation import Floats
+
+LEVELS = (0.5, 0.8, 0.9)
+
+
+class Coverage(NamedTuple):
+    """Coverage of central intervals of a nominal ``level``: the share found, its standard error, and the number of trials."""
+
+    level: float
+    estimate: float
+    standard_error: float
+    trials: int
+
+
+class JointError(NamedTuple):
+    """Distances in mm between the posterior mean and the truth, (frame, marker): absolute and relative to the root marker."""
+
+    absolute: Floats
+    relative: Floats
+
+
+def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> NDArray[np.bool_]:
+    """Whether the truth lies in the central interval of the draws.
+
+    Args:
+        draws: (chain, draw, frame, ...).
+        truth: (frame, ...).
+        level: Nominal probability of the interval.
+
+    Returns:
+        (frame, ...).
+    """
+    lower, upper = np.quantile(np.asarray(draws), [(1 - level) / 2, (1 + level) / 2], axis=(0, 1))
+    return between(lower, upper, truth)
+
+
+def between(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> NDArray[np.bool_]:
+    """Whether the truth lies between two bounds, which belong to the interval.
+
+    Args:
+        lower: (frame, ...).
+        upper: (frame, ...).
+        truth: (frame, ...).
+
+    Returns:
+        (frame, ...).
+    """
+    values = np.asarray(truth)
+    return np.asarray((np.asarray(lower) <= values) & (values <= np.asarray(upper)))
+
+
+def coverage(inside: ArrayLike | Sequence[ArrayLike], level: float, *, valid: ArrayLike | None = None) -> Coverage:
+    """Estimate a coverage and its standard error.
+
+    Args:
+        inside: (frame, ...) of one sequence, or a list of such arrays, one for each independent sequence.
+        level: The nominal level.
+        valid: For one sequence, the trials that count, (frame, ...).
+
+    Returns:
+        The coverage; NaN where no trial counts.
+    """
+    sequences = (
+        [np.asarray(part, float) for part in inside] if isinstance(inside, list | tuple) else [np.asarray(inside, float)]
+    )
+    if valid is not None:
+        sequences = [np.where(np.asarray(valid), sequences[0], np.nan)]
+    hits = [np.nansum(part.reshape(len(part), -1), axis=1) for part in sequences]
+    trials = [np.isfinite(part.reshape(len(part), -1)).sum(axis=1) for part in sequences]
+    count = int(sum(part.sum() for part in trials))
+    if count == 0:
+        return Coverage(level, float("nan"), float("nan"), 0)
+    estimate = float(sum(part.sum() for part in hits) / count)
+    if len(sequences) > 1:
+        batches = [(float(a.sum()), float(b.sum())) for a, b in zip(hits, trials, strict=True)]
+    else:
+        batches = _batches(hits[0], trials[0])
+    smoothed = (estimate * count + 1) / (count + 2)
+    least = float(np.sqrt(smoothed * (1 - smoothed) / count))
+    return Coverage(level, estimate, max(_ratio_error(batches, estimate), least), count)
+
+
+def joint_error(mean: ArrayLike, truth: ArrayLike, root: int = 0) -> JointError:
+    """Distance between estimated and true markers.
+
+    Args:
+        mean: (frame, marker, 3) in mm.
+        truth: (frame, marker, 3) in mm.
+        root: Index of the marker (the pelvis) that is moved onto the truth for the relative error.
+
+    Returns:
+        Both errors, in mm.
+    """
+    difference = np.asarray(mean, np.float64) - np.asarray(truth, np.float64)
+    relative = difference - difference[:, root : root + 1]
+    return JointError(np.linalg.norm(difference, axis=-1), np.linalg.norm(relative, axis=-1))
+
+
+def probability_transform(draws: ArrayLike, truth: ArrayLike) -> Floats:
+    """Probability integral transform: the mid-rank of the truth among the draws, over their number plus one.
+
+    Uniform where the posterior is calibrated; heaped at both ends where it is too narrow, in the middle where it is too wide.
+
+    Args:
+        draws: (chain, draw, frame, ...).
+        truth: (frame, ...).
+
+    Returns:
+        (frame, ...) in (0, 1).
+    """
+    values, true = np.asarray(draws), np.asarray(truth)
+    below = (values < true).sum(axis=(0, 1))
+    equal = (values == true).sum(axis=(0, 1))
+    return np.asarray((below + 0.5 * equal + 0.5) / (values.shape[0] * values.shape[1] + 1))
+
+
+def _batches(hits: Floats, trials: NDArray[np.int64]) -> list[tuple[float, float]]:
+    """About sqrt(frames) batches of consecutive frames, so that both their number and their length grow."""
+    number = max(int(np.sqrt(len(hits))), min(2, len(hits)))
+    parts = zip(np.array_split(hits, number), np.array_split(trials, number), strict=True)
+    return [(float(a.sum()), float(b.sum())) for a, b in parts]
+
+
+def _ratio_error(batches: list[tuple[float, float]], estimate: float) -> float:
+    """Standard error of a ratio of sums over independent batches."""
+    if len(batches) < 2:
+        return 0.0
+    hits, trials = np.array(batches).T
+    residual = hits - estimate * trials
+    number = len(batches)
+    return float(np.sqrt(number / (number - 1) * np.square(residual).sum()) / trials.sum())

@@ -1,0 +1,143 @@
+"""All diagnostics of a result, as one more group of its tree.
+
+For Markov chains ``tau``, ``tau_windowed``, ``ess``, ``rhat`` and ``mcse`` (frame, dof) and ``autocorrelation``
+(lag, frame, dof) come from the draws that the result holds: where the run kept every k-th draw, they refer to those.
+For weighted particles the stored draws are a resampled thinning and tell nothing of the kind; ``ess`` is the effective number
+of each frame (Choo and Fleet 2001, Eq. 6), the same for every degree of freedom, and ``tau`` the number of particles over it.
+``rejection_rate`` (frame,) is one minus the acceptance rate. Against a truth there are besides ``joint_error`` and
+``joint_error_relative`` (frame, marker) in mm, ``inside`` (level, frame, dof), ``probability_transform`` (frame, dof), and the
+coverage of central intervals with its standard error: ``coverage`` and ``coverage_se`` (level,) of the state, and
+``coverage_markers`` and ``coverage_markers_se`` of the coordinates of the markers.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from poseppl.diagnostics.autocorrelation import autocorrelation
+from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
+from poseppl.diagnostics.inefficiency import mixing
+from poseppl.results import is_weighted
+
+MAX_LAG = 50
+_BLOCK_BYTES = 2**26
+_GRID = ("frame", "dof")
+
+
+def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
+    """Add the group ``diagnostics`` to a result.
+
+    Args:
+        tree: The result; left as it is.
+        max_lag: Largest lag of the autocorrelation.
+
+    Returns:
+        The result with the group (a shallow copy), made anew if it was there.
+    """
+    posterior = tree["posterior"].dataset
+    data: dict[str, Any] = _weighted(tree) if is_weighted(tree) else _chains(posterior["state"], max_lag)
+    stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
+    if "acceptance_rate" in stats and np.isfinite(stats["acceptance_rate"]).any():
+        data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
+    if "truth" in tree.children:
+        data |= _against_truth(tree)
+    used = {dim for dims, _ in data.values() for dim in dims}
+    coords = {name: posterior[name].values for name in ("frame", "dof", "marker") if name in used and name in posterior.coords}
+    if "level" in used:
+        coords["level"] = np.array(LEVELS)
+    result = tree.copy()
+    result["diagnostics"] = xr.DataTree(xr.Dataset(data, coords=coords))
+    return result
+
+
+def root_index(tree: xr.DataTree) -> int:
+    """Index of the marker that relative errors are measured from.
+
+    Args:
+        tree: The result.
+
+    Returns:
+        The index of the marker named in the attribute ``root`` of ``body``; else of the first marker with "pelvis", "root" or
+        "hips" in its name; else 0.
+    """
+    markers = [str(name) for name in tree["posterior"].dataset["marker"].values]
+    named = str(tree["body"].attrs.get("root", "")) if "body" in tree.children else ""
+    if named in markers:
+        return markers.index(named)
+    for word in ("pelvis", "root", "hips"):
+        for index, name in enumerate(markers):
+            if word in name.lower():
+                return index
+    return 0
+
+
+def _chains(state: xr.DataArray, max_lag: int) -> dict[str, Any]:
+    """Measures of mixing, in blocks of frames so that the transforms stay small."""
+    draws: NDArray[Any] = state.values
+    chains, length, frames, dofs = draws.shape
+    step = max(1, _BLOCK_BYTES // max(1, 32 * chains * length * dofs))
+    parts = [mixing(draws[:, :, start : start + step]) for start in range(0, frames, step)]
+    lags = [autocorrelation(draws[:, :, start : start + step], max_lag) for start in range(0, frames, step)]
+    data: dict[str, Any] = {name: (_GRID, np.concatenate([getattr(part, name) for part in parts])) for name in parts[0]._fields}
+    return data | {"autocorrelation": (("lag", *_GRID), np.concatenate(lags, axis=1).astype(np.float32))}
+
+
+def _weighted(tree: xr.DataTree) -> dict[str, Any]:
+    summary = tree["summary"].dataset
+    spread = np.asarray(summary["state_sd"].values, np.float64)
+    effective = np.asarray(tree["sample_stats"].dataset["ess"].values, np.float64)
+    effective = np.where(effective > 0, effective, np.nan)[:, None] * np.ones(spread.shape[1])
+    return {
+        "tau": (_GRID, int(tree.attrs["num_particles"]) / effective),
+        "ess": (_GRID, effective),
+        "mcse": (_GRID, spread / np.sqrt(effective)),
+    }
+
+
+def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
+    truth, posterior, summary = (tree[name].dataset for name in ("truth", "posterior", "summary"))
+    data: dict[str, Any] = {}
+    if "markers" in truth and "markers_mean" in summary:
+        error = joint_error(summary["markers_mean"].values, truth["markers"].values, root_index(tree))
+        data["joint_error"] = (("frame", "marker"), error.absolute)
+        data["joint_error_relative"] = (("frame", "marker"), error.relative)
+    if "state" in truth:
+        true = truth["state"].values
+        inside = np.stack([_inside(tree, "state", true, level) for level in LEVELS])
+        data["inside"] = (("level", *_GRID), inside)
+        data["probability_transform"] = (_GRID, probability_transform(posterior["state"].values, true))
+        data |= _coverage("coverage", inside, _free(posterior["state"].values) & np.isfinite(true))
+    if "markers" in truth and "markers" in posterior:
+        true = truth["markers"].values
+        inside = np.stack([_inside(tree, "markers", true, level) for level in LEVELS])
+        data |= _coverage("coverage_markers", inside, _free(posterior["markers"].values) & np.isfinite(true))
+    return data
+
+
+def _coverage(name: str, inside: NDArray[np.bool_], valid: NDArray[np.bool_]) -> dict[str, Any]:
+    found = [coverage(part, level, valid=valid) for part, level in zip(inside, LEVELS, strict=True)]
+    return {
+        name: (("level",), np.array([part.estimate for part in found])),
+        f"{name}_se": (("level",), np.array([part.standard_error for part in found])),
+    }
+
+
+def _free(draws: NDArray[Any]) -> NDArray[np.bool_]:
+    """Where the draws differ at all: a clamped coordinate has no interval."""
+    return np.asarray(draws.max(axis=(0, 1)) > draws.min(axis=(0, 1)))
+
+
+def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> NDArray[np.bool_]:
+    """From the quantiles over all draws or particles where the summary has them, else from the stored draws."""
+    summary = tree["summary"].dataset
+    ends = ((1 - level) / 2, (1 + level) / 2)
+    levels = summary["quantile"].values if f"{site}_quantile" in summary else np.array([])
+    near = [np.flatnonzero(np.isclose(levels, end)) for end in ends]
+    if all(len(index) for index in near):
+        lower, upper = (summary[f"{site}_quantile"].isel(quantile=int(index[0])).values for index in near)
+        return between(lower, upper, truth)
+    return inside_interval(tree["posterior"].dataset[site].values, truth, level)

@@ -1,0 +1,162 @@
+r"""Inefficiency factors of Markov chains, effective sample sizes, split R-hat and Monte Carlo standard errors.
+
+The mean of N draws of a Markov chain has the variance ``tau / N`` times that of the target (Choo and Fleet 2001, Eq. 8, DOI
+10.1109/ICCV.2001.937643): ``tau`` draws are worth one independent draw. Two estimates stand beside each other:
+
+* ``inefficiency``: N / ESS for the mean, one over the relative effective sample size, exactly as
+  ``arviz_stats.base.array_stats.ess(..., method="mean")`` has it: halved chains and Geyer's initial monotone sequence
+  (Vehtari et al. 2021, DOI 10.1214/20-BA1221). It is floored at ``1 / log10(N)``.
+* ``windowed_inefficiency``: ``1 + 2 sum (1 - k/n) rho_k`` over lags ``k`` up to the smallest ``w >= 5 tau(w)`` (Sokal 1997),
+  which has no floor. Where that falls below 1 the lags are those of Geyer's initial positive sequence, for antithetic chains;
+  where chains are too short for such a window all lags count, and it cannot exceed the chain's length.
+
+ArviZ loops over quantities, some 0.2 ms each; these do all frames and degrees of freedom together and agree to rounding.
+
+>>> draws = np.random.default_rng(0).standard_normal((4, 5000, 2))
+>>> inefficiency(draws).round(1).tolist(), split_rhat(draws).round(2).tolist()
+([1.0, 1.0], [1.0, 1.0])
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.diagnostics.autocorrelation import Floats, autocorrelation, autocovariance, is_constant
+
+MIN_DRAWS = 4
+WINDOW = 5.0
+
+
+class Mixing(NamedTuple):
+    """How well chains mix, each of the shape of the batch: see the functions of the same names."""
+
+    tau: Floats
+    tau_windowed: Floats
+    ess: Floats
+    rhat: Floats
+    mcse: Floats
+
+
+def mixing(draws: ArrayLike) -> Mixing:
+    """Compute all measures of this module.
+
+    Args:
+        draws: (chain, draw, ...).
+
+    Returns:
+        The measures, NaN where they are not defined.
+    """
+    values = np.asarray(draws, np.float64)
+    tau = inefficiency(values)
+    ess = values.shape[0] * 2 * (values.shape[1] // 2) / tau
+    spread = np.where(np.isnan(tau), 0.0, values).std(axis=(0, 1), ddof=1) if values.shape[1] >= MIN_DRAWS else tau
+    return Mixing(tau, windowed_inefficiency(values), ess, split_rhat(values), spread / np.sqrt(ess))
+
+
+def inefficiency(draws: ArrayLike) -> Floats:
+    """Inefficiency factor for the mean, one over ArviZ's relative effective sample size.
+
+    Args:
+        draws: (chain, draw, ...).
+
+    Returns:
+        (...), NaN where there are fewer than 4 draws, where all draws are equal, and where one is not finite.
+    """
+    values = np.asarray(draws, np.float64)
+    if values.shape[1] < MIN_DRAWS:
+        return np.full(values.shape[2:], np.nan)
+    halves = _split(values)
+    constant = is_constant(values) | is_constant(halves)
+    rho = _geyer_autocorrelation(np.where(constant, 0.0, halves))
+    floor = 1 / np.log10(halves.shape[0] * halves.shape[1])
+    return np.asarray(np.where(constant, np.nan, np.maximum(_monotone_sum(rho), floor)))
+
+
+def windowed_inefficiency(draws: ArrayLike) -> Floats:
+    """Inefficiency factor by Sokal's window.
+
+    Args:
+        draws: (chain, draw, ...).
+
+    Returns:
+        (...), NaN as in :func:`inefficiency`.
+    """
+    values = np.asarray(draws, np.float64)
+    length = values.shape[1]
+    if length < MIN_DRAWS:
+        return np.full(values.shape[2:], np.nan)
+    rho = autocorrelation(values)
+    partial = 2 * np.cumsum(rho, axis=0) - 1
+    lags = np.arange(length).reshape(-1, *[1] * (rho.ndim - 1))
+    wide = _first(lags >= WINDOW * np.maximum(partial, 0))
+    sokal = np.take_along_axis(partial, wide[None], axis=0)[0]
+    positive = 2 * _first(rho[0 : length - 1 : 2] + rho[1::2] <= 0) - 1
+    geyer = np.take_along_axis(partial, positive[None], axis=0)[0]
+    return np.asarray(np.where(sokal >= 1, sokal, geyer))
+
+
+def split_rhat(draws: ArrayLike) -> Floats:
+    """Gelman and Rubin's R-hat of halved chains, as ArviZ's method "split".
+
+    Args:
+        draws: (chain, draw, ...).
+
+    Returns:
+        (...), NaN as in :func:`inefficiency` and for a single chain; inf where chains are stuck in different places.
+    """
+    values = np.asarray(draws, np.float64)
+    if values.shape[0] < 2 or values.shape[1] < MIN_DRAWS:
+        return np.full(values.shape[2:], np.nan)
+    halves = _split(values)
+    length = halves.shape[1]
+    constant = is_constant(values) | is_constant(halves)
+    halves = np.where(constant, 0.0, halves)
+    between = length * halves.mean(axis=1).var(axis=0, ddof=1)
+    within = halves.var(axis=1, ddof=1).mean(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rhat = np.sqrt((between / within + length - 1) / length)
+    return np.asarray(np.where(constant, np.nan, rhat))
+
+
+def _first(condition: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Index of the first True along axis 0; the length of the axis less one where there is none."""
+    marked = condition.copy()
+    marked[-1] = True
+    return np.asarray(np.argmax(marked, axis=0))
+
+
+def _split(values: Floats) -> Floats:
+    half = values.shape[1] // 2
+    return np.concatenate([values[:, :half], values[:, -half:]])
+
+
+def _geyer_autocorrelation(halves: Floats) -> Floats:
+    """Autocorrelation (lag, ...) from the variances within and between chains; zero where nothing varies."""
+    chains, length = halves.shape[:2]
+    covariance = autocovariance(halves - halves.mean(axis=1, keepdims=True)).mean(axis=0)
+    within = covariance[0] * length / (length - 1)
+    total = covariance[0].copy()
+    if chains > 1:
+        total += halves.mean(axis=1).var(axis=0, ddof=1)
+    rho = 1 - (within - covariance) / np.where(total > 0, total, 1.0)
+    rho[0] = 1.0
+    return np.asarray(rho)
+
+
+def _monotone_sum(rho: Floats) -> Floats:
+    """Sum Geyer's initial positive, then monotone, sequence of pairs of lags, as ArviZ closes it."""
+    length = rho.shape[0]
+    even, odd = rho[0 : length - 1 : 2], rho[1::2]
+    pairs = even + odd
+    last = max((length - 3) // 2, 0)
+    end = _first(pairs[: last + 1] <= 0)
+    kept = np.arange(len(pairs)).reshape(-1, *[1] * (rho.ndim - 1)) < end
+    falling = np.minimum.accumulate(np.where(kept, pairs, np.inf), axis=0)
+    total = np.where(kept, falling, 0.0).sum(axis=0)
+    index = end[None]
+    rest = np.take_along_axis(even, index, axis=0)[0]
+    closing = np.where((rest > 0) | (np.take_along_axis(pairs, index, axis=0)[0] >= 0), rest, 0.0)
+    return np.asarray(-1 + 2 * total + closing)
