@@ -16,7 +16,7 @@ from poseppl.errors import InputError
 from poseppl.io.asf import Bone, Skeleton
 from poseppl.io.files import read_text
 from poseppl.io.motion import Motion, to_z_up
-from poseppl.io.number import parse_numbers
+from poseppl.io.words import parse_numbers, split_words
 
 CMU_RATE = 120.0
 _Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ def _read_channels(path: str | PathLike[str], skeleton: Skeleton) -> dict[str, _
     frame, line, first = 0, 0, None
     seen: set[str] = set()
     for line, text in enumerate(read_text(path).split("\n"), start=1):
-        words = text.split()
+        words = split_words(text, file=path, line=line)
         if not words or words[0][0] in "#:":
             _check_header(path, line, words, skeleton)
             continue

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from poseppl.errors import InputError
 from poseppl.io.files import read_text
-from poseppl.io.number import parse_number, parse_numbers
+from poseppl.io.words import parse_number, parse_numbers, split_words
 
 MM_PER_INCH = 25.4
 MAX_BONES = 500
@@ -101,7 +101,7 @@ def _sections(path: str | PathLike[str]) -> dict[str, _Lines]:
     sections: dict[str, _Lines] = {}
     current: _Lines | None = None
     for line, text in enumerate(read_text(path).split("\n"), start=1):
-        words = text.split("#", 1)[0].split()
+        words = split_words(text.split("#", 1)[0], file=path, line=line)
         if not words:
             continue
         if words[0].startswith(":"):

@@ -23,7 +23,7 @@ import numpy as np
 from poseppl.errors import InputError, PosepplError
 from poseppl.io.files import read_text
 from poseppl.io.motion import Motion, to_z_up
-from poseppl.io.number import parse_number, parse_numbers
+from poseppl.io.words import parse_number, parse_numbers, split_words
 
 UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
@@ -105,13 +105,15 @@ def _names(nodes: list[Any]) -> tuple[tuple[str, ...], tuple[int, ...]]:
     return tuple(names), tuple(parents)
 
 
-def _lines(text: str) -> Iterator[_Line]:
-    return ((line, words) for line, raw in enumerate(text.split("\n"), start=1) if (words := raw.split()))
+def _lines(path: str | PathLike[str], text: str) -> Iterator[_Line]:
+    for line, raw in enumerate(text.split("\n"), start=1):
+        if words := split_words(raw, file=path, line=line):
+            yield line, words
 
 
 def _check_text(path: str | PathLike[str], text: str) -> None:
     # One line at a time: the words of a long recording would take many times the memory of its text.
-    lines = _lines(text)
+    lines = _lines(path, text)
     if next(lines, (1, [""]))[1][0] != "HIERARCHY":
         raise InputError("no HIERARCHY", file=path, line=1, expected="a BioVision recording (.bvh)")
     found: list[int] = []

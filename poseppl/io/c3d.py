@@ -23,7 +23,7 @@ from poseppl.errors import InputError, PosepplError
 from poseppl.io import c3d_worker
 from poseppl.io.c3d_layout import check_layout
 from poseppl.io.motion import Motion, to_z_up
-from poseppl.io.number import LARGEST
+from poseppl.io.words import LARGEST
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
 WORKER_SECONDS = 300

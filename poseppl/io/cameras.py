@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.io.files import atomic_path, read_text
-from poseppl.io.number import LARGEST
+from poseppl.io.words import LARGEST, LONGEST
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_CAMERAS = 1000
@@ -126,12 +126,17 @@ def _scale(path: str | PathLike[str], document: Mapping[str, Any], default: str)
     metadata = document.get("metadata")
     units = document.get("units", metadata.get("units", default) if isinstance(metadata, dict) else default)
     if not isinstance(units, str) or units not in MM_PER_UNIT:
-        raise InputError(f"{units!r}", file=path, field="units", expected=" or ".join(f'"{unit}"' for unit in MM_PER_UNIT))
+        raise InputError(
+            f"{str(units)[:40]!r}", file=path, field="units", expected=" or ".join(f'"{unit}"' for unit in MM_PER_UNIT)
+        )
     return MM_PER_UNIT[units]
 
 
 def _camera(path: str | PathLike[str], key: str, table: object, scale: float, prefix: str) -> CameraRecord:
     where = f"{prefix}{key}"
+    longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
+    if longest > LONGEST:
+        raise InputError(f"a name of {longest} characters", file=path, field=where[:40], expected=f"at most {LONGEST}")
     if not isinstance(table, dict):
         raise InputError("not a table", file=path, field=where, expected=f"[{where}]")
     if table.get("fisheye", False) is not False:
@@ -142,15 +147,15 @@ def _camera(path: str | PathLike[str], key: str, table: object, scale: float, pr
     if unknown:
         raise InputError("unknown field", file=path, field=f"{where}.{unknown[0]}", expected=", ".join(sorted(known)))
     name = table.get("name", key)
-    if not isinstance(name, str) or not name:
-        raise InputError("not a name", file=path, field=f"{where}.name", expected="a text")
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
+        raise InputError("not a name", file=path, field=f"{where}.name", expected=f"a text of at most {LONGEST} characters")
 
     def numbers(field: str, rank: int) -> _Floats:
         return _numbers(path, f"{where}.{field}", table.get(field), rank)
 
     size = numbers("size", 1)
     if size.shape != (2,) or np.any(size < 1) or np.any(size != np.round(size)):
-        raise InputError(f"{size.tolist()}", file=path, field=f"{where}.size", expected="[width, height] in pixels")
+        raise InputError(f"{size.tolist()[:4]}", file=path, field=f"{where}.size", expected="[width, height] in pixels")
     coefficients = numbers("distortions" if "distortions" in table else "distortion", 1)
     if coefficients.size > 5:
         raise InputError(f"{coefficients.size} coefficients", file=path, field=f"{where}.distortion", expected="k1 k2 p1 p2 k3")

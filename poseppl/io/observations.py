@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.io.files import atomic_path, read_text
-from poseppl.io.number import parse_number
+from poseppl.io.words import parse_number
 
 REQUIRED = ("frame", "marker", "x", "y")
 OPTIONAL = ("camera", "confidence")

@@ -1,4 +1,4 @@
-"""Numbers in text files: what a reader takes for one, and what it refuses by line."""
+"""Words and numbers of text files: what a reader takes for one, and what it refuses by line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,31 @@ from os import PathLike
 from poseppl.errors import InputError
 
 LARGEST = 1e9
+LONGEST = 200
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
+
+
+def split_words(text: str, *, file: str | PathLike[str], line: int) -> list[str]:
+    """Split a line at white space.
+
+    Args:
+        text: The line.
+        file: The file, for the message.
+        line: The line's number, for the message.
+
+    Returns:
+        The words.
+
+    Raises:
+        InputError: A word has more than 200 characters, which no name or number has.
+    """
+    words = text.split()
+    for word in words if len(text) > LONGEST else ():
+        if len(word) > LONGEST:
+            raise InputError(
+                f"{word[:20]!r}... has {len(word)} characters", file=file, line=line, expected=f"at most {LONGEST}"
+            )
+    return words
 
 
 def parse_number(token: str, *, file: str | PathLike[str], line: int, field: str | None = None) -> float:
