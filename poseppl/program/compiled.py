@@ -1,0 +1,208 @@
+"""A compiled model: pure functions of one particle, which every algorithm shares."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import chart
+from poseppl.program.chart import Site
+from poseppl.program.execution import draw, log_density, trace_program
+from poseppl.program.gaussian import moments_obstacle, observation_information, transition_moments
+from poseppl.program.observation import Observation, feasible, observe
+from poseppl.program.schema import Declared
+
+if TYPE_CHECKING:
+    from poseppl.program.clamped import ClampedModel
+    from poseppl.program.model import StateSpaceModel
+
+Inputs = Any
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CompiledModel:
+    """Pure functions of a single particle, to be vmapped, differentiated and jitted as needed.
+
+    `x` is always the flat unconstrained state (d,), and densities of `x` include the log-determinant of its chart.
+    `StateSpaceModel.compile` makes it; `inputs` is what is known at the frame of `x` (see `poseppl.program`).
+
+    Attributes:
+        programs: The NumPyro programs.
+        sites: The state's sites by name, in the order of the flat vector.
+        observation_sites: The observation's data sites by name.
+        params: What the programs get as `params`; may hold tracers.
+    """
+
+    programs: StateSpaceModel
+    sites: dict[str, Site]
+    observation_sites: dict[str, Declared]
+    params: Any = None
+    unbound: bool = False
+
+    @property
+    def dimension(self) -> int:
+        """Length d of the flat state."""
+        return sum(site.size for site in self.sites.values())
+
+    @property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the d coordinates, `level` or `hip_r[0]`."""
+        return tuple(name for site in self.sites.values() for name in site.coordinate_names)
+
+    def with_params(self, params: Any) -> CompiledModel:
+        """The same model with other params (which may be tracers) of the same structure."""
+        return dataclasses.replace(self, params=params, unbound=False)
+
+    def _bound(self) -> Any:
+        if self.unbound:
+            raise ValueError("The model has a parameters program, and params are not set: use with_params(params).")
+        return self.params
+
+    # Charts
+
+    def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+        """Constrained values of the state's sites by name."""
+        return chart.to_sites(self.sites, x)
+
+    def to_flat(self, sites: Mapping[str, Any]) -> jax.Array:
+        """The flat state (d,) from constrained values by name."""
+        return chart.to_flat(self.sites, sites)
+
+    def log_det(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Log-determinant of the chart, log |d sites / d x|, a scalar."""
+        return chart.log_det(self.sites, x)
+
+    # Draws and log-densities
+
+    def sample_initial(self, rng_key: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Draw the state (d,) at the first frame."""
+        return self.to_flat(draw(self.programs.initial, (self._bound(), inputs), rng_key))
+
+    def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Log-density of the state at the first frame, a scalar."""
+        arguments = (self._bound(), inputs)
+        return log_density(self.programs.initial, arguments, chart.to_sites(self.sites, x)) + chart.log_det(self.sites, x)
+
+    def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
+        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+        return self.to_flat(draw(self.programs.transition, arguments, rng_key))
+
+    def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Log-density of the state `x` given `x_previous`, a scalar."""
+        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+        log_prob = log_density(self.programs.transition, arguments, chart.to_sites(self.sites, x))
+        return log_prob + chart.log_det(self.sites, x)
+
+    def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+        """Draw the data sites of a frame by name; factors draw nothing."""
+        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        return draw(self.programs.observation, arguments, rng_key)
+
+    def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
+        """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
+        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        return log_density(self.programs.observation, arguments, observation.values, observation.mask)
+
+    def extras(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+        """The `numpyro.deterministic` sites of the observation program at `x`, by name."""
+        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        trace = trace_program(self.programs.observation, arguments)
+        return {name: jnp.asarray(site["value"]) for name, site in trace.items() if site["type"] == "deterministic"}
+
+    def log_joint(self, xs: jax.Array, observations: Observation, inputs: Inputs = None) -> jax.Array:
+        """Log-density of a trajectory and its data, vmapped over time.
+
+        Args:
+            xs: Flat states (T, d).
+            observations: Stacked data with leading T.
+            inputs: Stacked inputs with leading T, or None.
+
+        Returns:
+            log p(x_0) + sum over t >= 1 of log p(x_t | x_t-1) + sum over t of log p(z_t | x_t), a scalar.
+        """
+        total = self.log_initial(xs[0], jax.tree.map(lambda a: a[0], inputs))
+        total = total + jnp.sum(jax.vmap(self.log_observation)(xs, observations, inputs))
+        if xs.shape[0] > 1:
+            later = jax.tree.map(lambda a: a[1:], inputs)
+            total = total + jnp.sum(jax.vmap(self.log_transition)(xs[1:], xs[:-1], later))
+        return total
+
+    # Gaussian summaries
+
+    def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+        """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
+
+        Raises:
+            ValueError: A site is not over the real line, depends on another site of its frame, or has no moments.
+        """
+        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+
+        def trace_of(values: Mapping[str, jax.Array]) -> Any:
+            return trace_program(self.programs.transition, arguments, values=values)
+
+        if "obstacle" not in self._moments_check:
+            self._moments_check["obstacle"] = moments_obstacle(self.sites, trace_of)
+        if self._moments_check["obstacle"] is not None:
+            raise ValueError(
+                f"The transition has no Gaussian moments: {self._moments_check['obstacle']}. Use an algorithm that "
+                "only samples the transition, or write the site with a Normal or MultivariateNormal of its own."
+            )
+        return transition_moments(self.sites, trace_of)
+
+    @cached_property
+    def _moments_check(self) -> dict[str, str | None]:
+        """The finding of the first call of `transition_moments`."""
+        return {}
+
+    def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
+        """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite."""
+
+        def trace_of(state: jax.Array) -> Any:
+            arguments = (self._bound(), chart.to_sites(self.sites, state), inputs)
+            return trace_program(self.programs.observation, arguments, values=observation.values)
+
+        return observation_information(trace_of, observation.mask, x)
+
+    # Static parameters
+
+    def sample_parameters(self, rng_key: jax.Array) -> dict[str, jax.Array]:
+        """Draw params from the parameters program.
+
+        Raises:
+            ValueError: The model has none.
+        """
+        return draw(self._parameters_program(), (), rng_key)
+
+    def log_parameters(self, params: Mapping[str, Any]) -> jax.Array:
+        """Log-density of params (constrained values by name) under the parameters program, a scalar."""
+        return log_density(self._parameters_program(), (), params)
+
+    def _parameters_program(self) -> Any:
+        if self.programs.parameters is None:
+            raise ValueError("The model has no parameters program: give StateSpaceModel(parameters=...).")
+        return self.programs.parameters
+
+    # The host boundary
+
+    def observe(
+        self, values: Mapping[str, Any], mask: Mapping[str, Any] | None = None, frames: int | None = None
+    ) -> Observation:
+        """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`."""
+        return observe(self.observation_sites, values, mask, frames)
+
+    def unobserved(self) -> Observation:
+        """One frame of data of which nothing was seen: everything masked, over safe values."""
+        values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
+        return Observation(values, {name: jnp.zeros(value.shape, bool) for name, value in values.items()})
+
+    def clamp(self, free: Sequence[int | str]) -> ClampedModel:
+        """The model of the coordinates `free` (indices or names) with the others given; see `ClampedModel`."""
+        from poseppl.program.clamped import clamp
+
+        return clamp(self, free)

@@ -1,0 +1,127 @@
+"""Run one NumPyro program as a pure function: draw its sites, or sum their log-densities.
+
+Every run is closed off from whatever handlers surround the call (`handlers.block`), so that a filter used inside another
+NumPyro program neither leaks its sites into that program nor picks up its scales, masks and seeds. Tracing costs nothing
+under `jax.jit`; outside it a run takes tens of milliseconds.
+
+For a program with sample sites s, distributions p_s, scales w_s (`handlers.scale`) and masks m_s,
+
+    log p = sum over s of sum(w_s * m_s * log p_s(value_s)),
+
+where a `numpyro.factor` site counts its factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpyro.distributions as dist
+from numpyro import handlers
+from numpyro.distributions.distribution import Unit
+
+Program = Callable[..., Any]
+Trace = dict[str, dict[str, Any]]
+
+
+def unwrap(distribution: dist.Distribution) -> dist.Distribution:
+    """The distribution inside Independent, Masked and Expanded wrappers."""
+    while isinstance(distribution, dist.Independent | dist.MaskedDistribution | dist.ExpandedDistribution):
+        distribution = distribution.base_dist
+    return distribution
+
+
+def is_factor(site: Mapping[str, Any]) -> bool:
+    """Whether a traced site comes from `numpyro.factor`."""
+    return site["type"] == "sample" and isinstance(unwrap(site["fn"]), Unit)
+
+
+def trace_program(
+    program: Program,
+    arguments: tuple[Any, ...],
+    *,
+    rng_key: jax.Array | None = None,
+    values: Mapping[str, jax.Array] | None = None,
+) -> Trace:
+    """Run a program and return its sites by name.
+
+    Args:
+        program: A NumPyro program.
+        arguments: Its arguments.
+        rng_key: Key for the sites that `values` does not give. Without it a constant key serves plates, whose draws are
+            never used.
+        values: Values of sample sites, constrained.
+
+    Returns:
+        NumPyro's messages by site name, in order.
+    """
+    key = jax.random.key(0) if rng_key is None else rng_key
+    with (
+        handlers.block(),
+        handlers.trace() as sites,
+        handlers.seed(rng_seed=key),
+        handlers.substitute(data=dict(values or {})),
+    ):
+        program(*arguments)
+    return dict(sites)
+
+
+def sample_sites(trace: Trace) -> Trace:
+    """The sample sites of a trace that are not factors."""
+    return {name: site for name, site in trace.items() if site["type"] == "sample" and not is_factor(site)}
+
+
+def draw(program: Program, arguments: tuple[Any, ...], rng_key: jax.Array) -> dict[str, jax.Array]:
+    """Values of all sample sites, drawn in the program's order."""
+    trace = trace_program(program, arguments, rng_key=rng_key)
+    return {name: site["value"] for name, site in sample_sites(trace).items()}
+
+
+def log_density(
+    program: Program,
+    arguments: tuple[Any, ...],
+    values: Mapping[str, jax.Array],
+    mask: Mapping[str, jax.Array] | None = None,
+) -> jax.Array:
+    """Log-density of given site values.
+
+    Args:
+        program: A NumPyro program.
+        arguments: Its arguments.
+        values: The value of every sample site, of the site's exact shape.
+        mask: For some sites, booleans of the value's shape; an event counts when all its entries are True. Masked
+            events add exactly 0, and 0 to the gradient.
+
+    Returns:
+        The sum over sites, a scalar.
+    """
+    trace = trace_program(program, arguments, values=values)
+    total = jnp.zeros((), jnp.result_type(float))
+    for name, site in trace.items():
+        if site["type"] == "sample":
+            total = total + site_log_density(site, None if mask is None else mask.get(name))
+    return total
+
+
+def site_log_density(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
+    """Summed log-density of one traced sample site, with its scale and an optional mask of the value's shape.
+
+    A distribution that has a method `summed_log_prob(value, mask)` is asked for the sum itself, which may be much faster.
+    """
+    distribution = site["fn"]
+    if hasattr(distribution, "summed_log_prob") and site.get("scale") is None:
+        summed: jax.Array = distribution.summed_log_prob(site["value"], mask)
+        return summed
+    if mask is not None and not is_factor(site):
+        distribution = distribution.mask(event_mask(mask, distribution.event_dim))
+    log_prob = distribution.log_prob(site["value"])
+    if site.get("scale") is not None:
+        log_prob = site["scale"] * log_prob
+    return jnp.sum(log_prob)
+
+
+def event_mask(mask: jax.Array, event_dim: int) -> jax.Array:
+    """Reduce a mask of value shape to batch shape: an event is observed when all of its entries are."""
+    return jnp.all(mask, axis=tuple(range(mask.ndim - event_dim, mask.ndim)))

@@ -1,0 +1,159 @@
+"""Gaussian summaries of programs: moments of the transition, curvature of the observation.
+
+The curvature is Gauss-Newton's. For Gaussian sites with location mu(x) and precision R^-1, and other sites or factors l(x),
+
+    I(x) = J^T R^-1 J + [-d2 l / dx2]_+ ,      J = d mu / d x,
+
+without the terms from a scale that depends on x; [.]_+ clips negative eigenvalues to 0. For Gaussian sites of constant scale
+it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
+their own reverse rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpyro.distributions as dist
+from jax.scipy.linalg import block_diag, solve_triangular
+
+from poseppl.program.chart import Site, is_flat_support
+from poseppl.program.dependence import output_dependence
+from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
+
+TraceOf = Callable[[jax.Array], dict[str, dict[str, Any]]]
+
+
+def moments(distribution: dist.Distribution) -> tuple[jax.Array, jax.Array]:
+    """Mean (n,) and covariance (n, n) of a distribution over n = product of its shape entries.
+
+    An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R.
+
+    Raises:
+        ValueError: A multivariate distribution that does not tell its covariance.
+    """
+    base = unwrap(distribution)
+    shape = distribution.shape()
+    dtype = jnp.result_type(float)
+    if isinstance(base, dist.VonMises):
+        mean, variance = base.loc, -2.0 * jnp.log1p(-base.variance)
+    elif base.event_dim == 0:
+        mean, variance = base.mean, base.variance
+    elif base.event_dim == 1 and hasattr(base, "covariance_matrix"):
+        size = shape[-1]
+        mean = jnp.broadcast_to(base.mean, shape)
+        blocks = jnp.broadcast_to(base.covariance_matrix, (*shape, size)).reshape(-1, size, size)
+        return jnp.ravel(mean).astype(dtype), block_diag(*blocks).astype(dtype)
+    else:
+        raise ValueError(f"{type(base).__name__} does not give its covariance matrix")
+    mean, variance = (jnp.ravel(jnp.broadcast_to(a, shape)).astype(dtype) for a in (mean, variance))
+    return mean, jnp.diag(variance)
+
+
+def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, jax.Array]], Any]) -> str | None:
+    """Why the transition's moments cannot be read off its distributions, or None when they can.
+
+    Args:
+        sites: The state's sites.
+        trace_of: Trace of the transition program given the values of its sites.
+    """
+    for name, site in sites.items():
+        if site.discrete or not is_flat_support(site.support):
+            return f"site {name!r} is not over the real line (support {site.support})"
+    counts: dict[str, int] = {}
+    failures: list[str] = []
+
+    def parameters(values: dict[str, jax.Array]) -> list[Any]:
+        leaves = []
+        for name, site in sample_sites(trace_of(values)).items():
+            try:
+                moments(site["fn"])
+            except (ValueError, NotImplementedError) as error:
+                failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
+            parts = jax.tree.leaves(site["fn"])
+            counts[name] = len(parts)
+            leaves += parts
+        return leaves
+
+    example = {name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}
+    names = sorted(example)
+    closed = jax.make_jaxpr(parameters)(example)
+    reached = iter(output_dependence(closed, [frozenset({names.index(name)}) for name in names]))
+    for name, count in counts.items():
+        others = set().union(*[next(reached) for _ in range(count)])
+        if others:
+            return f"site {name!r} depends on site {names[min(others)]!r} of the same frame"
+    return failures[0] if failures else None
+
+
+def transition_moments(
+    sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, jax.Array]], Any]
+) -> tuple[jax.Array, jax.Array]:
+    """Mean (d,) and covariance (d, d) of the next flat state, from the distributions of a trace without obstacle."""
+    trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
+    parts = [moments(trace[name]["fn"]) for name in sites]
+    return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
+
+
+def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x: jax.Array) -> jax.Array:
+    """Gauss-Newton curvature (d, d) of -log p(z | x).
+
+    Args:
+        trace_of: Trace of the observation program, data substituted, at a flat state.
+        mask: Booleans of the value's shape for each site.
+        x: Flat state (d,).
+    """
+    gaussian: list[str] = []
+    other: list[str] = []
+    for name, site in trace_of(x).items():
+        if site["type"] == "sample":
+            is_gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
+            (gaussian if is_gaussian else other).append(name)
+    information = jnp.zeros((x.shape[0], x.shape[0]), x.dtype)
+    if gaussian:
+
+        def whitened(state: jax.Array) -> jax.Array:
+            trace = trace_of(state)
+            return jnp.concatenate([_whitened_location(trace[name], mask.get(name)) for name in gaussian])
+
+        jacobian = jax.jacrev(whitened)(x)
+        information = information + jacobian.T @ jacobian
+    if other:
+
+        def log_density(state: jax.Array) -> jax.Array:
+            trace = trace_of(state)
+            return sum((site_log_density(trace[name], mask.get(name)) for name in other), start=jnp.zeros((), x.dtype))
+
+        hessian = -jax.jacrev(jax.grad(log_density))(x)
+        values, vectors = jnp.linalg.eigh((hessian + hessian.T) / 2)
+        information = information + (vectors * jnp.maximum(values, 0.0)) @ vectors.T
+    return information
+
+
+def _whitened_location(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
+    """R^(-1/2) mu, flat, with 0 for masked events; its Jacobian's square is the information."""
+    distribution = site["fn"]
+    base, shape = unwrap(distribution), distribution.shape()
+    location = jnp.broadcast_to(base.loc, shape)
+    if isinstance(base, dist.Normal):
+        white = location / jax.lax.stop_gradient(jnp.broadcast_to(base.scale, shape))
+    else:
+        lower = jax.lax.stop_gradient(jnp.broadcast_to(base.scale_tril, (*shape, shape[-1])))
+        white = solve_triangular(lower, location[..., None], lower=True)[..., 0]
+    seen = jnp.ones(shape, bool)
+    if mask is not None:
+        seen = seen & _over_events(event_mask(mask, distribution.event_dim), distribution)
+    if site.get("scale") is not None:
+        white = white * jnp.sqrt(_over_events(jnp.asarray(site["scale"]), distribution))
+    while isinstance(distribution, dist.Independent | dist.MaskedDistribution | dist.ExpandedDistribution):
+        if isinstance(distribution, dist.MaskedDistribution):
+            seen = seen & _over_events(jnp.asarray(distribution._mask), distribution)
+        distribution = distribution.base_dist
+    return jnp.ravel(jnp.where(seen, white, 0.0))
+
+
+def _over_events(batch: jax.Array, distribution: dist.Distribution) -> jax.Array:
+    """Append the event axes of a distribution to an array over its batch axes, for broadcasting."""
+    return batch.reshape(batch.shape + (1,) * distribution.event_dim) if batch.ndim else batch

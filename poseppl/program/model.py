@@ -1,0 +1,56 @@
+"""A state-space model as NumPyro programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.program import schema
+from poseppl.program.compiled import CompiledModel
+
+
+class StateSpaceModel(NamedTuple):
+    """Three NumPyro programs, and a fourth for what does not change over time.
+
+    Attributes:
+        initial: `(params, inputs)`: samples the state's sites at the first frame. Their names, shapes and order are the state.
+        transition: `(params, state, inputs)`: samples the same sites at a frame, given the state (values by name) at the frame
+            before it and the inputs of the new frame.
+        observation: `(params, state, inputs)`: every sample site is data (without `obs=`); `numpyro.factor` adds a heuristic
+            log-likelihood; `numpyro.deterministic` sites come back as extras.
+        parameters: `()`: optional prior over params, a dict of sites.
+    """
+
+    initial: Callable[[Any, Any], Any]
+    transition: Callable[[Any, dict[str, Any], Any], Any]
+    observation: Callable[[Any, dict[str, Any], Any], Any]
+    parameters: Callable[[], Any] | None = None
+
+    def compile(self, inputs: Any = None, params: Any = None) -> CompiledModel:
+        """Check the programs and make pure single-particle functions of them.
+
+        Args:
+            inputs: The inputs of one frame, a pytree of arrays (or of their shapes) or None; only shapes and dtypes count.
+            params: What the programs get as `params`. Without it, a model with a parameters program is checked with a draw
+                from that program, and `with_params` has to be called before use.
+
+        Raises:
+            ValueError: The programs do not make a state-space model; the message names the site and the cure.
+        """
+        unbound = params is None and self.parameters is not None
+        example = params
+        if self.parameters is not None:
+            declared = schema.declare("parameters", self.parameters, ())
+            if unbound:
+                example = {n: np.zeros(site.shape, site.dtype) for n, site in declared.sites.items()}
+        inputs = jax.tree.map(lambda a: a if isinstance(a, jax.ShapeDtypeStruct) else jnp.asarray(a), inputs)
+        sites = schema.state_layout(schema.declare("initial", self.initial, (example, inputs)))
+        state = {name: np.zeros(site.shape, site.dtype) for name, site in sites.items()}
+        schema.check_transition(sites, schema.declare("transition", self.transition, (example, state, inputs), sites))
+        observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
+        schema.check_observation(observation)
+        return CompiledModel(self, sites, observation.sites, params, unbound)

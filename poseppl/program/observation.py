@@ -1,0 +1,136 @@
+"""Data at the host boundary: values of the observation's sites, with an explicit mask for what is missing.
+
+Outside, NaN means missing. Inside there is no NaN: a masked entry holds a value within the support, so that densities and
+gradients of masked entries are finite before they are multiplied by zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.program.chart import base_support, is_flat_support
+from poseppl.program.schema import Declared, suggestion
+
+
+class Observation(NamedTuple):
+    """Data of one frame, or of a sequence with a leading time axis.
+
+    Attributes:
+        values: Value of each observation site, finite everywhere.
+        mask: Boolean of the same shape for each site; True means observed.
+    """
+
+    values: dict[str, jax.Array]
+    mask: dict[str, jax.Array]
+
+
+def observe(
+    sites: Mapping[str, Declared],
+    values: Mapping[str, Any],
+    mask: Mapping[str, Any] | None = None,
+    frames: int | None = None,
+) -> Observation:
+    """Turn arrays with NaN into an Observation.
+
+    Args:
+        sites: The observation sites of the model.
+        values: One array per site, of the site's shape, or with a leading time axis T; NaN where missing.
+        mask: Booleans of the same shapes, True where observed; sites left out take the mask from NaN.
+        frames: The expected T; None accepts one frame or any T.
+
+    Raises:
+        ValueError: An unknown or missing site, a wrong shape, an infinite value, a NaN that the mask calls observed, a value
+            outside the site's support, or an event observed in part.
+    """
+    for given, what in ((values, "values"), (mask or {}, "mask")):
+        for name in given:
+            if name not in sites:
+                hint = suggestion(name, sites)
+                raise ValueError(f"{what} has {name!r}, which is no observation site{hint}. Expected {list(sites)}.")
+    lengths: dict[str, int | None] = {}
+    kept, masks = {}, {}
+    for name, site in sites.items():
+        if name not in values:
+            raise ValueError(f"values lacks the observation site {name!r}. Pass an array, with NaN where nothing was seen.")
+        array = np.asarray(values[name])
+        lengths[name] = _length(name, site, array, frames)
+        given_mask = None if mask is None or name not in mask else np.asarray(mask[name])
+        kept[name], masks[name] = _observe_site(name, site, array, given_mask)
+    if len(set(lengths.values())) > 1:
+        raise ValueError(f"Observation sites differ in their number of frames: {lengths}. Expected one T for all.")
+    return Observation(
+        {name: jnp.asarray(value) for name, value in kept.items()},
+        {name: jnp.asarray(m) for name, m in masks.items()},
+    )
+
+
+def _length(name: str, site: Declared, array: np.ndarray[Any, Any], frames: int | None) -> int | None:
+    """T of a stacked sequence, None for one frame."""
+    if array.shape == site.shape and frames is None:
+        return None
+    if array.shape[1:] == site.shape and array.ndim == len(site.shape) + 1 and frames in (None, array.shape[0]):
+        return int(array.shape[0])
+    time = "T" if frames is None else str(frames)
+    stacked = "(" + ", ".join([time, *map(str, site.shape)]) + ("," if not site.shape else "") + ")"
+    one_frame = f"{site.shape} for one frame, or " if frames is None else ""
+    raise ValueError(f"Observation site {name!r} has shape {array.shape}. Expected {one_frame}{stacked} for a sequence.")
+
+
+def _observe_site(
+    name: str, site: Declared, array: np.ndarray[Any, Any], mask: np.ndarray[Any, Any] | None
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    is_nan = np.isnan(array) if array.dtype.kind == "f" else np.zeros(array.shape, bool)
+    if mask is None:
+        mask = ~is_nan
+    elif mask.shape != array.shape or mask.dtype.kind != "b":
+        found = f"{mask.dtype} of shape {mask.shape}"
+        raise ValueError(f"The mask of {name!r} is {found}. Expected bool of the shape of its values, {array.shape}.")
+    elif np.any(is_nan & mask):
+        index = tuple(int(i) for i in np.argwhere(is_nan & mask)[0])
+        raise ValueError(f"Observation {name!r} is NaN at {index}, which its mask calls observed. Mask it, or leave out mask.")
+    if array.dtype.kind == "f" and np.any(np.isinf(array) & mask):
+        index = tuple(int(i) for i in np.argwhere(np.isinf(array) & mask)[0])
+        raise ValueError(f"Observation {name!r} is infinite at {index}. Expected finite values, NaN where missing.")
+    events = mask.reshape(*mask.shape[: mask.ndim - site.event_dim], -1) if site.event_dim else mask[..., None]
+    if np.any(events.any(-1) != events.all(-1)):
+        raise ValueError(
+            f"Observation {name!r} has an event that is observed in part. Its distribution has {site.event_dim} event "
+            "dimension(s), which are seen or missing together: make them batch dimensions (no to_event, independent Normal) "
+            "to mask single entries."
+        )
+    fill = feasible(site)
+    safe = np.where(mask, array, np.broadcast_to(fill, array.shape))
+    if site.kind != "float" and np.any(safe != np.round(safe)):
+        raise ValueError(f"Observation {name!r} has values that are no integers. Expected {site.dtype}, NaN where missing.")
+    kept = safe.astype(site.dtype)
+    _check_support(name, site, kept)
+    return kept, np.array(mask)
+
+
+def feasible(site: Declared) -> np.ndarray[Any, Any]:
+    """A value of the site's shape inside its support (0 where the support is known only at run time)."""
+    prototype = np.zeros(site.shape, site.dtype)
+    if site.support is None:
+        return prototype
+    try:
+        with jax.ensure_compile_time_eval():
+            return np.asarray(site.support.feasible_like(prototype)).astype(site.dtype)
+    except NotImplementedError:
+        return prototype
+
+
+def _check_support(name: str, site: Declared, values: np.ndarray[Any, Any]) -> None:
+    if site.support is None or is_flat_support(site.support):
+        return
+    with jax.ensure_compile_time_eval():
+        inside = np.asarray(base_support(site.support)(values))
+    if not inside.all():
+        raise ValueError(
+            f"Observation {name!r} has values outside the support {site.support} of its distribution. "
+            "Mend the data, or mask the entries that are wrong."
+        )

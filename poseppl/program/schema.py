@@ -1,0 +1,224 @@
+"""Check the programs of a model when it is compiled.
+
+NumPyro lets through in silence what a state-space model cannot mean: a seeded program samples a missing site, extra sites
+are ignored, broadcastable shapes broadcast. Here each program is traced once, abstractly, and what it declares is compared
+with what the initial program declares. Every error names the site, what was found, what was expected, and the cure.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from poseppl.program.chart import Site, base_support, is_flat_support, make_site
+from poseppl.program.dependence import output_dependence
+from poseppl.program.execution import Program, is_factor, trace_program
+
+
+class Declared(NamedTuple):
+    """What one program says about one sample site; `support` is None where it depends on arguments or draws."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    event_dim: int
+    support: Any
+    observed: bool
+
+    @property
+    def kind(self) -> str:
+        """One of float, integer, boolean, complex."""
+        return {"f": "float", "i": "integer", "u": "integer", "b": "boolean", "c": "complex"}[self.dtype.kind]
+
+
+class Declaration(NamedTuple):
+    """All that one program declares: sample sites, factors and deterministic values."""
+
+    sites: dict[str, Declared]
+    factors: tuple[str, ...]
+    deterministic: tuple[str, ...]
+
+
+def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Iterable[str] = ()) -> Declaration:
+    """Trace a program abstractly and describe its sites.
+
+    Args:
+        which: Name of the program, for messages.
+        program: The NumPyro program.
+        arguments: Its arguments; arrays (or their shapes) and floats are traced, anything else is passed as it is.
+        state: Names of the state's sites, to suggest in messages.
+
+    Raises:
+        ValueError: A name used twice, a `numpyro.param` site, or a name looked up that does not exist.
+    """
+    leaves, tree = jax.tree.flatten(arguments)
+    traced = [isinstance(a, jax.Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
+    found: dict[str, Any] = {}
+    trees: dict[str, Any] = {}
+
+    def run(rng_key: jax.Array, arrays: list[Any]) -> dict[str, list[Any]]:
+        rest = iter(arrays)
+        full = [next(rest) if is_traced else leaf for leaf, is_traced in zip(leaves, traced, strict=True)]
+        found.update(trace_program(program, jax.tree.unflatten(tree, full), rng_key=rng_key))
+        bounds = {}
+        for name, site in found.items():
+            if site["type"] == "sample" and not is_factor(site):
+                bounds[name], trees[name] = jax.tree.flatten(site["fn"].support)
+        return bounds
+
+    arrays = [leaf for leaf, is_traced in zip(leaves, traced, strict=True) if is_traced]
+    try:
+        closed, shapes = jax.make_jaxpr(run, return_shape=True)(jax.random.key(0), arrays)
+    except KeyError as error:
+        key = str(error.args[0]) if error.args else ""
+        hint = suggestion(key, state)
+        raise ValueError(
+            f"The {which} program looks up {key!r}, which nothing provides{hint}. State sites: {list(state)}."
+        ) from error
+    except AssertionError as error:
+        if "unique names" not in str(error):
+            raise
+        raise ValueError(f"The {which} program: {error}. Give every site its own name.") from error
+    for name, site in found.items():
+        if site["type"] == "param":
+            raise ValueError(
+                f"The {which} program has a numpyro.param site {name!r}, whose value would silently stay at its initial "
+                "one. Pass it in params, or sample it in the parameters program."
+            )
+    reached = iter(output_dependence(closed, [frozenset({0})] * len(closed.jaxpr.invars)))
+    fixed = {name: not any([next(reached) for _ in bounds]) for name, bounds in shapes.items()}
+    supports = _constant_supports(run, arrays, trees, fixed)
+    sites = {}
+    for name in (name for name in found if name in fixed):
+        fn, value = found[name]["fn"], found[name]["value"]
+        observed = bool(found[name]["is_observed"])
+        sites[name] = Declared(tuple(fn.shape()), np.dtype(value.dtype), fn.event_dim, supports[name], observed)
+    factors = tuple(name for name, site in found.items() if is_factor(site))
+    return Declaration(sites, factors, tuple(n for n, site in found.items() if site["type"] == "deterministic"))
+
+
+def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed: dict[str, bool]) -> dict[str, Any]:
+    """Supports with concrete bounds, for the sites whose bounds depend on nothing."""
+    if all(tree.num_leaves == 0 for tree in trees.values()):
+        return {name: jax.tree.unflatten(tree, []) for name, tree in trees.items()}
+    zeros = [np.zeros(np.shape(a), getattr(a, "dtype", float)) for a in arrays]
+    with jax.ensure_compile_time_eval():
+        bounds = jax.jit(lambda: run(jax.random.key(0), zeros))()
+    return {
+        name: jax.tree.unflatten(tree, [np.asarray(b) for b in bounds[name]]) if fixed[name] else None
+        for name, tree in trees.items()
+    }
+
+
+def suggestion(name: str, candidates: Iterable[str]) -> str:
+    """`: did you mean 'x'?` when a candidate is close, else nothing."""
+    close = difflib.get_close_matches(name, list(candidates), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def state_layout(initial: Declaration) -> dict[str, Site]:
+    """Lay out the state from the sites of the initial program.
+
+    Raises:
+        ValueError: No site, a factor, `obs=`, a support that depends on arguments or draws, or complex values.
+    """
+    if not initial.sites and not initial.factors:
+        raise ValueError("The initial program has no sample site: sample each part of the state with numpyro.sample.")
+    _check_state_program("initial", initial)
+    sites: dict[str, Site] = {}
+    offset = 0
+    for name, declared in initial.sites.items():
+        if declared.kind == "complex":
+            raise ValueError(f"State site {name!r} is complex: sample its real and imaginary part as two sites.")
+        discrete = declared.kind in ("integer", "boolean")
+        sites[name] = make_site(name, declared.shape, declared.dtype, declared.support, discrete, offset)
+        offset += sites[name].size
+    return sites
+
+
+def _check_state_program(which: str, declaration: Declaration) -> None:
+    if declaration.factors:
+        raise ValueError(
+            f"The {which} program has a numpyro.factor site {declaration.factors[0]!r}: its density would no longer be the "
+            "one that it draws from. Factors belong in the observation program."
+        )
+    _check_not_observed(which, declaration)
+    for name, declared in declaration.sites.items():
+        if declared.support is None:
+            raise ValueError(
+                f"The support of site {name!r} in the {which} program depends on the state, params, inputs or another site. "
+                "Expected constant bounds, so that one chart serves every frame: sample an unbounded or unit-interval value "
+                "and map it in the observation program."
+            )
+
+
+def _check_not_observed(which: str, declaration: Declaration) -> None:
+    for name, declared in declaration.sites.items():
+        if declared.observed:
+            raise ValueError(
+                f"Site {name!r} in the {which} program was given obs=. Leave obs= out: data are passed to the filter, "
+                "as an Observation made by observe()."
+            )
+
+
+def check_transition(state: Mapping[str, Site], transition: Declaration) -> None:
+    """Compare the sites of the transition program with the state.
+
+    Raises:
+        ValueError: A missing, extra or misspelt site, another shape, dtype kind or support, `obs=` or a factor.
+    """
+    for name in transition.sites:
+        if name not in state:
+            missing = [n for n in state if n not in transition.sites]
+            raise ValueError(
+                f"The transition program samples {name!r}, which the initial program does not{suggestion(name, missing)}. "
+                f"Expected exactly the state's sites {list(state)}: rename it, or add it to the initial program."
+            )
+    for name, site in state.items():
+        if name not in transition.sites:
+            raise ValueError(
+                f"The transition program does not sample the state site {name!r}; it samples {list(transition.sites)}. "
+                "Sample every state site, in any order."
+            )
+        declared = transition.sites[name]
+        if declared.shape != site.shape:
+            raise ValueError(
+                f"State site {name!r} has shape {declared.shape} in the transition program and {site.shape} in the initial "
+                "one. Expected equal shapes (broadcastable is not enough): expand the distribution."
+            )
+        if declared.dtype.kind != site.dtype.kind:
+            raise ValueError(
+                f"State site {name!r} is {declared.kind} ({declared.dtype}) in the transition program and {site.dtype} in "
+                "the initial one. Expected the same kind: use distributions of one kind in both."
+            )
+    _check_state_program("transition", transition)
+    for name, site in state.items():
+        if not _same_support(site.support, transition.sites[name].support):
+            raise ValueError(
+                f"State site {name!r} has support {transition.sites[name].support} in the transition program and "
+                f"{site.support} in the initial one. Expected equal supports: use distributions over the same set in both."
+            )
+
+
+def _same_support(first: Any, second: Any) -> bool:
+    if is_flat_support(first) and is_flat_support(second):
+        return True
+    one, other = base_support(first), base_support(second)
+    return bool(one == other or other == one)
+
+
+def check_observation(observation: Declaration) -> None:
+    """Check that the observation program has data sites or factors.
+
+    Raises:
+        ValueError: Neither a sample site nor a factor, or `obs=` left in the program.
+    """
+    _check_not_observed("observation", observation)
+    if not observation.sites and not observation.factors:
+        raise ValueError(
+            "The observation program has neither a sample site nor a numpyro.factor: the data would say nothing. "
+            "Sample each observed quantity with numpyro.sample, without obs=."
+        )
