@@ -1,0 +1,66 @@
+"""What every filter is: a pair of pure functions, and one shape of diagnosis.
+
+    init(rng_key, observation, inputs) -> (state, info)             the first frame
+    step(rng_key, state, observation, inputs) -> (state, info)      each later frame
+
+A state is a NamedTuple that carries no key and has at least `particles` and `log_weights`: (N, d) and (N,) for particle
+filters, (M, R, d) and zeros (M, R) for M chains of R draws. Everything that changes between frames is an argument, so one compilation of
+`step` serves a sequence of any length. `inputs` follows the time convention of `poseppl.program`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import jax
+
+
+class FilterState(Protocol):
+    """What every filter's state has."""
+
+    @property
+    def particles(self) -> jax.Array:
+        """Flat states (..., d)."""
+
+    @property
+    def log_weights(self) -> jax.Array:
+        """Log-weights (...), one for each particle."""
+
+
+class Info(NamedTuple):
+    """Diagnosis of one frame; every filter fills every field.
+
+    Attributes:
+        log_evidence: log p(z_t | z_(<t)) as the filter estimates it, a scalar; -inf when the frame failed.
+        ess: Effective number of particles or draws, a scalar.
+        ancestors: For each particle its ancestor in the frame before (N,), int32.
+        acceptance: Mean acceptance rate of the frame's moves, in [0, 1]; 1 when there are none.
+        divergences: Number of divergent trajectories, int32.
+        num_likelihood: Evaluations of the likelihood, int32.
+        num_gradient: Evaluations of its gradient, int32.
+        failed: Whether the data were impossible (every weight zero or NaN): the frame is then only predicted.
+        step_size: Step size of the frame's moves; NaN when there are none.
+    """
+
+    log_evidence: jax.Array
+    ess: jax.Array
+    ancestors: jax.Array
+    acceptance: jax.Array
+    divergences: jax.Array
+    num_likelihood: jax.Array
+    num_gradient: jax.Array
+    failed: jax.Array
+    step_size: jax.Array
+
+
+class Filter(NamedTuple):
+    """A filtering algorithm for one model.
+
+    Attributes:
+        init: `(rng_key, observation, inputs) -> (state, info)`, the first frame.
+        step: `(rng_key, state, observation, inputs) -> (state, info)`, each later frame.
+    """
+
+    init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
+    step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]

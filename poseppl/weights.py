@@ -1,0 +1,76 @@
+r"""Weighted sets of particles, with weights as logarithms.
+
+With log-weights \ell_i, normalised weights w_i = exp(\ell_i) / sum_j exp(\ell_j), and N of them,
+
+    log-mean-exp = log (1/N) sum_i exp(\ell_i),        ESS = 1 / sum_i w_i^2   (between 1 and N).
+
+A NaN log-weight counts as weight zero. When no weight is left (all -inf or NaN, or one is +inf) the set is *degenerate*:
+nothing can be said from it, weights fall back to uniform and the flag says so; there is never a NaN in a result.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+
+class Normalised(NamedTuple):
+    """Normalised weights of one set.
+
+    Attributes:
+        log_weights: Logarithms that sum (as weights) to one (N,).
+        log_mean: Log of the mean unnormalised weight, a scalar; -inf when degenerate.
+        degenerate: Whether no weight was positive and finite; `log_weights` are then uniform.
+    """
+
+    log_weights: jax.Array
+    log_mean: jax.Array
+    degenerate: jax.Array
+
+
+def normalise(log_weights: jax.Array) -> Normalised:
+    """Normalise log-weights (N,).
+
+    Example:
+        >>> [round(float(w), 3) for w in jnp.exp(normalise(jnp.log(jnp.array([1.0, 3.0]))).log_weights)]
+        [0.25, 0.75]
+    """
+    clean = jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+    peak = jnp.max(clean)
+    degenerate = ~jnp.isfinite(peak)
+    shifted = jnp.where(degenerate, 0.0, clean - jnp.where(degenerate, 0.0, peak))
+    count = log_weights.shape[0]
+    log_sum = jnp.log(jnp.sum(jnp.exp(shifted)))
+    log_mean = jnp.where(degenerate, -jnp.inf, peak + log_sum - jnp.log(jnp.asarray(count, clean.dtype)))
+    return Normalised(shifted - log_sum, log_mean, degenerate)
+
+
+def log_mean_exp(log_weights: jax.Array) -> jax.Array:
+    """Log of the mean of exp(log_weights) (N,), a scalar; NaN counts as zero weight, and -inf means that all are zero."""
+    return normalise(log_weights).log_mean
+
+
+def effective_sample_size(log_weights: jax.Array) -> jax.Array:
+    """Effective number 1 / sum w_i^2 of log-weights (N,), in [1, N]; 0 for a degenerate set."""
+    normalised = normalise(log_weights)
+    return jnp.where(normalised.degenerate, 0.0, 1.0 / jnp.sum(jnp.exp(2.0 * normalised.log_weights)))
+
+
+def weighted_mean(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
+    """Mean (d,) of particles (N, d) with log-weights (N,); particles of zero weight are not read, whatever they hold."""
+    weights = jnp.exp(normalise(log_weights).log_weights)
+    return weights @ _without_weightless(particles, weights)
+
+
+def weighted_covariance(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
+    """Covariance (d, d) of particles (N, d) with log-weights (N,): sum_i w_i (x_i - m)(x_i - m)^T, without correction."""
+    weights = jnp.exp(normalise(log_weights).log_weights)
+    safe = _without_weightless(particles, weights)
+    centred = safe - weights @ safe
+    return (centred * weights[:, None]).T @ centred
+
+
+def _without_weightless(particles: jax.Array, weights: jax.Array) -> jax.Array:
+    return jnp.where(weights[:, None] > 0, particles, 0.0)
