@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from synthetic import EDGES, synthetic_result
+
+from poseppl import report
+from poseppl.report.selection import evenly, expected_error, segments
+from poseppl.results import Names, build_result
+
+
+@pytest.mark.parametrize(
+    "arguments", [{}, {"weighted": True}, {"with_truth": False}, {"num_frames": 1}, {"num_draws": 1, "num_chains": 1}]
+)
+def test_the_summary_picture_of_every_kind_of_result(tmp_path: Path, arguments: dict[str, Any]) -> None:
+    report.save_picture(report.plot_track(synthetic_result(**arguments)), tmp_path / "track.png")
+    pixels = np.asarray(Image.open(tmp_path / "track.png").convert("L"), float)
+    assert pixels.shape[1] > 1000
+    assert 0.01 < (pixels < 200).mean() < 0.5
+
+
+def test_a_result_without_a_body_has_a_picture() -> None:
+    tree = build_result(state=np.random.default_rng(0).standard_normal((4, 20, 6, 1)), names=Names(("level",)))
+    assert len(report.plot_track(tree)._repr_png_()) > 5000  # type: ignore[attr-defined]
+    with pytest.raises(ValueError, match="no points"):
+        report.plot_overlay(tree)
+    with pytest.raises(ValueError, match="no markers"):
+        report.plot_pose3d(tree)
+
+
+@pytest.mark.parametrize("name", ["overlay", "pose3d", "inefficiency", "autocorrelation", "trace", "error", "state"])
+def test_one_call_each(name: str) -> None:
+    picture = getattr(report, f"plot_{name}")(synthetic_result(num_frames=8))
+    assert len(picture._repr_png_()) > 5000
+
+
+def test_chosen_frames_and_coordinates() -> None:
+    tree = synthetic_result(num_frames=8)
+    assert report.plot_overlay(tree, frame=12).axes[0].get_title(loc="left") == "frame 12"
+    assert report.plot_trace(tree, [(12, "knee_r.X")]).axes[0].get_title(loc="left").startswith("knee_r.X, frame 12")
+    with pytest.raises(ValueError, match="no frame 99; expected 10 to 17"):
+        report.plot_pose3d(tree, frame=99)
+    with pytest.raises(ValueError, match="no autocorrelation"):
+        report.plot_autocorrelation(synthetic_result(weighted=True))
+
+
+def test_overlay_shows_observations_where_they_are() -> None:
+    tree = synthetic_result(num_frames=8)
+    lines = report.plot_overlay(tree, frame=11).axes[0].get_lines()
+    np.testing.assert_allclose(np.array(lines[-1].get_data()).T, tree["observed_data/points"].values[1, 0])
+
+
+def test_expected_error_matches_the_truth_of_a_calibrated_posterior() -> None:
+    """The truth is one more draw: its error lies in the 90 % band as often, within 5 binomial standard errors."""
+    tree = synthetic_result(num_frames=400, rho=0.0)
+    band = expected_error(tree)
+    assert band is not None
+    error = np.linalg.norm(tree["summary/markers_mean"].values - tree["truth/markers"].values, axis=-1).mean(axis=-1)
+    share = ((band[0] <= error) & (error <= band[2])).mean()
+    assert abs(share - 0.9) < 5 * np.sqrt(0.09 / 400)
+    wrong = synthetic_result(num_frames=400, rho=0.0, truth_scale=2.0)
+    error = np.linalg.norm(wrong["summary/markers_mean"].values - wrong["truth/markers"].values, axis=-1).mean(axis=-1)
+    assert ((band[0] <= error) & (error <= band[2])).mean() < 0.9 - 5 * np.sqrt(0.09 / 400)
+
+
+def test_evenly_and_segments() -> None:
+    assert list(evenly(5, 9)) == [0, 1, 2, 3, 4]
+    assert list(evenly(101, 3)) == [0, 50, 100]
+    path = segments(np.arange(45.0).reshape(15, 3), EDGES)
+    assert path.shape == (3 * len(EDGES), 3)
+    assert np.isnan(path[2::3]).all()
+    np.testing.assert_array_equal(path[1::3, 0], 3.0 * EDGES[:, 1])

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import synthetic_result
+
+from poseppl.report import report_html, write_report
+from poseppl.report.pose_data import pose_data
+from poseppl.results import Names, build_result
+
+
+def _data(page: str, name: str) -> object:
+    found = re.search(f'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
+    assert found
+    return json.loads(found.group(1))
+
+
+def test_one_file_without_a_network(tmp_path: Path) -> None:
+    write_report(synthetic_result(), tmp_path / "report.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=[\"'](?!data:)", page)
+    assert "Plotly" in page
+    for heading in ("Verdicts", "Poses", "Error and coverage", "Mixing", "Coordinates", "What was run"):
+        assert f"<h2>{heading}</h2>" in page
+
+
+def test_text_of_the_user_is_escaped() -> None:
+    page = report_html(synthetic_result())
+    assert "<script>alert" not in page
+    assert "<b>not bold" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_provenance_and_verdicts_are_told() -> None:
+    page = report_html(synthetic_result(truth_scale=2.5, num_frames=40))
+    assert "poseppl_models.synthetic:stick" in page
+    assert "settings · chains" in page
+    assert "over-confident" in page
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"weighted": True},
+        {"with_truth": False},
+        {"weighted": True, "with_truth": False},
+        {"num_frames": 1},
+        {"num_draws": 2},
+        {"num_draws": 1, "num_chains": 1},
+    ],
+)
+def test_every_kind_of_result_has_a_report(arguments: dict[str, int]) -> None:
+    page = report_html(synthetic_result(**arguments))  # type: ignore[arg-type]
+    charts = _data(page, "charts-data")
+    assert isinstance(charts, dict)
+    assert ("coverage" in charts) == (arguments.get("with_truth", True) and arguments.get("num_draws") != 1)
+    for name in charts:
+        assert f'id="chart-{name}"' in page
+
+
+def test_a_model_without_a_body_has_a_report() -> None:
+    rng = np.random.default_rng(0)
+    tree = build_result(state=rng.standard_normal((4, 20, 6, 2)), names=Names(("level", "slope")))
+    page = report_html(tree)
+    assert _data(page, "pose-data") is None
+    assert "<h2>Poses</h2>" not in page
+    assert _data(page, "coordinate-data")["names"] == ["level", "slope"]  # type: ignore[index]
+
+
+def test_values_that_are_not_finite_become_null() -> None:
+    tree = synthetic_result(num_frames=6)
+    tree["posterior"]["markers"][0, 0, 2] = np.nan
+    tree["sample_stats"]["log_evidence"][3] = -np.inf
+    report_html(tree)
+
+
+def test_size_is_bounded_on_long_sequences() -> None:
+    poses = pose_data(synthetic_result(num_frames=1000, num_draws=8))
+    assert poses is not None
+    assert len(poses["frames"]) == 120
+    assert poses["frames"][0] == 10
+    assert poses["frames"][-1] == 1009
+    assert len(poses["space"]["draws"][0]) == 20
+    assert len(json.dumps(poses)) < 3_000_000
+
+
+def test_rounding_keeps_the_poses() -> None:
+    tree = synthetic_result(num_frames=5)
+    poses = pose_data(tree)
+    assert poses is not None
+    np.testing.assert_allclose(poses["space"]["mean"], tree["summary/markers_mean"], atol=0.51)
+    np.testing.assert_allclose(poses["space"]["truth"], tree["truth/markers"], atol=0.51)
+    mean = tree["posterior/points"].values.mean(axis=(0, 1))
+    np.testing.assert_allclose(poses["image"]["mean"], mean, atol=1e-3 * np.ptp(mean[..., 1]))
+    seen = tree["observed_data/points"].values
+    assert poses["image"]["observed"][2][0][3] == [None, None]
+    np.testing.assert_allclose(poses["image"]["observed"][0], seen[0], atol=1e-3 * np.ptp(mean[..., 1]))
