@@ -105,7 +105,8 @@ def _failures(tree: xr.DataTree) -> list[Verdict]:
         broken = failed > 0
         found.append(
             Verdict(
-                GRAVE, f"Impossible data in {_where(tree, broken)}: no draw can explain them; the run went on from the prior."
+                GRAVE,
+                f"Impossible data in {_where(tree, broken)}: no draw explains them, and the posterior there is the prior.",
             )
         )
     if evidence is not None and (np.isneginf(evidence) & ~broken).any():

@@ -190,9 +190,9 @@ def _progress(tree: xr.DataTree, chosen: Array) -> Chart | None:
         top = 1 - number / len(panels)
         domain = [max(0.0, top - 0.86 / len(panels)), top]
         layout[f"yaxis{suffix}"] = base | {
-            "title": {"text": label},
+            "title": {"text": label, "font": {"size": 11}},
             "domain": domain,
-            "rangemode": "normal",
+            "rangemode": "normal" if label == "log evidence" else "tozero",
             "automargin": True,
         }
         data.append(_line(x, values[chosen].astype(float), label, POSTERIOR, yaxis=f"y{suffix}"))
