@@ -1,6 +1,7 @@
 r"""Resampling: draw ancestors so that particle i has e_i = num * w_i children on average.
 
-Every scheme is unbiased, E[children of i] = e_i; they differ in the spread. With C_i = e_1 + ... + e_i and slots k = 0..num - 1,
+Every scheme is unbiased, E[children of i] = e_i, and they differ in the spread. With C_i = e_1 + ... + e_i and the slots
+k = 0, ..., num - 1,
 
 * multinomial: num independent draws;
 * residual: floor(e_i) children for sure, the rest multinomial (Liu and Chen 1998, doi:10.1080/01621459.1998.10473765);
@@ -12,7 +13,8 @@ Douc, Cappe and Moulines 2005 (doi:10.1109/ISPA.2005.195385) compare them. Ances
 In float32, C_i near N = 100,000 would have 7 bits left of the unit that decides. Here C_i = I_i + R_i, with I_i the exact
 integer sum of the rounded e_i and R_i the sum of the small remainders, so that decisions keep their precision at any N; uniform
 weights give R_i = 0, and every particle exactly one child. Slots are shared out by a scatter and a running maximum, without a
-sort or a search. Particles of zero (or NaN) weight never have children; if no weight is left, all count alike (see `weights.normalise`).
+sort or a search. Particles of zero (or NaN) weight never have children; if no weight is left, all count alike (see
+`weights.normalise`).
 
 Example:
     >>> systematic(jax.random.key(0), jnp.log(jnp.array([0.5, 0.0, 0.25, 0.25])), 4).tolist()
@@ -26,6 +28,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+
+from poseppl.running import running_maximum, running_sum
 
 Resampling = Callable[[jax.Array, jax.Array, int], jax.Array]
 
@@ -51,9 +55,9 @@ def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
 
 def _cumulative(expected: jax.Array) -> _Cumulative:
     nearest = jnp.round(expected)
-    remainder = jnp.cumsum(expected - nearest)
+    remainder = running_sum(expected - nearest)
     below = jnp.floor(remainder)
-    whole = jnp.cumsum(nearest.astype(jnp.int32)) + below.astype(jnp.int32)
+    whole = running_sum(nearest.astype(jnp.int32)) + below.astype(jnp.int32)
     return _Cumulative(whole, remainder - below, expected > 0)
 
 
@@ -62,7 +66,7 @@ def _share_slots(ends: jax.Array, alive: jax.Array, num: int) -> jax.Array:
     starts = jnp.concatenate([jnp.zeros(1, ends.dtype), ends[:-1]])
     indices = jnp.where(alive, jnp.arange(ends.shape[0], dtype=jnp.int32), 0)
     first = jnp.zeros(num, jnp.int32).at[starts].max(indices, mode="drop")
-    return jax.lax.cummax(first)
+    return running_maximum(first)
 
 
 def systematic(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
@@ -97,7 +101,7 @@ def residual(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
     """Residual resampling: the sure children first, in order, then the drawn ones; otherwise as `systematic`."""
     expected = _expected_children(log_weights, num)
     sure = jnp.floor(expected)
-    ends = jnp.cumsum(sure.astype(jnp.int32))
+    ends = running_sum(sure.astype(jnp.int32))
     rest = expected - sure
     total = jnp.sum(rest)
     scaled = jnp.where(total > 0, rest * (num / jnp.where(total > 0, total, 1.0)), expected)
@@ -116,7 +120,7 @@ def _draw_independently(rng_key: jax.Array, expected: jax.Array, num: int) -> ja
     scale = jnp.asarray(2**bits, cumulative.fraction.dtype)
     point = jnp.minimum((cumulative.fraction * scale).astype(jnp.uint32), jnp.uint32(2**bits - 1))
     ends = (jnp.clip(cumulative.whole, 0, num).astype(jnp.uint32) << bits) + point
-    ends = jax.lax.cummax(jnp.where(cumulative.alive, ends, jnp.uint32(0)))
+    ends = running_maximum(jnp.where(cumulative.alive, ends, jnp.uint32(0)))
     key_slot, key_point = jax.random.split(rng_key)
     slots = jax.random.randint(key_slot, (num,), 0, num).astype(jnp.uint32)
     drawn = (slots << bits) + (jax.random.bits(key_point, (num,), jnp.uint32) >> (32 - bits))

@@ -4,8 +4,8 @@
     step(rng_key, state, observation, inputs) -> (state, info)      each later frame
 
 A state is a NamedTuple that carries no key and has at least `particles` and `log_weights`: (N, d) and (N,) for particle
-filters, (M, R, d) and zeros (M, R) for M chains of R draws. Everything that changes between frames is an argument, so one compilation of
-`step` serves a sequence of any length. `inputs` follows the time convention of `poseppl.program`.
+filters, (M, R, d) and zeros (M, R) for M chains of R draws. Everything that changes between frames is an argument, so one
+compilation of `step` serves a sequence of any length. `inputs` follows the time convention of `poseppl.program`.
 """
 
 from __future__ import annotations
