@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
-from numpyro.distributions import constraints
 
 from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.cameras import Cameras, project, project_components
@@ -22,8 +21,8 @@ from poseppl.geometry.kinematics import frames_of, marker_positions, markers_of,
 from poseppl.geometry.tree import KinematicTree
 
 
-class ProjectedMarkers(dist.Distribution):  # type: ignore[misc]
-    """Markers of a body seen by cameras, with independent Gaussian noise; the value has shape (C, markers, 2).
+class ProjectedMarkers(dist.Normal):  # type: ignore[misc]
+    """Markers of a body seen by cameras, with independent Gaussian noise; the value has batch shape (C, markers, 2).
 
     Args:
         tree: The body.
@@ -33,31 +32,16 @@ class ProjectedMarkers(dist.Distribution):  # type: ignore[misc]
             by a detector's confidence).
     """
 
-    support = constraints.independent(constraints.real, 3)
-    has_rsample = True
-
     def __init__(self, tree: KinematicTree, cameras: Cameras, state: jax.Array, scale: Any, *, validate_args: Any = None):
         self.tree, self.cameras, self.state = tree, cameras, state
-        shape = (cameras.centre.shape[0], len(tree.marker_names))
-        self.scale = jnp.broadcast_to(jnp.asarray(scale, state.dtype), shape)
-        super().__init__((), (*shape, 2), validate_args=validate_args)
+        points = project(cameras, marker_positions(tree, state))
+        self.marker_scale = jnp.broadcast_to(jnp.asarray(scale, state.dtype), points.shape[:-1])
+        super().__init__(points, self.marker_scale[..., None], validate_args=validate_args)
 
-    def elementwise(self) -> dist.Normal:
-        """Return the same distribution as a ``Normal`` of batch shape (C, markers, 2)."""
-        return dist.Normal(project(self.cameras, marker_positions(self.tree, self.state)), self.scale[..., None])
-
-    def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
-        """Draw noisy image points."""
-        return self.elementwise().sample(key, sample_shape)
-
-    def log_prob(self, value: jax.Array) -> jax.Array:
-        """Log-density of image points (C, markers, 2)."""
-        return self.masked_log_prob(value, jnp.ones(value.shape, bool))
-
-    def masked_log_prob(self, value: jax.Array, mask: jax.Array) -> jax.Array:
-        """Log-density of the entries of ``value`` where ``mask`` (same shape) is true."""
-        mask = jnp.asarray(mask, self.state.dtype)
-        return projected_log_density(self.tree, self.state, self.cameras, self.scale, value, mask)
+    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+        """Log-density of the entries of ``value`` where ``mask`` (of its shape) is true, summed in one pass."""
+        seen = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
+        return projected_log_density(self.tree, self.state, self.cameras, self.marker_scale, value, seen)
 
 
 def _tail(cameras: Cameras, scale: Any, value: Any, mask: Any, x: Any, y: Any, z: Any) -> Any:

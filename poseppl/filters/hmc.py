@@ -1,0 +1,131 @@
+"""The hybrid Monte Carlo filter of Choo and Fleet 2001, section 5.
+
+M Markov chains, each of R updates a frame. A frame begins as a particle filter does: every chain's last state s_i is moved by the
+transition, and the M proposals are resampled by their likelihoods (steps 1 and 2); these are the chains' first states. Then R
+updates leave invariant (steps 3 and 4)
+
+    P_t(x) = p(z_t | x) 1/M sum over i of p(x | s_i)          (Eqs. 9 and 10):
+
+the prior is the mixture over the last states of all chains, not the chain's own ancestor. Step sizes differ by coordinate as in
+Eq. 17, from the Gauss-Newton curvature of the posterior at the predicted mean, which does not depend on a chain's own state; a
+dense mass matrix from the same curvature is an option.
+
+The mixture of M points cannot carry a posterior over many frames in high dimension: chains stay with their ancestor and intervals
+are too narrow. :mod:`poseppl.filters.assumed_density` mends that.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, initial_moments
+from poseppl.kernels.hmc import HMCSettings, hmc_chains
+from poseppl.kernels.laplace import Whitening, whitening
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import resample
+
+
+def hmc_filter(
+    model: CompiledModel,
+    num_chains: int = 10,
+    settings: HMCSettings | None = None,
+    *,
+    dense_mass: bool = False,
+    curvature: jax.Array | None = None,
+    resampling: str = "systematic",
+) -> Filter:
+    """Build the HMC filter.
+
+    Args:
+        model: The compiled model, its sites over the real line.
+        num_chains: M.
+        settings: R, L, b, epsilon and so on; the paper's 28-D row of Table 1 by default, with an adapted step size.
+        dense_mass: Whether the mass matrix has the curvature's off-diagonal entries.
+        curvature: Second derivatives of the energy by coordinate (d,), to be used for Eq. 17 instead of our estimate.
+        resampling: Scheme of step 2: "systematic", "stratified", "residual" or "multinomial".
+
+    Returns:
+        The filter; its state is :class:`~poseppl.filters.chains.ChainState`.
+    """
+    settings = (settings or HMCSettings()).check()
+    if num_chains < 1:
+        raise ValueError(f"num_chains is {num_chains}; it must be at least 1")
+
+    def run(
+        rng_key: jax.Array,
+        proposals: jax.Array,
+        log_prior: LogDensity,
+        predicted: tuple[jax.Array, jax.Array],
+        log_step_size: jax.Array,
+        observation: Observation,
+        inputs: Any,
+    ) -> tuple[ChainState, Info]:
+        key_resample, key_chains = jax.random.split(rng_key)
+        weights = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(proposals)
+        failed = ~jnp.any(jnp.isfinite(weights))
+        seen = drop_impossible(model, observation, failed)
+        weights = jnp.where(failed | jnp.isnan(weights), jnp.where(failed, 0.0, -jnp.inf), weights)
+        ancestors = resample(key_resample, weights, num_chains, resampling)
+        chart = _chart(model, predicted, seen, inputs, dense_mass, curvature)
+
+        def log_density(z: jax.Array) -> jax.Array:
+            x = chart.to_state(z)
+            return model.log_observation(x, seen, inputs) + log_prior(x)
+
+        chains = hmc_chains(key_chains, chart.to_white(proposals[ancestors]), log_density, log_step_size, settings)
+        info = Info(
+            log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(weights) - jnp.log(num_chains)),
+            ess=1.0 / jnp.sum(jax.nn.softmax(weights) ** 2),
+            ancestors=ancestors,
+            acceptance=chains.acceptance,
+            divergences=chains.divergences,
+            num_likelihood=jnp.int32(num_chains),
+            num_gradient=chains.num_gradient,
+            failed=failed,
+            step_size=jnp.exp(chains.log_step_size),
+        )
+        return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any) -> tuple[ChainState, Info]:
+        key_moments, key_draw, key_run = jax.random.split(rng_key, 3)
+        predicted = initial_moments(model, key_moments, inputs)
+        proposals = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_chains))
+        start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
+        return run(key_run, proposals, lambda x: model.log_initial(x, inputs), predicted, start, observation, inputs)
+
+    def step(
+        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any
+    ) -> tuple[ChainState, Info]:
+        key_draw, key_run = jax.random.split(rng_key)
+        last = state.particles[:, -1]
+        proposals = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(jax.random.split(key_draw, num_chains), last)
+        means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(last)
+
+        def log_prior(x: jax.Array) -> jax.Array:
+            terms = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(last)
+            return jax.nn.logsumexp(terms) - jnp.log(num_chains)
+
+        predicted = jnp.mean(means, 0), jnp.mean(covariances, 0)
+        return run(key_run, proposals, log_prior, predicted, state.log_step_size, observation, inputs)
+
+    return Filter(init, step)
+
+
+def _chart(
+    model: CompiledModel,
+    predicted: tuple[jax.Array, jax.Array],
+    observation: Observation,
+    inputs: Any,
+    dense: bool,
+    curvature: jax.Array | None,
+) -> Whitening:
+    """Coordinates in which Eq. 17's step sizes are all epsilon."""
+    mean, covariance = predicted
+    if curvature is not None:
+        return Whitening(mean, 1.0 / jnp.sqrt(jnp.asarray(curvature, mean.dtype)))
+    information = model.observation_information(mean, observation, inputs)
+    return whitening(mean, jnp.linalg.inv(covariance) + information, dense=dense)

@@ -1,0 +1,134 @@
+"""Parallel hybrid Monte Carlo chains on one density, with BlackJAX's kernel (Choo and Fleet 2001, section 6).
+
+All M chains share the step size, which is adapted to a target rejection rate during burn-in and frozen before the draws that
+count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`), which is
+the same as the paper's step size per coordinate, Eq. 17.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import blackjax
+import jax
+import jax.numpy as jnp
+
+_GAIN = 0.5
+"""Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
+
+
+class HMCSettings(NamedTuple):
+    """Settings of a set of chains, in the paper's letters where it has them.
+
+    Attributes:
+        num_updates: R, HMC updates of each chain and frame, burn-in included.
+        num_leapfrog: L, leapfrog steps an update.
+        burn_in: b, updates whose draws are discarded; the step size adapts only during these.
+        step_size: epsilon, the step size adjustment factor; where it adapts, its value at the first frame.
+        target_rejection: Rejection rate that the step size is adapted to; None keeps it fixed.
+        jitter: Fraction by which L is shortened at random, the same for all chains of an update: L is uniform on
+            [ceil((1 - jitter) L), L]. 0 keeps it fixed.
+    """
+
+    num_updates: int = 32
+    num_leapfrog: int = 40
+    burn_in: int = 6
+    step_size: float = 0.5
+    target_rejection: float | None = 0.15
+    jitter: float = 0.0
+
+    def check(self) -> HMCSettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        if self.num_updates < 1 or self.num_leapfrog < 1:
+            raise ValueError("num_updates (R) and num_leapfrog (L) must be at least 1")
+        if not 0 <= self.burn_in < self.num_updates:
+            raise ValueError(f"burn_in is {self.burn_in}; it must be from 0 to num_updates - 1 = {self.num_updates - 1}")
+        if not self.step_size > 0:
+            raise ValueError(f"step_size is {self.step_size}; it must be positive")
+        if self.target_rejection is not None and not 0 < self.target_rejection < 1:
+            raise ValueError(f"target_rejection is {self.target_rejection}; it must lie between 0 and 1, or be None")
+        if not 0 <= self.jitter < 1:
+            raise ValueError(f"jitter is {self.jitter}; it must be at least 0 and below 1")
+        return self
+
+
+class Chains(NamedTuple):
+    """What M chains of R updates returned.
+
+    Attributes:
+        draws: Positions after burn-in, shape (M, R - b, d).
+        acceptance: Mean acceptance probability of the draws that count.
+        divergences: How many updates after burn-in diverged, of all chains.
+        log_step_size: The frozen log step size.
+        num_gradient: Evaluations of the density's gradient, all chains together.
+    """
+
+    draws: jax.Array
+    acceptance: jax.Array
+    divergences: jax.Array
+    log_step_size: jax.Array
+    num_gradient: jax.Array
+
+
+def hmc_chains(
+    rng_key: jax.Array,
+    starts: jax.Array,
+    log_density: Callable[[jax.Array], jax.Array],
+    log_step_size: jax.Array,
+    settings: HMCSettings,
+) -> Chains:
+    """Run M chains side by side.
+
+    Args:
+        rng_key: PRNG key.
+        starts: Starting positions (M, d).
+        log_density: Unnormalised log-density of one position (d,), a scalar; NaN counts as -inf.
+        log_step_size: Log step size to start from.
+        settings: L, R, b and so on.
+
+    Returns:
+        The draws after burn-in and how it went.
+    """
+    num_chains, dimension = starts.shape
+    kernel = blackjax.hmc.build_kernel()
+    mass = jnp.ones(dimension, starts.dtype)
+
+    def safe_density(position: jax.Array) -> jax.Array:
+        value = log_density(position)
+        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+
+    def update(carry: Any, inputs: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
+        states, log_step_size = carry
+        key, number = inputs
+        key_length, key_chains = jax.random.split(key)
+        steps = _trajectory_length(key_length, settings)
+        move = jax.vmap(lambda k, s: kernel(k, s, safe_density, jnp.exp(log_step_size), mass, steps))
+        states, info = move(jax.random.split(key_chains, num_chains), states)
+        acceptance = jnp.mean(info.acceptance_rate)
+        if settings.target_rejection is not None:
+            error = acceptance - (1.0 - settings.target_rejection)
+            gain = jnp.where(number < settings.burn_in, _GAIN / jnp.sqrt(number + 1.0), 0.0)
+            log_step_size = log_step_size + (gain * error).astype(log_step_size.dtype)
+        return (states, log_step_size), (states.position, acceptance, jnp.sum(info.is_divergent), steps)
+
+    states = jax.vmap(lambda start: blackjax.hmc.init(start, safe_density))(starts)
+    keys = jax.random.split(rng_key, settings.num_updates)
+    carry, (positions, acceptance, divergent, steps) = jax.lax.scan(
+        update, (states, jnp.asarray(log_step_size, starts.dtype)), (keys, jnp.arange(settings.num_updates))
+    )
+    kept = slice(settings.burn_in, None)
+    return Chains(
+        draws=jnp.swapaxes(positions[kept], 0, 1),
+        acceptance=jnp.mean(acceptance[kept]),
+        divergences=jnp.sum(divergent[kept]).astype(jnp.int32),
+        log_step_size=carry[1],
+        num_gradient=(num_chains * (1 + jnp.sum(steps))).astype(jnp.int32),
+    )
+
+
+def _trajectory_length(rng_key: jax.Array, settings: HMCSettings) -> Any:
+    shortest = max(1, round((1.0 - settings.jitter) * settings.num_leapfrog))
+    if shortest == settings.num_leapfrog:
+        return settings.num_leapfrog
+    return jax.random.randint(rng_key, (), shortest, settings.num_leapfrog + 1)
