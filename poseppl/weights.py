@@ -20,31 +20,38 @@ class Normalised(NamedTuple):
     """Normalised weights of one set.
 
     Attributes:
-        log_weights: Logarithms that sum (as weights) to one (N,).
+        log_weights: Their logarithms (N,).
+        weights: The weights, which sum to one (N,).
         log_mean: Log of the mean unnormalised weight, a scalar; -inf when degenerate.
         degenerate: Whether no weight was positive and finite; `log_weights` are then uniform.
+        ess: Effective number of particles in [1, N], a scalar; 0 when degenerate.
     """
 
     log_weights: jax.Array
+    weights: jax.Array
     log_mean: jax.Array
     degenerate: jax.Array
+    ess: jax.Array
 
 
 def normalise(log_weights: jax.Array) -> Normalised:
     """Normalise log-weights (N,).
 
     Example:
-        >>> [round(float(w), 3) for w in jnp.exp(normalise(jnp.log(jnp.array([1.0, 3.0]))).log_weights)]
-        [0.25, 0.75]
+        >>> normalise(jnp.array([-5.0, -jnp.inf, -5.0])).weights.tolist()
+        [0.5, 0.0, 0.5]
     """
     clean = jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
     peak = jnp.max(clean)
     degenerate = ~jnp.isfinite(peak)
     shifted = jnp.where(degenerate, 0.0, clean - jnp.where(degenerate, 0.0, peak))
     count = log_weights.shape[0]
-    log_sum = jnp.log(jnp.sum(jnp.exp(shifted)))
+    unnormalised = jnp.exp(shifted)
+    total = jnp.sum(unnormalised)
+    weights, log_sum = unnormalised / total, jnp.log(total)
     log_mean = jnp.where(degenerate, -jnp.inf, peak + log_sum - jnp.log(jnp.asarray(count, clean.dtype)))
-    return Normalised(shifted - log_sum, log_mean, degenerate)
+    ess = jnp.where(degenerate, 0.0, 1.0 / jnp.sum(weights**2))
+    return Normalised(shifted - log_sum, weights, log_mean, degenerate, ess)
 
 
 def log_mean_exp(log_weights: jax.Array) -> jax.Array:
@@ -54,19 +61,18 @@ def log_mean_exp(log_weights: jax.Array) -> jax.Array:
 
 def effective_sample_size(log_weights: jax.Array) -> jax.Array:
     """Effective number 1 / sum w_i^2 of log-weights (N,), in [1, N]; 0 for a degenerate set."""
-    normalised = normalise(log_weights)
-    return jnp.where(normalised.degenerate, 0.0, 1.0 / jnp.sum(jnp.exp(2.0 * normalised.log_weights)))
+    return normalise(log_weights).ess
 
 
 def weighted_mean(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
     """Mean (d,) of particles (N, d) with log-weights (N,); particles of zero weight are not read, whatever they hold."""
-    weights = jnp.exp(normalise(log_weights).log_weights)
+    weights = normalise(log_weights).weights
     return weights @ _without_weightless(particles, weights)
 
 
 def weighted_covariance(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
     """Covariance (d, d) of particles (N, d) with log-weights (N,): sum_i w_i (x_i - m)(x_i - m)^T, without correction."""
-    weights = jnp.exp(normalise(log_weights).log_weights)
+    weights = normalise(log_weights).weights
     safe = _without_weightless(particles, weights)
     centred = safe - weights @ safe
     return (centred * weights[:, None]).T @ centred

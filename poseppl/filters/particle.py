@@ -81,7 +81,7 @@ def particle_filter(
         log_weights = jnp.where(updated.degenerate, log_prior, updated.log_weights)
         info = Info(
             log_evidence=updated.log_mean + jnp.log(jnp.asarray(num_particles, log_weights.dtype)),
-            ess=effective_sample_size(log_weights),
+            ess=jnp.where(updated.degenerate, effective_sample_size(log_prior), updated.ess),
             ancestors=ancestors,
             acceptance=jnp.ones((), log_weights.dtype),
             divergences=jnp.zeros((), jnp.int32),

@@ -168,7 +168,7 @@ def clamp(model: CompiledModel, free: Sequence[int | str]) -> ClampedModel:
 
 
 def _clamped(full: CompiledModel, free: tuple[int, ...]) -> ClampedModel:
-    shared = (full.programs, full.sites, full.observation_sites, full.params, full.unbound)
+    shared = (full.programs, full.sites, full.observation_sites, full.num_keys, full.params, full.unbound)
     return ClampedModel(*shared, full=full, free=free)
 
 

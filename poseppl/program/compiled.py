@@ -35,12 +35,15 @@ class CompiledModel:
         programs: The NumPyro programs.
         sites: The state's sites by name, in the order of the flat vector.
         observation_sites: The observation's data sites by name.
+        num_keys: How many PRNG keys a draw from each program takes, by the program's name.
         params: What the programs get as `params`; may hold tracers.
+        unbound: Whether params are still to be set by `with_params`.
     """
 
     programs: StateSpaceModel
     sites: dict[str, Site]
     observation_sites: dict[str, Declared]
+    num_keys: dict[str, int]
     params: Any = None
     unbound: bool = False
 
@@ -81,7 +84,7 @@ class CompiledModel:
 
     def sample_initial(self, rng_key: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at the first frame."""
-        return self.to_flat(draw(self.programs.initial, (self._bound(), inputs), rng_key))
+        return self.to_flat(draw(self.programs.initial, (self._bound(), inputs), rng_key, self.num_keys["initial"]))
 
     def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state at the first frame, a scalar."""
@@ -91,7 +94,7 @@ class CompiledModel:
     def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
         arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
-        return self.to_flat(draw(self.programs.transition, arguments, rng_key))
+        return self.to_flat(draw(self.programs.transition, arguments, rng_key, self.num_keys["transition"]))
 
     def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state `x` given `x_previous`, a scalar."""
@@ -102,7 +105,7 @@ class CompiledModel:
     def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Draw the data sites of a frame by name; factors draw nothing."""
         arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
-        return draw(self.programs.observation, arguments, rng_key)
+        return draw(self.programs.observation, arguments, rng_key, self.num_keys["observation"])
 
     def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
@@ -177,7 +180,7 @@ class CompiledModel:
         Raises:
             ValueError: The model has none.
         """
-        return draw(self._parameters_program(), (), rng_key)
+        return draw(self._parameters_program(), (), rng_key, self.num_keys["parameters"])
 
     def log_parameters(self, params: Mapping[str, Any]) -> jax.Array:
         """Log-density of params (constrained values by name) under the parameters program, a scalar."""

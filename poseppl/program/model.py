@@ -41,16 +41,21 @@ class StateSpaceModel(NamedTuple):
         Raises:
             ValueError: The programs do not make a state-space model; the message names the site and the cure.
         """
+        num_keys: dict[str, int] = {}
         unbound = params is None and self.parameters is not None
         example = params
         if self.parameters is not None:
             declared = schema.declare("parameters", self.parameters, ())
+            num_keys["parameters"] = declared.num_keys
             if unbound:
                 example = {n: np.zeros(site.shape, site.dtype) for n, site in declared.sites.items()}
         inputs = jax.tree.map(lambda a: a if isinstance(a, jax.ShapeDtypeStruct) else jnp.asarray(a), inputs)
-        sites = schema.state_layout(schema.declare("initial", self.initial, (example, inputs)))
+        initial = schema.declare("initial", self.initial, (example, inputs))
+        sites = schema.state_layout(initial)
         state = {name: np.zeros(site.shape, site.dtype) for name, site in sites.items()}
-        schema.check_transition(sites, schema.declare("transition", self.transition, (example, state, inputs), sites))
+        transition = schema.declare("transition", self.transition, (example, state, inputs), sites)
+        schema.check_transition(sites, transition)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
-        return CompiledModel(self, sites, observation.sites, params, unbound)
+        num_keys |= {"initial": initial.num_keys, "transition": transition.num_keys, "observation": observation.num_keys}
+        return CompiledModel(self, sites, observation.sites, num_keys, params, unbound)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program.chart import base_support, is_flat_support
+from poseppl.program.chart import base_support
 from poseppl.program.schema import Declared, suggestion
 
 
@@ -44,8 +44,8 @@ def observe(
         frames: The expected T; None accepts one frame or any T.
 
     Raises:
-        ValueError: An unknown or missing site, a wrong shape, an infinite value, a NaN that the mask calls observed, a value
-            outside the site's support, or an event observed in part.
+        ValueError: An unknown or missing site, a wrong shape, an infinite value, a NaN that the mask calls observed, an
+            integer outside the site's support, or an event observed in part.
     """
     for given, what in ((values, "values"), (mask or {}, "mask")):
         for name in given:
@@ -125,7 +125,8 @@ def feasible(site: Declared) -> np.ndarray[Any, Any]:
 
 
 def _check_support(name: str, site: Declared, values: np.ndarray[Any, Any]) -> None:
-    if site.support is None or is_flat_support(site.support):
+    """Refuse integers outside the support, which would silently index the nearest entry of a table."""
+    if site.support is None or site.kind == "float":
         return
     with jax.ensure_compile_time_eval():
         inside = np.asarray(base_support(site.support)(values))

@@ -16,7 +16,7 @@ import numpy as np
 
 from poseppl.program.chart import Site, base_support, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, is_factor, trace_program
+from poseppl.program.execution import Program, Seed, is_factor, trace_program
 
 
 class Declared(NamedTuple):
@@ -35,11 +35,12 @@ class Declared(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """All that one program declares: sample sites, factors and deterministic values."""
+    """All that one program declares: sample sites, factors, deterministic values, and how many keys a draw takes."""
 
     sites: dict[str, Declared]
     factors: tuple[str, ...]
     deterministic: tuple[str, ...]
+    num_keys: int
 
 
 def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Iterable[str] = ()) -> Declaration:
@@ -58,11 +59,14 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     traced = [isinstance(a, jax.Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
     found: dict[str, Any] = {}
     trees: dict[str, Any] = {}
+    counts: list[int] = []
 
     def run(rng_key: jax.Array, arrays: list[Any]) -> dict[str, list[Any]]:
         rest = iter(arrays)
         full = [next(rest) if is_traced else leaf for leaf, is_traced in zip(leaves, traced, strict=True)]
-        found.update(trace_program(program, jax.tree.unflatten(tree, full), rng_key=rng_key))
+        seed = Seed(rng_key, None)
+        found.update(trace_program(program, jax.tree.unflatten(tree, full), seed=seed))
+        counts.append(seed.count)
         bounds = {}
         for name, site in found.items():
             if site["type"] == "sample" and not is_factor(site):
@@ -97,7 +101,8 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
         observed = bool(found[name]["is_observed"])
         sites[name] = Declared(tuple(fn.shape()), np.dtype(value.dtype), fn.event_dim, supports[name], observed)
     factors = tuple(name for name, site in found.items() if is_factor(site))
-    return Declaration(sites, factors, tuple(n for n, site in found.items() if site["type"] == "deterministic"))
+    deterministic = tuple(name for name, site in found.items() if site["type"] == "deterministic")
+    return Declaration(sites, factors, deterministic, counts[0])
 
 
 def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed: dict[str, bool]) -> dict[str, Any]:
