@@ -1,0 +1,406 @@
+"""The one driver: run a filter over a sequence, or feed it frame by frame.
+
+    run = run_filter(filter, rng_key, observations, inputs, num_frames=T, collect=collect)
+    online = Online(filter, rng_key); state, info = online.update(observation, inputs)
+
+A sequence of any length is one compilation of the filter's `init` and one of its `step`: frames go through a scan of `chunk`
+frames, of which the last may hold fewer. The key of a frame is folded from its number, so that results depend neither on the
+chunks nor on whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows
+with the sequence.
+
+Inputs of frame t are the t-th rows of `inputs`, except for what is wrapped in :class:`Constant`: cameras that stand still need
+no copies.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, Literal, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.checkpoint import Checkpoint, Part, fingerprint
+from poseppl.errors import PosepplError
+from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.program import Observation
+
+Collect = Callable[[jax.Array, Any, Info, Any], Any]
+"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame."""
+
+_LOGGER = logging.getLogger("poseppl")
+
+
+class RunError(PosepplError):
+    """A run that cannot go on.
+
+    Attributes:
+        frame: The number of the frame.
+    """
+
+    def __init__(self, message: str, frame: int) -> None:
+        super().__init__(message)
+        self.frame = frame
+
+
+class Constant(NamedTuple):
+    """Marks a part of the inputs that is the same at every frame."""
+
+    value: Any
+
+
+class Progress(Protocol):
+    """Who is told how a run goes."""
+
+    def advance(self, frames: int) -> None:
+        """So many more frames are done."""
+
+    def note(self, message: str) -> None:
+        """Something that the user should know."""
+
+
+class Kept(NamedTuple):
+    """What is kept of a frame; of a sequence, with a leading T.
+
+    Attributes:
+        outputs: What `collect` returned.
+        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
+        unique_ancestors: How many particles of the frame before have offspring.
+        finite: Whether all particles of positive weight were finite.
+    """
+
+    outputs: Any
+    info: Info
+    unique_ancestors: Any
+    finite: Any
+
+
+class Run(NamedTuple):
+    """What a run returns, as NumPy arrays.
+
+    Attributes:
+        outputs: What `collect` kept, with a leading T.
+        info: Diagnosis, with a leading T; ``ancestors`` are left out.
+        unique_ancestors: (T,) how many particles of the frame before have offspring.
+        state: The filter's state after the last frame.
+        failed: Numbers of the frames whose data were impossible.
+        compile_seconds: Time to trace and compile.
+        wall_seconds: Time of the frames themselves.
+        resumed: How many frames came from a checkpoint.
+    """
+
+    outputs: Any
+    info: Info
+    unique_ancestors: NDArray[np.int32]
+    state: Any
+    failed: tuple[int, ...]
+    compile_seconds: float
+    wall_seconds: float
+    resumed: int
+
+
+class _Layout(NamedTuple):
+    """Where the inputs that vary and those that are constant go."""
+
+    tree: Any
+    constant: tuple[bool, ...]
+
+    def join(self, varying: Sequence[Any], constant: Sequence[Any]) -> Any:
+        rest, fixed = iter(varying), iter(constant)
+        return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
+
+
+def _split(inputs: Any) -> tuple[_Layout, list[Any], list[Any]]:
+    leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
+    flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
+    constant = [jax.tree.map(jnp.asarray, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
+    return _Layout(tree, flags), [leaf for leaf in leaves if not isinstance(leaf, Constant)], constant
+
+
+def frame_inputs(inputs: Any, frame: int) -> Any:
+    """The inputs of one frame, with :class:`Constant` taken off."""
+    layout, varying, constant = _split(inputs)
+    return layout.join([jnp.asarray(leaf[frame]) for leaf in varying], constant)
+
+
+def _frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+    """Keys of the filter and of the collector at a frame."""
+    key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
+    return key_filter, key_collect
+
+
+def _keep(collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any) -> Kept:
+    offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
+    alive = state.log_weights > -jnp.inf
+    finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
+    outputs = collect(rng_key, state, info, inputs)
+    return Kept(outputs, info._replace(ancestors=jnp.zeros(0, jnp.int32)), jnp.sum(offspring), finite)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _first(
+    filter: Filter,
+    collect: Collect,
+    layout: _Layout,
+    rng_key: jax.Array,
+    observation: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """The first frame."""
+    key_filter, key_collect = _frame_keys(rng_key, 0)
+    inputs = layout.join(varying, constant)
+    state, info = filter.init(key_filter, observation, inputs)
+    return state, _keep(collect, key_collect, state, info, inputs)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _advance(
+    filter: Filter,
+    collect: Collect,
+    layout: _Layout,
+    state: Any,
+    blank: Kept,
+    rng_key: jax.Array,
+    frames: jax.Array,
+    active: jax.Array,
+    observations: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """Later frames of the numbers `frames` (chunk,), of which the `active` (chunk,) ones count."""
+
+    def body(state: Any, row: Any) -> tuple[Any, Kept]:
+        frame, wanted, observation, varying = row
+
+        def run(state: Any) -> tuple[Any, Kept]:
+            key_filter, key_collect = _frame_keys(rng_key, frame)
+            inputs = layout.join(varying, constant)
+            new, info = filter.step(key_filter, state, observation, inputs)
+            return new, _keep(collect, key_collect, new, info, inputs)
+
+        result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
+        return result
+
+    return jax.lax.scan(body, state, (frames, active, observations, varying))
+
+
+class _Sequence(NamedTuple):
+    """Data and inputs of a sequence on the host."""
+
+    observations: Observation
+    layout: _Layout
+    varying: list[Any]
+    constant: list[Any]
+    num_frames: int
+
+    def frame(self, index: int) -> tuple[Observation, list[Any]]:
+        observation, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        return observation, varying
+
+    def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
+        """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
+        index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
+        observations, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        return observations, varying
+
+
+def run_filter(
+    filter: Filter,
+    rng_key: jax.Array,
+    observations: Observation,
+    inputs: Any = None,
+    *,
+    num_frames: int,
+    collect: Collect,
+    chunk: int = 8,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+    on_failure: Literal["continue", "stop"] = "continue",
+    frame_numbers: Sequence[int] | None = None,
+) -> Run:
+    """Run a filter over a sequence.
+
+    Args:
+        filter: The filter.
+        rng_key: PRNG key; the same key gives the same result.
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, constant parts wrapped in :class:`Constant`; None where the model takes none.
+        num_frames: T.
+        collect: `(rng_key, state, info, inputs of the frame) -> pytree`, what is kept of a frame; see :mod:`poseppl.collect`.
+        chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it.
+        progress: Who is told.
+        checkpoint: Where the run is saved after each chunk, and resumed from.
+        on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+        frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
+
+    Returns:
+        What was kept, and how it went.
+
+    Raises:
+        ValueError: An array does not have T rows.
+        RunError: A frame failed and `on_failure` is "stop", or a state is not finite.
+        CheckpointError: The checkpoint belongs to another run.
+    """
+    sequence = _sequence(observations, inputs, num_frames)
+    if chunk < 1:
+        raise ValueError(f"chunk is {chunk}; it must be at least 1")
+    note = progress.note if progress else _LOGGER.warning
+    numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
+    spans = _spans(num_frames, chunk)
+    started = time.perf_counter()
+    state, blank = _blank(filter, collect, sequence, rng_key)
+    parts: list[Part] = []
+    if checkpoint is not None:
+        data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
+        checkpoint.open(fingerprint(data, chunk=chunk, num_frames=num_frames, state=state))
+        parts = checkpoint.load(spans, state, blank, note)
+    resumed = len(parts)
+    first = _compile(filter, collect, sequence, (state, blank), rng_key, chunk, resumed == 0)
+    compiled = time.perf_counter()
+    for number, (start, stop) in enumerate(spans):
+        if number >= resumed:
+            wanted = first if number == 0 else None
+            parts.append(wanted or _advanced(filter, collect, sequence, parts[-1], blank, rng_key, start, stop, chunk))
+        _check(parts[number].kept, start, numbers, on_failure, note)
+        if checkpoint is not None and number >= resumed:
+            checkpoint.save(start, stop, parts[number])
+        if number >= max(resumed, 1):
+            parts[number - 1] = parts[number - 1]._replace(state=None)
+        if progress:
+            progress.advance(stop - start)
+    whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(part.kept for part in parts))
+    num_resumed = spans[resumed - 1][1] if resumed else 0
+    failed = tuple(numbers[index] for index in np.flatnonzero(whole.info.failed))
+    seconds = compiled - started, time.perf_counter() - compiled
+    return Run(whole.outputs, whole.info, whole.unique_ancestors, parts[-1].state, failed, *seconds, num_resumed)
+
+
+def _sequence(observations: Observation, inputs: Any, num_frames: int) -> _Sequence:
+    layout, varying, constant = _split(inputs)
+    if num_frames < 1:
+        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
+    seen, varying = jax.tree.map(np.asarray, (observations, varying))
+    for leaf in jax.tree.leaves((seen, varying)):
+        if leaf.ndim == 0 or leaf.shape[0] != num_frames:
+            raise ValueError(
+                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
+                "frames (wrap inputs that do not change in Constant)"
+            )
+    return _Sequence(seen, layout, varying, constant, num_frames)
+
+
+def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
+    """The first frame alone, then chunks: pairs of the first frame and the one after the last."""
+    return [(0, 1)] + [(start, min(start + chunk, num_frames)) for start in range(1, num_frames, chunk)]
+
+
+def _blank(filter: Filter, collect: Collect, sequence: _Sequence, rng_key: jax.Array) -> tuple[Any, Kept]:
+    """A state, and what is kept of a frame, of the right shapes; nothing is compiled."""
+    observation, varying = sequence.frame(0)
+    trace: Any = _first
+    shapes = trace.eval_shape(filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
+    blank: tuple[Any, Kept] = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    return blank
+
+
+def _compile(
+    filter: Filter,
+    collect: Collect,
+    sequence: _Sequence,
+    blank: tuple[Any, Kept],
+    rng_key: jax.Array,
+    chunk: int,
+    first: bool,
+) -> Part | None:
+    """Compile both programs side by side; the first frame is run, if it is wanted, and the later ones are not."""
+    observation, varying = sequence.frame(0)
+    arguments = (filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(_first, *arguments) if first else None
+        if sequence.num_frames > 1:
+            rows, varying = sequence.rows(1, chunk)
+            none = np.zeros(chunk, np.int32), np.zeros(chunk, bool)
+            _advance(filter, collect, sequence.layout, *blank, rng_key, *none, rows, varying, sequence.constant)
+        if running is None:
+            return None
+        state, kept = jax.tree.map(np.asarray, running.result())
+    return Part(jax.tree.map(lambda leaf: leaf[None], kept), state)
+
+
+def _advanced(
+    filter: Filter,
+    collect: Collect,
+    sequence: _Sequence,
+    last: Part,
+    blank: Kept,
+    rng_key: jax.Array,
+    start: int,
+    stop: int,
+    chunk: int,
+) -> Part:
+    """The frames from `start` up to `stop`, after the part before them."""
+    rows, varying = sequence.rows(start, chunk)
+    numbers = np.arange(start, start + chunk, dtype=np.int32)
+    bounds = numbers, numbers < stop
+    state, kept = jax.tree.map(
+        np.asarray,
+        _advance(filter, collect, sequence.layout, last.state, blank, rng_key, *bounds, rows, varying, sequence.constant),
+    )
+    return Part(jax.tree.map(lambda leaf: leaf[: stop - start], kept), state)
+
+
+def _check(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> None:
+    for index in range(len(kept.finite)):
+        number = numbers[start + index]
+        if not kept.finite[index]:
+            raise RunError(
+                f"frame {number}: the filter's state is not finite; its model or settings break down there, and nothing "
+                "after it could be trusted (try a smaller step size, or check the model's densities)",
+                number,
+            )
+        if kept.info.failed[index]:
+            problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
+            if on_failure == "stop":
+                raise RunError(f"{problem}; stopped there, as asked", number)
+            note(f"{problem}; the frame is predicted, not updated")
+
+
+class Online:
+    """A filter fed frame by frame; each method compiles once. It gives what :func:`run_filter` gives with the same key.
+
+    Args:
+        filter: The filter.
+        rng_key: PRNG key.
+    """
+
+    def __init__(self, filter: Filter, rng_key: jax.Array) -> None:
+        self._rng_key = rng_key
+        self._init = jax.jit(filter.init)
+        self._step = jax.jit(filter.step)
+        self.frame = 0
+        self.state: Any = None
+
+    def update(self, observation: Observation, inputs: Any = None) -> tuple[Any, Info]:
+        """Take the next frame.
+
+        Args:
+            observation: Data of the frame.
+            inputs: Inputs of the frame.
+
+        Returns:
+            The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
+        """
+        key, _ = _frame_keys(self._rng_key, self.frame)
+        if self.frame == 0:
+            self.state, info = self._init(key, observation, inputs)
+        else:
+            self.state, info = self._step(key, self.state, observation, inputs)
+        self.frame += 1
+        return self.state, info
