@@ -1,9 +1,9 @@
 """Observation distributions that evaluate a whole body in one pass.
 
 :class:`ProjectedMarkers` is, as a distribution, independent Gaussians around the projected markers of a pose (Eqs. 18 and 20 of
-Choo and Fleet 2001). Written with ``dist.Normal`` on the projected points it would be the same, but every particle's points would
-pass through memory; here the likelihood alone is one loop over the particles, and its gradient goes through the geometric
-Jacobian.
+Choo and Fleet 2001). Written with ``dist.Normal`` on the projected points it would be the same, but every particle's points
+would pass through memory; here the likelihood alone is one loop over the particles, and its gradient goes through the
+geometric Jacobian.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """The articulated body of Choo and Fleet 2001, sections 7.1 and 7.2, as NumPyro programs.
 
-28 coordinates: 6 for the spine's position and orientation, 3 for the head, each hip and each shoulder, 2 for the pelvis, 1 for the
-hinge between spine and shoulders, 1 for each elbow and knee. 17 markers at the joints. The state moves by a Gaussian random walk,
-and the markers are seen in every camera with Gaussian noise (Eqs. 18-20).
+28 coordinates: 6 for the spine's position and orientation, 3 for the head, each hip and each shoulder, 2 for the pelvis, 1
+for the hinge between spine and shoulders, 1 for each elbow and knee. 17 markers at the joints. The state moves by a Gaussian
+random walk, and the markers are seen in every camera with Gaussian noise (Eqs. 18-20).
 
 The paper draws the tree and the markers (Fig. 1) and leaves details to the drawing. Chosen here: the spine's frame sits at its
-lower end, z up, y forward, x to the right; the pelvis turns about Z and Y (a turn about its X axis would not move the hips), the
-shoulder hinge about Z; elbows and knees about X; a part's z axis runs along its limb. The markers are both ends and the middle of
-the spine, both ends of the head, shoulders, elbows, wrists, hips, knees and ankles.
+lower end, z up, y forward, x to the right; the pelvis turns about Z and Y (a turn about its X axis would not move the hips),
+the shoulder hinge about Z; elbows and knees about X; a part's z axis runs along its limb. The markers are both ends and the
+middle of the spine, both ends of the head, shoulders, elbows, wrists, hips, knees and ankles.
 
 >>> body = full_body()
 >>> body.tree.dimension, len(body.tree.marker_names), len(arm().free_coordinates), len(lower_body().free_coordinates)
@@ -35,6 +35,8 @@ SIGMA_POSITION = 15.0
 """Standard deviation of the random walk of translations, mm a frame."""
 SIGMA_ANGLE = 0.15
 """Standard deviation of the random walk of angles, radians a frame."""
+REST_ANGLE = 0.1
+"""Flexion of the hips at rest (radians); knees and elbows are bent twice as far."""
 
 LENGTHS: Mapping[str, float] = {
     "spine": 480.0,
@@ -42,15 +44,22 @@ LENGTHS: Mapping[str, float] = {
     "neck": 90.0,
     "head": 170.0,
     "shoulder_width": 180.0,
+    "shoulder_forward": 0.0,
     "shoulder_drop": 20.0,
     "upper_arm": 290.0,
     "forearm": 255.0,
     "hip_width": 90.0,
+    "hip_forward": 0.0,
     "hip_drop": 60.0,
     "thigh": 420.0,
     "shank": 410.0,
 }
-"""Segment lengths (mm) of a subject of 1.75 m; widths are from the midline. ``chest`` is the middle marker's height."""
+"""Segment lengths (mm) of a subject of 1.75 m.
+
+Widths are from the midline; ``chest`` is the middle marker's height. Drops and forwards, which may be negative, place the
+middle between both shoulders against the neck and the middle between both hips against the pelvis: skeletons that were solved
+from optical markers put the shoulders 30 to 60 mm above the end of the spine, and the hips 45 to 75 mm in front of its root.
+"""
 
 EDGES = (
     ("pelvis", "chest"),
@@ -63,27 +72,37 @@ EDGES = (
     *((f"knee_{s}", f"ankle_{s}") for s in "lr"),
 )
 
-_SIDES = {"l": ("l", "Left", "left"), "r": ("r", "Right", "right")}
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "pelvis": ("root", "Hips", "hip", "pelvis"),
-    "chest": ("upperback", "Chest", "Spine1", "chest"),
+    "chest": ("upperback", "Chest", "Spine", "Spine2", "chest"),
     "neck": ("thorax", "Neck", "neck"),
-    "skull": ("upperneck", "Head", "head"),
-    "crown": ("head", "HeadEnd", "Head_end", "HeadTop", "crown"),
+    "skull": ("upperneck", "Head", "skull"),
+    "crown": ("head", "HeadEnd", "Head_end", "HeadTop", "HeadTop_End", "__Jaw", "crown"),
     **{
-        f"{marker}_{side}": (f"{side}{bone}", f"{long}{part}", f"{marker}_{side}")
-        for side, (_, long, _) in _SIDES.items()
-        for marker, bone, part in (
-            ("shoulder", "clavicle", "Arm"),
-            ("elbow", "humerus", "ForeArm"),
-            ("wrist", "radius", "Hand"),
-            ("hip", "hipjoint", "UpLeg"),
-            ("knee", "femur", "Leg"),
-            ("ankle", "tibia", "Foot"),
+        f"{marker}_{side}": (
+            f"{side}{bone}",
+            f"{long}{part}",
+            f"{short}_{side.upper()}",
+            f"{whole}_{marker}",
+            f"{marker}_{side}",
+        )
+        for side, long, whole in (("l", "Left", "left"), ("r", "Right", "right"))
+        for marker, bone, part, short in (
+            ("shoulder", "clavicle", "Arm", "UpArm"),
+            ("elbow", "humerus", "ForeArm", "LoArm"),
+            ("wrist", "wrist", "Hand", "Hand"),
+            ("hip", "hipjoint", "UpLeg", "UpLeg"),
+            ("knee", "femur", "Leg", "LoLeg"),
+            ("ankle", "tibia", "Foot", "Foot"),
         )
     },
 }
-"""Joint names of recordings for each marker: CMU's ASF bones (a bone's end), BVH joints, and our own names."""
+"""Joint names of recordings for each marker, the first that a recording has.
+
+An ASF bone stands for its far end: CMU's ``lradius`` is the upper two thirds of the forearm and ``lwrist``, which only twists
+about the same line, the rest. BVH joints stand for their own place; in CMU's BVH conversions ``Spine1`` and ``Neck``
+coincide, so that ``Spine`` is the middle. MakeHuman's ``__Jaw`` begins at the top of the head.
+"""
 
 
 def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
@@ -103,8 +122,8 @@ def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
         Marker("crown", "head", (0, 0, size["neck"] + size["head"])),
     ]
     for side, sign in (("l", -1.0), ("r", 1.0)):
-        shoulder = (sign * size["shoulder_width"], 0.0, -size["shoulder_drop"])
-        hip = (sign * size["hip_width"], 0.0, -size["hip_drop"])
+        shoulder = (sign * size["shoulder_width"], size["shoulder_forward"], -size["shoulder_drop"])
+        hip = (sign * size["hip_width"], size["hip_forward"], -size["hip_drop"])
         joints += [
             Joint(f"shoulder_{side}", "girdle", shoulder, "ZYX"),
             Joint(f"elbow_{side}", f"shoulder_{side}", (0, 0, -size["upper_arm"]), "X"),
@@ -155,10 +174,20 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
     """
     sizes = {**LENGTHS, **(lengths or {})}
     tree = choo_fleet_tree(sizes)
-    rest = np.zeros(tree.dimension)
-    rest[2] = sizes["shank"] + sizes["thigh"] + sizes["hip_drop"]
     params = {"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE}
-    return Body(choo_fleet_programs(tree), tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, params, NOISE)
+    programs, rest = choo_fleet_programs(tree), _rest(tree, sizes)
+    return Body(programs, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, params, NOISE)
+
+
+def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:
+    """Standing at ease: knees and elbows slightly bent, which is what tells front from back."""
+    rest = np.zeros(tree.dimension)
+    rest[2] = (size["shank"] + size["thigh"]) * np.cos(REST_ANGLE) + size["hip_drop"]
+    bends = {"hip": REST_ANGLE, "knee": -2 * REST_ANGLE, "elbow": 2 * REST_ANGLE}
+    for index, (joint, axis) in enumerate(tree.coordinates):
+        if axis == "X":
+            rest[index] = bends.get(joint.partition("_")[0], 0.0)
+    return rest
 
 
 def lower_body(lengths: Mapping[str, float] | None = None) -> Body:
@@ -175,34 +204,64 @@ def measure(markers: Mapping[str, Any]) -> dict[str, float]:
     """Measure a subject's segment lengths (mm) as medians over frames, left and right averaged.
 
     Args:
-        markers: Positions (T, 3) by marker name; all 17.
+        markers: Positions (T, 3) in mm by marker name, NaN where unseen. Lengths that need a marker that is never seen are left
+            out.
+
+    Raises:
+        ValueError: Pelvis, neck, shoulders or hips are missing: without them a body has no scale.
     """
+    seen = {name: np.asarray(place, float) for name, place in markers.items() if np.isfinite(place).all(-1).any()}
+    missing = {"pelvis", "neck", "shoulder_l", "shoulder_r", "hip_l", "hip_r"} - set(seen)
+    if missing:
+        raise ValueError(f"no {', '.join(sorted(missing))} among the markers")
+    lengths: dict[str, float] = {}
+    for name, pairs in _SEGMENTS.items():
+        found = [_median(np.linalg.norm(seen[a] - seen[b], axis=-1)) for a, b in pairs if a in seen and b in seen]
+        if found:
+            lengths[name] = float(np.mean(found))
+    up = _unit(seen["neck"] - seen["pelvis"])
+    lengths |= _flare(seen, up, "shoulder", "neck") | _flare(seen, up, "hip", "pelvis")
+    if "chest" in seen:
+        lengths["chest"] = _median(np.sum((seen["chest"] - seen["pelvis"]) * up, -1))
+    if "skull" in seen and "crown" in seen:  # the nearest points on the line that the body has
+        whole = seen["crown"] - seen["neck"]
+        lengths["neck"] = _median(np.sum((seen["skull"] - seen["neck"]) * _unit(whole), -1))
+        lengths["head"] = _median(np.linalg.norm(whole, axis=-1)) - lengths["neck"]
+    return lengths
 
-    def median(a: Any, b: Any) -> float:
-        return float(np.nanmedian(np.linalg.norm(np.asarray(a) - np.asarray(b), axis=-1)))
 
-    def limb(upper: str, lower: str) -> float:
-        return (median(markers[f"{upper}_l"], markers[f"{lower}_l"]) + median(markers[f"{upper}_r"], markers[f"{lower}_r"])) / 2
+_SEGMENTS = {
+    "spine": (("pelvis", "neck"),),
+    "neck": (("neck", "skull"),),
+    **{
+        name: tuple((f"{upper}_{side}", f"{lower}_{side}") for side in "lr")
+        for name, upper, lower in (
+            ("upper_arm", "shoulder", "elbow"),
+            ("forearm", "elbow", "wrist"),
+            ("thigh", "hip", "knee"),
+            ("shank", "knee", "ankle"),
+        )
+    },
+}
 
-    def flare(centre: str, ends: str) -> tuple[float, float]:
-        """Half the width between two joints, and how far below (or above) the centre their middle lies."""
-        width = median(markers[f"{ends}_l"], markers[f"{ends}_r"]) / 2
-        middle = (np.asarray(markers[f"{ends}_l"]) + np.asarray(markers[f"{ends}_r"])) / 2
-        return width, median(markers[centre], middle)
 
-    shoulder_width, shoulder_drop = flare("neck", "shoulder")
-    hip_width, hip_drop = flare("pelvis", "hip")
+def _flare(markers: Mapping[str, Any], up: np.ndarray, ends: str, centre: str) -> dict[str, float]:
+    """Place two joints against the spine: half their width, how far their middle lies in front of ``centre`` and below."""
+    left, right = markers[f"{ends}_l"], markers[f"{ends}_r"]
+    across = right - left
+    forward = np.cross(up, _unit(across))  # the tilt across the spine only shortens it by a cosine
+    middle = (left + right) / 2 - markers[centre]
     return {
-        "spine": median(markers["pelvis"], markers["neck"]),
-        "chest": median(markers["pelvis"], markers["chest"]),
-        "neck": median(markers["neck"], markers["skull"]),
-        "head": median(markers["skull"], markers["crown"]),
-        "shoulder_width": shoulder_width,
-        "shoulder_drop": shoulder_drop,
-        "upper_arm": limb("shoulder", "elbow"),
-        "forearm": limb("elbow", "wrist"),
-        "hip_width": hip_width,
-        "hip_drop": hip_drop,
-        "thigh": limb("hip", "knee"),
-        "shank": limb("knee", "ankle"),
+        f"{ends}_width": _median(np.linalg.norm(across, axis=-1)) / 2,
+        f"{ends}_forward": _median(np.sum(middle * _unit(forward), -1)),
+        f"{ends}_drop": -_median(np.sum(middle * up, -1)),
     }
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    unit: np.ndarray = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return unit
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.nanmedian(values))

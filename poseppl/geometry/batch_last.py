@@ -36,7 +36,7 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
     @batched.def_vmap
     def _rule(size: int, is_batched: Any, *args: Tree) -> tuple[Tree, Tree]:
         leaves, treedef = jax.tree.flatten(args)
-        flags = treedef.flatten_up_to(tuple(is_batched))
+        flags = jax.tree.leaves(tuple(is_batched))
         inner = max(leaf.shape[int(flag)] for leaf, flag in zip(leaves, flags, strict=True))
         merged = [_merge(leaf, flag, size, inner) for leaf, flag in zip(leaves, flags, strict=True)]
         out = batched(*jax.tree.unflatten(treedef, merged))

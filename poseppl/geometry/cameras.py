@@ -65,7 +65,8 @@ def join_cameras(cameras: Sequence[Cameras]) -> Cameras:
             camera if camera.distortion is not None else camera._replace(distortion=jnp.zeros((camera.centre.shape[0], 5)))
             for camera in cameras
         ]
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *cameras)
+    joined: Cameras = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *cameras)
+    return joined
 
 
 def project(cameras: Cameras, points: jax.Array) -> jax.Array:

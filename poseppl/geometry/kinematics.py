@@ -1,8 +1,8 @@
 """Forward kinematics with its gradient by the geometric Jacobian.
 
 :func:`marker_positions` gives the markers of one state; under ``jax.vmap`` it runs with the batch in the last axis, and its
-gradient is not found by differentiating through the chain of rotations but from the wrench that acts on each subtree: a rotation
-about the world axis a through the pivot o moves a marker p by ``a x (p - o)``, so that with forces f on the markers
+gradient is not found by differentiating through the chain of rotations but from the wrench that acts on each subtree: a
+rotation about the world axis a through the pivot o moves a marker p by ``a x (p - o)``, so that with forces f on the markers
 
     d L / d angle = a . (sum of p x f - o x sum of f),
 
@@ -82,7 +82,8 @@ marker_positions.defvjp(_forward, _backward)
 
 def link_rotations(tree: KinematicTree, state: jax.Array) -> jax.Array:
     """World rotations of the links: state (d,) gives (links, 3, 3)."""
-    return batch_last(lambda tree, state: frames_of(tree, state).rotation)(tree, state)
+    rotations: jax.Array = batch_last(lambda tree, state: frames_of(tree, state).rotation)(tree, state)
+    return rotations
 
 
 def frames_of(tree: KinematicTree, state: jax.Array) -> Frames:
@@ -112,9 +113,7 @@ def markers_of(tree: KinematicTree, frames: Frames) -> jax.Array:
     return frames.origin[link] + _apply(frames.rotation[link], tree.marker_offsets)
 
 
-def pull_back(
-    tree: KinematicTree, frames: Frames, positions: jax.Array, forces: jax.Array
-) -> tuple[KinematicTree, jax.Array]:
+def pull_back(tree: KinematicTree, frames: Frames, positions: jax.Array, forces: jax.Array) -> tuple[KinematicTree, jax.Array]:
     """Gradient with respect to the tree's offsets and the state, given the gradient with respect to the markers.
 
     Args:

@@ -1,8 +1,8 @@
 """Kinematic trees as data: joints with parents, offsets and rotation axes, and the markers that ride on them.
 
 A state vector holds the root's position (3, mm) and then the angles (radians) of every joint in the order of declaration, each
-joint's in the order of its axes. A point of a joint's frame maps to its parent's by ``X_p = offset + R X_c`` where ``R`` composes
-the rotations about the joint's axes, leftmost first (``"ZYX"`` is Eq. 19 of Choo and Fleet 2001).
+joint's in the order of its axes. A point of a joint's frame maps to its parent's by ``X_p = offset + R X_c`` where ``R``
+composes the rotations about the joint's axes, leftmost first (``"ZYX"`` is Eq. 19 of Choo and Fleet 2001).
 
 >>> tree = kinematic_tree(
 ...     [Joint("upper", None, (0, 0, 0), "ZYX"), Joint("lower", "upper", (0, 0, -300), "X")],
@@ -174,9 +174,7 @@ def _check(joints: Sequence[Joint], markers: Sequence[Marker]) -> None:
     if not joints or joints[0].parent is not None:
         raise ValueError("the first joint must be the root: give it parent=None")
     if any(value != 0 for value in joints[0].offset):
-        raise ValueError(
-            f"the root {joints[0].name!r} has an offset: its place is its translation, so make the offset 0"
-        )
+        raise ValueError(f"the root {joints[0].name!r} has an offset: its place is its translation, so make the offset 0")
     if not markers:
         raise ValueError("a kinematic tree needs at least one marker")
     known: set[str] = set()
