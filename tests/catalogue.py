@@ -1,0 +1,59 @@
+"""Every algorithm, one row each: the row buys the laws in tests/laws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from poseppl.filters import Filter, particle_filter
+from poseppl.program import CompiledModel
+
+
+class FilterRow(NamedTuple):
+    """One filter.
+
+    Attributes:
+        name: Identifies the row in test reports.
+        function: The public builder.
+        build: A small instance for a model.
+        unbiased_evidence: Whether exp(log_evidence) is an unbiased estimate of the evidence.
+        consistent: Whether means and variances converge to the exact ones at every frame, with more particles or draws.
+        evidence_tolerance: How far from 0 log_evidence may be at a frame without data.
+        num_replicates: Independent runs that the statistical laws make, at least 40.
+    """
+
+    name: str
+    function: Callable[..., Filter]
+    build: Callable[[CompiledModel], Filter]
+    unbiased_evidence: bool = False
+    consistent: bool = True
+    evidence_tolerance: float = 1e-5
+    num_replicates: int = 200
+
+
+FILTERS: list[FilterRow] = [
+    FilterRow("particle", particle_filter, lambda model: particle_filter(model, 2000), unbiased_evidence=True),
+    FilterRow(
+        "particle-adaptive",
+        particle_filter,
+        lambda model: particle_filter(model, 1000, resampling="stratified", ess_threshold=0.5),
+        unbiased_evidence=True,
+    ),
+    FilterRow(
+        "particle-residual",
+        particle_filter,
+        lambda model: particle_filter(model, 1000, resampling="residual", ess_threshold=0.9),
+        unbiased_evidence=True,
+    ),
+    FilterRow(
+        "particle-multinomial",
+        particle_filter,
+        lambda model: particle_filter(model, 1000, resampling="multinomial"),
+        unbiased_evidence=True,
+    ),
+]
+
+
+def row_id(row: Any) -> str:
+    """The name of a row, for pytest."""
+    return str(row.name)

@@ -1,0 +1,78 @@
+"""Laws on a linear Gaussian model, where a Kalman filter knows the answer.
+
+Tolerances are 5 standard errors over independent replicates, few enough that the O(1/N) bias of self-normalised weights stays
+below one of them; the wrong variants show that the tests would notice.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from catalogue import FILTERS, row_id
+from law_problems import MASKED, problem, replicate, z_scores
+
+every_filter = pytest.mark.parametrize("row", FILTERS, ids=row_id)
+consistent_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.consistent], ids=row_id)
+unbiased_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.unbiased_evidence], ids=row_id)
+
+POSED = problem()
+REPLICATES = 40
+
+
+@cache
+def replicates(row):
+    return replicate(row.build(POSED.model), POSED, row.num_replicates)
+
+
+@cache
+def scores(row):
+    """z-scores of means (T, d) and of second moments about the exact means (T, d, d)."""
+    means, seconds, _ = replicates(row)
+    return z_scores(means[:REPLICATES], POSED.exact.means), z_scores(seconds[:REPLICATES], POSED.exact.covariances)
+
+
+@every_filter
+def test_first_frame_is_the_closed_form_posterior(row):
+    means, seconds = scores(row)
+    assert np.abs(means[0]).max() < 5
+    assert np.abs(seconds[0]).max() < 5
+
+
+@consistent_filters
+def test_means_and_covariances_are_kalmans(row):
+    """Also at the frame without data, where Kalman's is the prediction."""
+    means, seconds = scores(row)
+    assert np.abs(means).max() < 5
+    assert np.abs(seconds).max() < 5
+
+
+@every_filter
+def test_frame_without_data_has_no_evidence(row):
+    np.testing.assert_allclose(replicates(row)[2][:, MASKED], 0.0, atol=row.evidence_tolerance)
+
+
+@unbiased_filters
+def test_evidence_is_unbiased(row):
+    ratio = np.exp(replicates(row)[2].sum(1) - POSED.exact.log_evidence.sum())
+    assert abs(z_scores(ratio, 1.0)) < 5
+
+
+def test_evidence_that_forgets_the_weights_is_noticed():
+    """Without resampling the increment has to weigh the likelihoods by the old weights; their plain mean is biased."""
+    adaptive = next(row for row in FILTERS if row.name == "particle-adaptive").build(POSED.model)
+
+    def step(rng_key, state, observation, inputs):
+        forgetful = state._replace(log_weights=0.0 * state.log_weights)
+        return adaptive.step(rng_key, forgetful, observation, inputs)
+
+    _, _, increments = replicate(adaptive._replace(step=step), POSED, 200)
+    ratio = np.exp(increments.sum(1) - POSED.exact.log_evidence.sum())
+    assert abs(z_scores(ratio, 1.0)) > 20
+
+
+def test_inputs_of_the_wrong_frame_are_noticed():
+    shifted = POSED._replace(inputs=np.roll(POSED.inputs, 1, axis=0))
+    means, _, _ = replicate(FILTERS[0].build(POSED.model), shifted, FILTERS[0].num_replicates)
+    assert np.abs(z_scores(means[:REPLICATES], POSED.exact.means)).max() > 20

@@ -1,0 +1,75 @@
+"""A Kalman filter as a plain NumPy loop, for models of `poseppl_models.linear_gaussian`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class KalmanResult(NamedTuple):
+    means: np.ndarray  # (T, d) filtered
+    covariances: np.ndarray  # (T, d, d)
+    predicted_means: np.ndarray  # (T, d)
+    predicted_covariances: np.ndarray  # (T, d, d)
+    log_evidence: np.ndarray  # (T,) increments
+
+
+def kalman_filter(matrices, ys, mask=None, inputs=None):
+    """Filter ys (T, k); entries where mask is False are left out."""
+    A, Q, H, R, m, P, B = matrices
+    ys = np.asarray(ys, float)
+    mask = np.ones(ys.shape, bool) if mask is None else np.asarray(mask)
+    rows = []
+    for t in range(len(ys)):
+        if t > 0:
+            m = A @ m + (B @ inputs[t] if B is not None else 0.0)
+            P = A @ P @ A.T + Q
+        m_predicted, P_predicted = m, P
+        seen = mask[t]
+        h, r = H[seen], R[np.ix_(seen, seen)]
+        log_evidence = 0.0
+        if seen.any():
+            residual = ys[t][seen] - h @ m
+            S = h @ P @ h.T + r
+            K = P @ h.T @ np.linalg.inv(S)
+            m = m + K @ residual
+            P = P - K @ S @ K.T
+            log_evidence = -0.5 * (
+                residual @ np.linalg.solve(S, residual) + np.linalg.slogdet(S)[1] + seen.sum() * np.log(2 * np.pi)
+            )
+        rows.append((m, P, m_predicted, P_predicted, log_evidence))
+    return KalmanResult(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def joint_log_density(matrices, xs, ys, inputs=None):
+    """log p(x_0..T-1, y_0..T-1), term by term."""
+    A, Q, H, R, m, P, B = matrices
+    total = _log_normal(xs[0], m, P)
+    for t in range(len(xs)):
+        if t > 0:
+            mean = A @ xs[t - 1] + (B @ inputs[t] if B is not None else 0.0)
+            total += _log_normal(xs[t], mean, Q)
+        total += _log_normal(ys[t], H @ xs[t], R)
+    return total
+
+
+def simulate(matrices, num_frames, seed, inputs=None):
+    """Draw xs (T, d) and ys (T, k)."""
+    A, Q, H, R, m, P, B = matrices
+    rng = np.random.default_rng(seed)
+    xs, ys = [], []
+    for t in range(num_frames):
+        if t == 0:
+            x = rng.multivariate_normal(m, P)
+        else:
+            x = rng.multivariate_normal(A @ xs[-1] + (B @ inputs[t] if B is not None else 0.0), Q)
+        xs.append(x)
+        ys.append(rng.multivariate_normal(H @ x, R))
+    return np.array(xs), np.array(ys)
+
+
+def _log_normal(x, mean, covariance):
+    residual = x - mean
+    quadratic = residual @ np.linalg.solve(covariance, residual)
+    return -0.5 * (quadratic + np.linalg.slogdet(covariance)[1] + len(x) * np.log(2 * np.pi))
