@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,14 @@ from poseppl_models.choo_fleet import choo_fleet_tree, full_body
 NUM_HARMONICS = 4
 
 
-def walk(rate: float = 60.0, num_frames: int = 120) -> tuple[NDArray[np.float64], dict[str, float]]:
+class Walk(NamedTuple):
+    """States (T, 28) of a walk, and the walker's segment lengths in mm."""
+
+    states: NDArray[np.float64]
+    lengths: dict[str, float]
+
+
+def walk(rate: float = 60.0, num_frames: int = 120) -> Walk:
     """Walk along +X from above the origin.
 
     Args:
@@ -43,7 +50,7 @@ def walk(rate: float = 60.0, num_frames: int = 120) -> tuple[NDArray[np.float64]
     if not rate > 0 or num_frames < 1:
         raise ValueError(f"{num_frames} frames at {rate:g} a second, expected positive numbers")
     gait, lengths = _built_in()
-    return gait.at(np.arange(num_frames) / rate), dict(lengths)
+    return Walk(gait.at(np.arange(num_frames) / rate), dict(lengths))
 
 
 def gait_table(motion: Motion, num_harmonics: int = NUM_HARMONICS) -> dict[str, Any]:
