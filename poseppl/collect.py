@@ -95,14 +95,14 @@ def collect_draws(
         return Draws(kept.pop("state"), kept, summary)
 
     def of_particles(rng_key: jax.Array, state: Any, inputs: Any) -> Draws:
-        key_sample, key_kept, key_order = jax.random.split(rng_key, 3)
+        key_sample, key_kept = jax.random.split(rng_key)
         log_weights = normalise(state.log_weights).log_weights
         weights = jnp.exp(log_weights)
         # particles of no weight may hold anything
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
         chosen = systematic(key_sample, log_weights, min(_NUM_QUANTILE_DRAWS, max(states.shape[0], 1)))
-        thinned = jax.random.permutation(key_order, systematic(key_kept, log_weights, min(max_draws, states.shape[0])))
+        thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
         summary: dict[str, jax.Array] = {}
         for name, value in values.items():
             summary |= summarise(name, value, weights, value[chosen])

@@ -1,0 +1,235 @@
+"""Track a scene: model, start, filter, run, result."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from poseppl.body import Body, BodyInputs
+from poseppl.checkpoint import Checkpoint
+from poseppl.collect import collect_draws
+from poseppl.diagnostics import diagnose
+from poseppl.errors import InputError
+from poseppl.filters.registry import build_filter
+from poseppl.geometry import project
+from poseppl.program import Clamped, CompiledModel, Observation
+from poseppl.results import Names, Truth, build_result
+from poseppl.run import Constant, Progress, Run, frame_inputs, run_filter
+from poseppl.tracking.scene import Scene
+from poseppl.tracking.start import Start, scales, seek_start
+from poseppl.tracking.subjects import DEFAULT_MODEL
+
+_PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
+
+
+class TrackSettings(NamedTuple):
+    """How a scene is tracked.
+
+    Attributes:
+        model: Name of the body's builder, for the record.
+        filter: Name of the filter.
+        options: Settings of the filter; absent ones, or None, are its defaults.
+        sigma_position: Random walk of translations, mm a frame; the body's own if None.
+        sigma_angle: Random walk of angles, radians a frame; the body's own if None.
+        seed: Of the filter.
+        max_draws: Draws kept of each chain, or of all particles.
+        chunk: Frames between two parts of a checkpoint.
+        on_failure: "continue" or "stop" at a frame of impossible data.
+    """
+
+    model: str = DEFAULT_MODEL
+    filter: str = "assumed-density"
+    options: Mapping[str, Any] = {}
+    sigma_position: float | None = None
+    sigma_angle: float | None = None
+    seed: int = 0
+    max_draws: int = 200
+    chunk: int = 8
+    on_failure: Literal["continue", "stop"] = "continue"
+
+
+class _Problem(NamedTuple):
+    model: CompiledModel
+    observations: Observation
+    inputs: Any
+    free: tuple[int, ...]
+
+
+def track(
+    scene: Scene,
+    settings: TrackSettings | None = None,
+    *,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+) -> xr.DataTree:
+    """Track a scene.
+
+    Args:
+        scene: The scene.
+        settings: How.
+        progress: Who is told how it goes.
+        checkpoint: Folder that the run is saved to after each chunk of frames.
+        resume: Go on with the run that the folder holds.
+
+    Returns:
+        The result, with diagnostics.
+
+    Raises:
+        InputError: A setting is out of range.
+        RunError: The run cannot go on.
+        CheckpointError: The folder holds another run.
+    """
+    settings = settings or TrackSettings()
+    if not 0 <= settings.seed < 2**32:
+        raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
+    if settings.max_draws < 1:
+        raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
+    params = walk_params(scene.body, settings)
+    problem = _problem(scene, params)
+    built, options = build_filter(settings.filter, problem.model, settings.options)
+    described = {
+        "model": settings.model,
+        "model source": _source(settings.model),
+        "filter": settings.filter,
+        "settings": {**options, **params, "max_draws": settings.max_draws},
+        "versions": _versions(),
+    }
+    run = run_filter(
+        built,
+        jax.random.key(settings.seed),
+        problem.observations,
+        problem.inputs,
+        num_frames=len(scene.points),
+        collect=_collector(problem, settings.max_draws),
+        chunk=settings.chunk,
+        progress=progress,
+        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
+        on_failure=settings.on_failure,
+        frame_numbers=scene.frames.tolist(),
+    )
+    record = {key: value for key, value in described.items() if value is not None}
+    return diagnose(_result(scene, problem, run, {**record, "seed": settings.seed}))
+
+
+def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
+    """The body's params with the scales of the random walk that are asked for.
+
+    Raises:
+        InputError: A scale is not positive, or the body has none.
+    """
+    params = dict(body.params)
+    for name in ("sigma_position", "sigma_angle"):
+        value = getattr(settings, name)
+        field = "--" + name.replace("_", "-")
+        if value is None:
+            continue
+        if name not in params:
+            raise InputError("the model has no such parameter", field=field, expected=", ".join(params) or "none")
+        if not 0 < value < 1e6:
+            raise InputError(f"{value:g}", field=field, expected="a positive number")
+        params[name] = float(value)
+    return params
+
+
+def _problem(scene: Scene, params: dict[str, float]) -> _Problem:
+    body = scene.body
+    start = _start(scene, params)
+    varies = scene.noise.ndim == 3
+    noise = jnp.asarray(scene.noise, float)
+    inputs = BodyInputs(
+        Constant(scene.cameras),
+        noise if varies else Constant(noise),
+        Constant(jnp.asarray(start.mean, float)),
+        Constant(jnp.asarray(start.scale, float)),
+    )
+    model = body.program.compile(frame_inputs(inputs, 0), params)
+    observations = model.observe({"points": scene.points})
+    free = body.free_coordinates
+    if body.free is None:
+        return _Problem(model, observations, inputs, free)
+    if scene.states is None:
+        raise InputError("the body clamps joints to a truth that is not known", field="--model")
+    states = jnp.asarray(scene.states, float)
+    previous = jnp.concatenate([states[:1], states[:-1]])
+    return _Problem(model.clamp(free), observations, Clamped(inputs, states, previous), free)
+
+
+def _start(scene: Scene, params: Mapping[str, float]) -> Start:
+    if scene.states is None:
+        return seek_start(scene.body, scene.cameras, scene.points, scene.noise)
+    return Start(scene.states[0], scales(scene.body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15)))
+
+
+def _collector(problem: _Problem, max_draws: int) -> Any:
+    def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+        values = problem.model.extras(x, inputs)
+        seen: BodyInputs = inputs.inputs if isinstance(inputs, Clamped) else inputs
+        return {**values, "points": project(seen.cameras, values["markers"])} if "markers" in values else values
+
+    return collect_draws(problem.model, max_draws=max_draws, extras=extras, mean_only=("points",))
+
+
+def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+    body, tree = scene.body, scene.body.tree
+    stats = run.info._asdict()
+    stats.pop("ancestors")
+    stats["acceptance_rate"] = stats.pop("acceptance")
+    particles = run.state.particles
+    weighted = particles.ndim == 2
+    if weighted:
+        stats["acceptance_rate"] = np.full(len(scene.points), np.nan)
+        stats["unique_ancestors"] = run.unique_ancestors
+
+    def by_chain(values: np.ndarray) -> np.ndarray:
+        return np.moveaxis(values, 0, 2)
+
+    names = [tree.coordinate_names[index] for index in problem.free]
+    truth = None if scene.states is None else Truth(scene.states[:, list(problem.free)], scene.markers)
+    pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
+    return build_result(
+        state=by_chain(run.outputs.state),
+        names=Names(names, tree.marker_names, scene.camera_names),
+        extras={name: by_chain(values) for name, values in run.outputs.extras.items()},
+        sample_stats=stats,
+        summary=run.outputs.summary,
+        observed=scene.points,
+        truth=truth,
+        cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
+        edges=pairs,
+        root=body.root,
+        frames=scene.frames,
+        rate=scene.rate,
+        num_particles=particles.shape[0] if weighted else None,
+        attrs={
+            **attrs,
+            "input": scene.source,
+            "lengths": {name: round(float(value), 2) for name, value in body.lengths.items()},
+            "residual_mm": scene.residual,
+            "wall_seconds": run.wall_seconds,
+            "compile_seconds": run.compile_seconds,
+            "frames_run": len(scene.points) - run.resumed,
+            "failed_frames": list(run.failed),
+        },
+    )
+
+
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
+
+
+def _source(model: str) -> str | None:
+    """Hash of a user's own model file; None for a model of a package."""
+    path = Path(model.rpartition(":")[0])
+    if path.suffix != ".py" or not path.is_file():
+        return None
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
