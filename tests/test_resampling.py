@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from poseppl.resampling import SCHEMES, resample, resampling_scheme
+from poseppl.running import running_maximum, running_sum
+
+every_scheme = pytest.mark.parametrize("name", list(SCHEMES))
+ordered_schemes = pytest.mark.parametrize("name", ["systematic", "stratified", "residual"])
+
+
+compiled = jax.jit(resample, static_argnums=(2, 3))
+
+
+def children(name, log_weights, num, num_replicates):
+    """Numbers of children (K, N) in independent draws."""
+    size = log_weights.shape[0]
+    keys = jax.random.split(jax.random.key(7), num_replicates)
+    draw = jax.jit(lambda keys: jax.lax.map(lambda key: jnp.bincount(resample(key, log_weights, num, name), length=size), keys))
+    return np.asarray(draw(keys))
+
+
+def z_scores(counts, expected):
+    error = counts.std(0, ddof=1) / np.sqrt(len(counts))
+    return (counts.mean(0) - expected) / np.where(error > 0, error, 1e-3)
+
+
+@every_scheme
+def test_unbiased(name, num=7):
+    log_weights = 1.5 * jax.random.normal(jax.random.key(0), (20,))
+    expected = num * jax.nn.softmax(log_weights)
+    counts = children(name, log_weights, num, 2000)
+    assert (counts.sum(1) == num).all()
+    assert np.abs(z_scores(counts, expected)).max() < 5
+
+
+def test_bias_is_noticed():
+    """Rounding the expected numbers is what an unbiased scheme must not do."""
+    log_weights = 1.5 * jax.random.normal(jax.random.key(0), (20,))
+    counts = children("systematic", log_weights, 20, 2000)
+    assert np.abs(z_scores(counts, np.round(20 * jax.nn.softmax(log_weights)))).max() > 20
+
+
+@every_scheme
+def test_spread_is_what_the_scheme_promises(name):
+    log_weights = jax.random.normal(jax.random.key(1), (50,))
+    expected = np.asarray(50 * jax.nn.softmax(log_weights))
+    counts = children(name, log_weights, 50, 500)
+    assert np.abs(z_scores(counts, expected)).max() < 5
+    deviation = counts - expected
+    if name == "systematic":
+        assert np.abs(deviation).max() < 1 + 1e-4
+    elif name == "stratified":
+        assert np.abs(deviation).max() < 2 + 1e-4
+    elif name == "residual":
+        assert deviation.min() > -1 - 1e-4
+    else:
+        variance = expected * (1 - expected / 50)
+        np.testing.assert_allclose(deviation.var(0), variance, rtol=5 * np.sqrt(2 / 500) + 0.15)
+
+
+@ordered_schemes
+@pytest.mark.parametrize("size", [1, 100_000])
+def test_uniform_weights_keep_every_particle_once(name, size):
+    for seed, level in enumerate([0.0, -3.7, 88.0]):
+        np.testing.assert_array_equal(compiled(jax.random.key(seed), jnp.full(size, level), size, name), np.arange(size))
+
+
+@every_scheme
+def test_particles_without_weight_have_no_children(name):
+    """At both ends, in between, and where only tiny weights stand beside them."""
+    log_weights = jax.random.normal(jax.random.key(2), (5000,))
+    dead = jnp.arange(5000) % 3 == 0
+    dead = dead.at[:10].set(True).at[-10:].set(True)
+    log_weights = jnp.where(dead, jnp.where(jnp.arange(5000) % 2 == 0, -jnp.inf, jnp.nan), log_weights)
+    for seed in range(20):
+        assert not dead[compiled(jax.random.key(seed), log_weights, 5000, name)].any()
+
+
+@every_scheme
+def test_one_particle_with_all_the_weight(name):
+    log_weights = jnp.full(64, -jnp.inf).at[37].set(-1000.0)
+    assert (compiled(jax.random.key(0), log_weights, 64, name) == 37).all()
+
+
+@every_scheme
+@pytest.mark.parametrize("bad", [-jnp.inf, jnp.nan])
+def test_without_any_weight_all_count_alike(name, bad):
+    ancestors = compiled(jax.random.key(0), jnp.full(64, bad), 64, name)
+    assert len(np.unique(ancestors)) > 30
+
+
+@every_scheme
+def test_result_is_int32_of_the_asked_length(name):
+    with jax.enable_x64(True):
+        ancestors = jax.eval_shape(lambda: resample(jax.random.key(0), jnp.zeros(9), 5, name))
+    assert ancestors.shape == (5,)
+    assert ancestors.dtype == jnp.int32
+
+
+@ordered_schemes
+def test_large_sets_keep_their_precision_in_float32(name):
+    """At N = 100,000 a plain float32 cumulative sum is wrong by more than a tenth of a slot, these by far less."""
+    size = 100_000
+    log_weights = 0.5 * jax.random.normal(jax.random.key(3), (size,))
+    weights = np.exp(np.asarray(log_weights, np.float64))
+    cumulative = size * np.cumsum(weights) / weights.sum()
+    counts = np.bincount(np.asarray(compiled(jax.random.key(4), log_weights, size, name)), minlength=size)
+    if name == "systematic":  # the offset can be read off the counts: all slots agree on one
+        ends = np.cumsum(counts)[:-1]
+        highest, lowest = (cumulative[:-1] - ends).max(), (cumulative[:-1] - ends).min()
+        assert highest - lowest < 1 + 2e-2
+    assert np.abs(np.cumsum(counts)[:-1] - cumulative[:-1]).max() < {"systematic": 1.02, "stratified": 1.02}.get(name, 2000)
+
+
+@pytest.mark.parametrize("size", [511, 4097, 30_000])
+def test_running_sums_and_maxima(size):
+    x = jax.random.randint(jax.random.key(0), (size,), 0, 1000)
+    np.testing.assert_array_equal(jax.jit(running_sum)(x), np.cumsum(x))
+    np.testing.assert_array_equal(jax.jit(running_maximum)(x), np.maximum.accumulate(x))
+    y = jax.random.normal(jax.random.key(1), (size,))
+    np.testing.assert_allclose(jax.jit(running_sum)(y), np.cumsum(np.asarray(y, float)), atol=1e-3)
+
+
+def test_unknown_scheme():
+    with pytest.raises(ValueError, match="'sistematic'.*systematic, stratified, residual, multinomial"):
+        resampling_scheme("sistematic")
