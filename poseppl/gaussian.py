@@ -37,6 +37,15 @@ def log_mixture(mixture: GaussianMixture) -> Callable[[jax.Array], jax.Array]:
     return log_density
 
 
+def draw_mixture(rng_key: jax.Array, mixture: GaussianMixture, num_draws: int) -> tuple[jax.Array, jax.Array]:
+    """Draw states (N, d) and tell which component each came from (N,)."""
+    key_component, key_noise = jax.random.split(rng_key)
+    component = jax.random.categorical(key_component, mixture.log_weights, shape=(num_draws,))
+    noise = jax.random.normal(key_noise, (num_draws, mixture.means.shape[1]), mixture.means.dtype)
+    lower = jnp.linalg.cholesky(mixture.covariances)
+    return mixture.means[component] + jnp.einsum("nij,nj->ni", lower[component], noise), component
+
+
 def fit_mixture(rng_key: jax.Array, draws: jax.Array, num_components: int) -> GaussianMixture:
     """Fit K Gaussians to equally weighted draws by expectation maximisation, seeded at random draws.
 

@@ -1,7 +1,10 @@
 """Filters: one algorithm a file, each a pair of pure functions `init` and `step`."""
 
+from poseppl.filters.assumed_density import assumed_density_filter as assumed_density_filter
 from poseppl.filters.base import Filter as Filter
 from poseppl.filters.base import FilterState as FilterState
 from poseppl.filters.base import Info as Info
+from poseppl.filters.chains import ChainState as ChainState
+from poseppl.filters.hmc import hmc_filter as hmc_filter
 from poseppl.filters.particle import ParticleState as ParticleState
 from poseppl.filters.particle import particle_filter as particle_filter

@@ -7,8 +7,16 @@ transition, by its first two moments given each draw:
 
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
 
-The frame's target N(x; m, P) p(z_t | x) is sampled in coordinates whitened by its Gauss-Newton curvature at its mode, the chains
-starting from the Laplace approximation there. It is exact for linear Gaussian models up to the Monte Carlo error of m and P.
+A frame seen by one camera has many modes (each limb may lean towards the camera or away), and chains seldom cross between them.
+So the chains start in all of them: draws from the prior climb to their nearest modes by Gauss-Newton, and each chain starts from
+the Laplace approximation of one of these, chosen by its mass. The frame's target N(x; m, P) p(z_t | x) is then sampled in
+coordinates whitened by the curvature of the posterior, averaged over the modes.
+
+A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
+(Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
+over-confidence: the first term of P is multiplied by that factor, n being estimated from the spread of the chains' means.
+
+It is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """
 
 from __future__ import annotations
@@ -19,39 +27,43 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.base import Filter, Info
-from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, initial_moments
-from poseppl.gaussian import GaussianMixture, fit_mixture, log_mixture
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
+from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
-from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, gauss_newton_mode, whitening
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, Modes, find_modes, whitening
 from poseppl.program import CompiledModel, Observation
 
-TRACKER = HMCSettings(num_updates=32, num_leapfrog=16, burn_in=6, step_size=0.3, target_rejection=0.15, jitter=0.5)
-"""The default chains: L of 8 to 16 is long enough in whitened coordinates."""
+TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
+"""The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 
 
 def assumed_density_filter(
     model: CompiledModel,
-    num_chains: int = 10,
+    num_chains: int = 30,
     settings: HMCSettings = TRACKER,
     *,
     num_components: int = 1,
+    num_starts: int = 40,
     num_mode_steps: int = 4,
 ) -> Filter:
     """Build the filter.
 
     Args:
-        model: The compiled model, its sites over the real line and its transition with Gaussian moments.
+        model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
         num_chains: M.
         settings: R, L, b, epsilon and so on.
         num_components: K, Gaussians in the temporal prior.
-        num_mode_steps: Gauss-Newton steps to each frame's mode.
+        num_starts: Draws from the prior that climb to modes.
+        num_mode_steps: Gauss-Newton steps of each.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.chains.ChainState`. ``log_evidence`` is Laplace's approximation.
+        The filter; its state is :class:`~poseppl.filters.chains.ChainState`. ``log_evidence`` is Laplace's approximation at the
+        highest mode.
     """
     settings = settings.check()
-    if num_chains < 1 or num_components < 1:
-        raise ValueError(f"num_chains is {num_chains} and num_components {num_components}; both must be at least 1")
+    for name, number in (("num_chains", num_chains), ("num_components", num_components), ("num_starts", num_starts)):
+        if number < 1:
+            raise ValueError(f"{name} is {number}; it must be at least 1")
 
     def run(
         rng_key: jax.Array,
@@ -61,8 +73,10 @@ def assumed_density_filter(
         observation: Observation,
         inputs: Any,
     ) -> tuple[ChainState, Info]:
-        key_start, key_component, key_chains = jax.random.split(rng_key, 3)
-        possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(prior.means)
+        key_climb, key_start, key_chains = jax.random.split(rng_key, 3)
+        climbers, component = draw_mixture(key_climb, prior, num_starts)
+        climbers = climbers.at[0].set(prior.means[component[0]])
+        possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
         failed = ~jnp.any(jnp.isfinite(possible))
         seen = drop_impossible(model, observation, failed)
 
@@ -72,48 +86,55 @@ def assumed_density_filter(
         def information(x: jax.Array) -> jax.Array:
             return model.observation_information(x, seen, inputs)
 
-        def climb(mean: jax.Array, inverse: jax.Array) -> jax.Array:
-            return gauss_newton_mode(mean, log_density, lambda x: inverse + information(x), num_mode_steps)
-
-        inverses = jnp.linalg.inv(prior.covariances)
-        modes = jax.vmap(climb)(prior.means, inverses)
-        heights = jax.vmap(log_density)(modes)
-        best = jnp.argmax(heights)
-        chart = whitening(modes[best], inverses[best] + information(modes[best]))
-        share = jax.random.categorical(key_component, heights - jnp.max(heights), shape=(num_chains,))
-        noise = jax.random.normal(key_start, (num_chains, model.dimension), chart.centre.dtype)
-        starts = noise + chart.to_white(modes[share])
-
-        chains = hmc_chains(key_chains, starts, lambda z: log_density(chart.to_state(z)), log_step_size, settings)
-        log_volume = jnp.sum(jnp.log(jnp.abs(jnp.diagonal(chart.scale))))
-        evidence = heights[best] + 0.5 * model.dimension * jnp.log(2 * jnp.pi) + log_volume
-        num_kept = chains.draws.shape[0] * chains.draws.shape[1]
+        precisions = jnp.linalg.inv(prior.covariances)[component]
+        modes = find_modes(climbers, precisions, log_density, information, num_mode_steps)
+        starts, chosen = _starts(key_start, modes, num_chains)
+        chart = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
+        chains = hmc_chains(
+            key_chains, chart.to_white(starts), lambda z: log_density(chart.to_state(z)), log_step_size, settings
+        )
         info = Info(
-            log_evidence=jnp.where(failed, -jnp.inf, evidence),
-            ess=jnp.asarray(num_kept, evidence.dtype),
+            log_evidence=jnp.where(failed, -jnp.inf, jnp.max(modes.log_masses)),
+            ess=effective_draws(chains.draws),
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_components * (GAUSS_NEWTON_TRIALS * num_mode_steps + 2)),
-            num_gradient=chains.num_gradient + num_components * num_mode_steps,
+            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * num_mode_steps + 2)),
+            num_gradient=chains.num_gradient + num_starts * num_mode_steps,
             failed=failed,
             step_size=jnp.exp(chains.log_step_size),
         )
         return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any) -> tuple[ChainState, Info]:
-        key_moments, key_run = jax.random.split(rng_key)
-        mean, covariance = initial_moments(model, key_moments, inputs)
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+        mean, covariance = model.initial_moments(inputs)
         prior = GaussianMixture(jnp.zeros(1, mean.dtype), mean[None], covariance[None])
         start = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
-        return run(key_run, prior, lambda x: model.log_initial(x, inputs), start, observation, inputs)
+        return run(rng_key, prior, lambda x: model.log_initial(x, inputs), start, observation, inputs)
 
-    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any) -> tuple[ChainState, Info]:
+    def step(
+        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None
+    ) -> tuple[ChainState, Info]:
         key_fit, key_run = jax.random.split(rng_key)
         draws = state.particles.reshape(-1, model.dimension)
         means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(draws)
         fitted = fit_mixture(key_fit, means, num_components)
-        prior = fitted._replace(covariances=fitted.covariances + jnp.mean(covariances, 0))
+        spread = fitted.covariances * covariance_inflation(means.reshape(state.particles.shape))
+        prior = fitted._replace(covariances=spread + jnp.mean(covariances, 0))
         return run(key_run, prior, log_mixture(prior), state.log_step_size, observation, inputs)
 
     return Filter(init, step)
+
+
+def covariance_inflation(draws: jax.Array) -> jax.Array:
+    """Factor by which the inverse of the covariance of draws (M, R, d) is too large on average, from 1 to 2."""
+    effective = effective_draws(draws)
+    return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)
+
+
+def _starts(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Array, jax.Array]:
+    """Draw (M, d) from the Laplace approximations of modes chosen by their masses, and which they were (M,)."""
+    key_choose, key_noise = jax.random.split(rng_key)
+    chosen = jax.random.categorical(key_choose, modes.log_masses, shape=(num_chains,))
+    noise = jax.random.normal(key_noise, (num_chains, modes.states.shape[1]), modes.states.dtype)
+    return modes.states[chosen] + jnp.einsum("nij,nj->ni", modes.scales[chosen], noise), chosen

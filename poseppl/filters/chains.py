@@ -37,16 +37,12 @@ def drop_impossible(model: CompiledModel, observation: Observation, failed: jax.
     return jax.tree.map(lambda nothing, seen: jnp.where(failed, nothing, seen), model.unobserved(), observation)
 
 
-def initial_moments(
-    model: CompiledModel, rng_key: jax.Array, inputs: Any, num_draws: int = 1024
-) -> tuple[jax.Array, jax.Array]:
-    """Mean (d,) and covariance (d, d) of the initial state, estimated from draws."""
-    draws = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_draws))
-    return moments(draws)
-
-
-def moments(draws: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Mean (d,) and covariance (d, d) of equally weighted draws (N, d)."""
-    mean = jnp.mean(draws, 0)
-    centred = draws - mean
-    return mean, centred.T @ centred / max(draws.shape[0] - 1, 1)
+def effective_draws(draws: jax.Array) -> jax.Array:
+    """How many independent draws the chains (M, R, d) amount to, from the spread of their means; M to M R, a scalar."""
+    num_chains, num_draws, _ = draws.shape
+    if num_chains == 1:
+        return jnp.ones((), draws.dtype)
+    total = jnp.var(draws, (0, 1))
+    between = jnp.var(jnp.mean(draws, 1), 0, ddof=1)
+    ratio = jnp.mean(total / jnp.maximum(between, jnp.finfo(draws.dtype).tiny))
+    return num_chains * jnp.clip(ratio, 1.0, num_draws)

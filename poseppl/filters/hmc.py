@@ -22,11 +22,11 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.base import Filter, Info
-from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, initial_moments
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resample
+from poseppl.resampling import resampling_scheme
 
 
 def hmc_filter(
@@ -55,6 +55,8 @@ def hmc_filter(
     if num_chains < 1:
         raise ValueError(f"num_chains is {num_chains}; it must be at least 1")
 
+    scheme = resampling_scheme(resampling)
+
     def run(
         rng_key: jax.Array,
         proposals: jax.Array,
@@ -69,7 +71,7 @@ def hmc_filter(
         failed = ~jnp.any(jnp.isfinite(weights))
         seen = drop_impossible(model, observation, failed)
         weights = jnp.where(failed | jnp.isnan(weights), jnp.where(failed, 0.0, -jnp.inf), weights)
-        ancestors = resample(key_resample, weights, num_chains, resampling)
+        ancestors = scheme(key_resample, weights, num_chains)
         chart = _chart(model, predicted, seen, inputs, dense_mass, curvature)
 
         def log_density(z: jax.Array) -> jax.Array:
@@ -79,7 +81,7 @@ def hmc_filter(
         chains = hmc_chains(key_chains, chart.to_white(proposals[ancestors]), log_density, log_step_size, settings)
         info = Info(
             log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(weights) - jnp.log(num_chains)),
-            ess=1.0 / jnp.sum(jax.nn.softmax(weights) ** 2),
+            ess=effective_draws(chains.draws),
             ancestors=ancestors,
             acceptance=chains.acceptance,
             divergences=chains.divergences,
@@ -90,15 +92,15 @@ def hmc_filter(
         )
         return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any) -> tuple[ChainState, Info]:
-        key_moments, key_draw, key_run = jax.random.split(rng_key, 3)
-        predicted = initial_moments(model, key_moments, inputs)
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+        key_draw, key_run = jax.random.split(rng_key)
+        predicted = model.initial_moments(inputs)
         proposals = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_chains))
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
         return run(key_run, proposals, lambda x: model.log_initial(x, inputs), predicted, start, observation, inputs)
 
     def step(
-        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any
+        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None
     ) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]

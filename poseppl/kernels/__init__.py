@@ -4,5 +4,5 @@ from poseppl.kernels.hmc import Chains as Chains
 from poseppl.kernels.hmc import HMCSettings as HMCSettings
 from poseppl.kernels.hmc import hmc_chains as hmc_chains
 from poseppl.kernels.laplace import Whitening as Whitening
-from poseppl.kernels.laplace import gauss_newton_mode as gauss_newton_mode
+from poseppl.kernels.laplace import find_modes as find_modes
 from poseppl.kernels.laplace import whitening as whitening

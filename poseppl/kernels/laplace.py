@@ -60,31 +60,57 @@ def whitening(centre: jax.Array, precision: jax.Array, *, dense: bool = True) ->
     return Whitening(centre, unit[:, None] * inverse.T)
 
 
-def gauss_newton_mode(
-    start: jax.Array,
+class Modes(NamedTuple):
+    """Local modes and their Laplace approximations.
+
+    Attributes:
+        states: Shape (S, d).
+        precisions: Curvatures of the negative log-density there (S, d, d).
+        scales: Their inverse square roots (S, d, d), upper triangular.
+        log_masses: Laplace's integral of the density around each, (S,): log p + d/2 log 2 pi - 1/2 log |precision|.
+    """
+
+    states: jax.Array
+    precisions: jax.Array
+    scales: jax.Array
+    log_masses: jax.Array
+
+
+def find_modes(
+    starts: jax.Array,
+    prior_precisions: jax.Array,
     log_density: Callable[[jax.Array], jax.Array],
-    precision: Callable[[jax.Array], jax.Array],
+    information: Callable[[jax.Array], jax.Array],
     num_steps: int,
-) -> jax.Array:
-    """Climb to a mode.
+) -> Modes:
+    """Climb from many starts by damped Gauss-Newton, side by side.
 
     Args:
-        start: Shape (d,).
-        log_density: Unnormalised log posterior density of a state, a scalar.
-        precision: Gauss-Newton curvature of the negative log posterior (d, d), positive definite.
+        starts: Shape (S, d).
+        prior_precisions: P for each start (S, d, d).
+        log_density: Unnormalised log posterior density of one state, a scalar.
+        information: Gauss-Newton curvature (d, d) of the negative log-likelihood at one state.
         num_steps: How many steps; each is damped, or left out, so that the density never falls.
     """
     gradient = jax.grad(log_density)
-    damping = jnp.array(_DAMPING, start.dtype)
+    damping = jnp.array(_DAMPING, starts.dtype)
 
-    def step(x: jax.Array, _: None) -> tuple[jax.Array, None]:
-        chart = whitening(x, precision(x))
-        direction = chart.scale @ (chart.scale.T @ gradient(x))
-        trials = x + damping[:, None] * direction
+    def climb(x: jax.Array, prior_precision: jax.Array) -> jax.Array:
+        chart = whitening(x, prior_precision + information(x))
+        trials = x + damping[:, None] * (chart.scale @ (chart.scale.T @ gradient(x)))
         values = jax.vmap(log_density)(trials)
-        values = jnp.where(jnp.isnan(values), -jnp.inf, values)
-        best = trials[jnp.argmax(values)]
-        return jnp.where(jnp.all(jnp.isfinite(best)), best, x), None
+        best = trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))]
+        return jnp.where(jnp.all(jnp.isfinite(best)), best, x)
 
-    mode, _ = jax.lax.scan(step, start, None, length=num_steps)
-    return mode
+    def step(states: jax.Array, _: None) -> tuple[jax.Array, None]:
+        return jax.vmap(climb)(states, prior_precisions), None
+
+    def describe(x: jax.Array, prior_precision: jax.Array) -> Modes:
+        precision = prior_precision + information(x)
+        scale = whitening(x, precision).scale
+        volume = jnp.sum(jnp.log(jnp.diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
+        mass = log_density(x) + volume
+        return Modes(x, precision, scale, jnp.where(jnp.isnan(mass), -jnp.inf, mass))
+
+    states, _ = jax.lax.scan(step, starts, None, length=num_steps)
+    return jax.vmap(describe)(states, prior_precisions)

@@ -131,6 +131,11 @@ class ClampedModel(CompiledModel):
         """The deterministic sites of the observation program."""
         return self.full.extras(self.fill(x, _required(inputs).values), inputs.inputs)
 
+    def initial_moments(self, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+        """Mean and covariance of the free coordinates of the first state."""
+        mean, covariance = self.full.initial_moments(_required(inputs).inputs)
+        return self._keep(mean), self._keep(self._keep(covariance), axis=1)
+
     def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
         """Mean and covariance of the free coordinates: the full ones' entries and block."""
         previous = self.fill(x_previous, _required(inputs).previous)

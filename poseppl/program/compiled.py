@@ -138,29 +138,41 @@ class CompiledModel:
 
     # Gaussian summaries
 
+    def initial_moments(self, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+        """Mean (d,) and covariance (d, d) of the first flat state, from the initial program's distributions.
+
+        Raises:
+            ValueError: A site is not over the real line, depends on another site, or has no moments.
+        """
+        return self._moments("initial", (self._bound(), inputs))
+
     def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
         """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
 
         Raises:
             ValueError: A site is not over the real line, depends on another site of its frame, or has no moments.
         """
-        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+        return self._moments("transition", (self._bound(), chart.to_sites(self.sites, x_previous), inputs))
+
+    def _moments(self, which: str, arguments: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
+        program = getattr(self.programs, which)
 
         def trace_of(values: Mapping[str, jax.Array]) -> Any:
-            return trace_program(self.programs.transition, arguments, values=values)
+            return trace_program(program, arguments, values=values)
 
-        if "obstacle" not in self._moments_check:
-            self._moments_check["obstacle"] = moments_obstacle(self.sites, trace_of)
-        if self._moments_check["obstacle"] is not None:
+        if which not in self._moments_check:
+            self._moments_check[which] = moments_obstacle(self.sites, trace_of)
+        obstacle = self._moments_check[which]
+        if obstacle is not None:
             raise ValueError(
-                f"The transition has no Gaussian moments: {self._moments_check['obstacle']}. Use an algorithm that "
-                "only samples the transition, or write the site with a Normal or MultivariateNormal of its own."
+                f"The {which} program has no Gaussian moments: {obstacle}. Use an algorithm that only samples it, or write the "
+                "site with a Normal or MultivariateNormal of its own."
             )
         return transition_moments(self.sites, trace_of)
 
     @cached_property
     def _moments_check(self) -> dict[str, str | None]:
-        """The finding of the first call of `transition_moments`."""
+        """For each program the finding of its first check."""
         return {}
 
     def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
