@@ -19,14 +19,9 @@ import numpy as np
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import IdentityTransform
 
+from poseppl.program.execution import base_support
+
 Sites = dict[str, jax.Array]
-
-
-def base_support(support: Any) -> Any:
-    """The elementwise constraint inside `independent` wrappers."""
-    while isinstance(support, type(constraints.independent(constraints.unit_interval, 1))):
-        support = support.base_constraint
-    return support
 
 
 def is_flat_support(support: Any) -> bool:

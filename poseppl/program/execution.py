@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
 from numpyro import handlers
+from numpyro.distributions import constraints
 from numpyro.distributions.distribution import Unit
 
 Program = Callable[..., Any]
@@ -31,6 +32,13 @@ def unwrap(distribution: dist.Distribution) -> dist.Distribution:
     while isinstance(distribution, dist.Independent | dist.MaskedDistribution | dist.ExpandedDistribution):
         distribution = distribution.base_dist
     return distribution
+
+
+def base_support(support: Any) -> Any:
+    """The elementwise constraint inside `independent` wrappers."""
+    while isinstance(support, type(constraints.independent(constraints.unit_interval, 1))):
+        support = support.base_constraint
+    return support
 
 
 def is_factor(site: Mapping[str, Any]) -> bool:
@@ -146,7 +154,11 @@ def site_log_density(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Arr
         return summed
     if mask is not None and not is_factor(site):
         distribution = distribution.mask(event_mask(mask, distribution.event_dim))
-    log_prob = distribution.log_prob(site["value"])
+    value = site["value"]
+    if isinstance(base_support(distribution.support), type(constraints.circular)):
+        # the state's angles are unwrapped, and NumPyro's validation calls everything beyond pi impossible
+        value = (value + jnp.pi) % (2 * jnp.pi) - jnp.pi
+    log_prob = distribution.log_prob(value)
     if site.get("scale") is not None:
         log_prob = site["scale"] * log_prob
     return jnp.sum(log_prob)

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program.chart import base_support
+from poseppl.program.execution import base_support
 from poseppl.program.schema import Declared, suggestion
 
 

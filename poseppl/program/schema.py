@@ -8,15 +8,17 @@ with what the initial program declares. Every error names the site, what was fou
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program.chart import Site, base_support, is_flat_support, make_site
+from poseppl.program.chart import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, Seed, is_factor, trace_program
+from poseppl.program.execution import Program, Seed, base_support, is_factor, trace_program
 
 
 class Declared(NamedTuple):
@@ -74,18 +76,8 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
         return bounds
 
     arrays = [leaf for leaf, is_traced in zip(leaves, traced, strict=True) if is_traced]
-    try:
+    with _explained(which, state):
         closed, shapes = jax.make_jaxpr(run, return_shape=True)(jax.random.key(0), arrays)
-    except KeyError as error:
-        key = str(error.args[0]) if error.args else ""
-        hint = suggestion(key, state)
-        raise ValueError(
-            f"The {which} program looks up {key!r}, which nothing provides{hint}. State sites: {list(state)}."
-        ) from error
-    except AssertionError as error:
-        if "unique names" not in str(error):
-            raise
-        raise ValueError(f"The {which} program: {error}. Give every site its own name.") from error
     for name, site in found.items():
         if site["type"] == "param":
             raise ValueError(
@@ -97,12 +89,29 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     supports = _constant_supports(run, arrays, trees, fixed)
     sites = {}
     for name in (name for name in found if name in fixed):
-        fn, value = found[name]["fn"], found[name]["value"]
-        observed = bool(found[name]["is_observed"])
-        sites[name] = Declared(tuple(fn.shape()), np.dtype(value.dtype), fn.event_dim, supports[name], observed)
+        site, fn = found[name], found[name]["fn"]
+        dtype = np.dtype(jnp.result_type(site["value"]))
+        sites[name] = Declared(tuple(fn.shape()), dtype, fn.event_dim, supports[name], bool(site["is_observed"]))
     factors = tuple(name for name, site in found.items() if is_factor(site))
     deterministic = tuple(name for name, site in found.items() if site["type"] == "deterministic")
     return Declaration(sites, factors, deterministic, counts[0])
+
+
+@contextmanager
+def _explained(which: str, state: Iterable[str]) -> Iterator[None]:
+    """Say in terms of the model what went wrong inside a program."""
+    try:
+        yield
+    except KeyError as error:
+        key = str(error.args[0]) if error.args else ""
+        hint = suggestion(key, state)
+        raise ValueError(
+            f"The {which} program looks up {key!r}, which nothing provides{hint}. State sites: {list(state)}."
+        ) from error
+    except AssertionError as error:
+        if "unique names" not in str(error):
+            raise
+        raise ValueError(f"The {which} program: {error}. Give every site its own name.") from error
 
 
 def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed: dict[str, bool]) -> dict[str, Any]:
