@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
@@ -30,9 +31,9 @@ class FilterEntry(NamedTuple):
     summary: str
 
 
-def _chain_defaults(settings: HMCSettings) -> dict[str, Any]:
+def _chain_defaults(filter: Callable[..., Filter], settings: HMCSettings) -> dict[str, Any]:
     return {
-        "chains": 10,
+        "chains": _default(filter, "num_chains"),
         "draws": settings.num_updates,
         "leapfrog": settings.num_leapfrog,
         "burn_in": settings.burn_in,
@@ -42,14 +43,29 @@ def _chain_defaults(settings: HMCSettings) -> dict[str, Any]:
     }
 
 
+def _default(filter: Callable[..., Filter], argument: str) -> Any:
+    return signature(filter).parameters[argument].default
+
+
 def _chain_settings(settings: Settings) -> HMCSettings:
-    rejection = settings["rejection"] or None
-    names = ("draws", "leapfrog", "burn_in", "step_size")
-    return HMCSettings(*(settings[name] for name in names), rejection, settings["jitter"])
+    return HMCSettings(
+        num_updates=settings["draws"],
+        num_leapfrog=settings["leapfrog"],
+        burn_in=settings["burn_in"],
+        step_size=settings["step_size"],
+        target_rejection=settings["rejection"] or None,
+        jitter=settings["jitter"],
+    )
 
 
 def _assumed_density(model: CompiledModel, settings: Settings) -> Filter:
-    return assumed_density_filter(model, settings["chains"], _chain_settings(settings), num_components=settings["components"])
+    return assumed_density_filter(
+        model,
+        settings["chains"],
+        _chain_settings(settings),
+        num_components=settings["components"],
+        num_starts=settings["starts"],
+    )
 
 
 def _hmc(model: CompiledModel, settings: Settings) -> Filter:
@@ -71,12 +87,16 @@ def _particle(model: CompiledModel, settings: Settings) -> Filter:
 FILTERS: Mapping[str, FilterEntry] = {
     "assumed-density": FilterEntry(
         _assumed_density,
-        {**_chain_defaults(TRACKER), "components": 1},
+        {
+            **_chain_defaults(assumed_density_filter, TRACKER),
+            "components": _default(assumed_density_filter, "num_components"),
+            "starts": _default(assumed_density_filter, "num_starts"),
+        },
         "HMC with a Gaussian temporal prior fitted to all draws: intervals that hold what they say.",
     ),
     "hmc": FilterEntry(
         _hmc,
-        {**_chain_defaults(HMCSettings()), "dense_mass": False, "resampling": "systematic"},
+        {**_chain_defaults(hmc_filter, HMCSettings()), "dense_mass": False, "resampling": "systematic"},
         "The HMC filter of Choo and Fleet 2001: the temporal prior is a mixture over the last state of every chain.",
     ),
     "particle": FilterEntry(
@@ -86,7 +106,7 @@ FILTERS: Mapping[str, FilterEntry] = {
     ),
 }
 
-LEAST = {"chains": 1, "draws": 1, "leapfrog": 1, "burn_in": 0, "particles": 1, "components": 1}
+LEAST = {"chains": 1, "draws": 1, "leapfrog": 1, "burn_in": 0, "particles": 1, "components": 1, "starts": 1}
 MOST = {"chains": 100_000, "draws": 1_000_000, "leapfrog": 100_000, "burn_in": 1_000_000, "particles": 100_000_000}
 
 
@@ -104,20 +124,26 @@ def build_filter(name: str, model: CompiledModel, settings: Settings) -> tuple[F
     Raises:
         InputError: An unknown filter, a setting that it does not take, or one out of range; the message names the option.
     """
-    if name not in FILTERS:
-        raise InputError(f"{name!r} is no filter", field="--filter", expected=", ".join(FILTERS))
-    entry = FILTERS[name]
-    given = {key: value for key, value in settings.items() if value is not None}
-    for key in given:
-        if key not in entry.defaults:
-            takes = ", ".join(map(option, entry.defaults))
-            raise InputError(f"the filter {name!r} has no such setting", field=option(key), expected=takes)
-    whole = {**entry.defaults, **given}
-    _check(whole)
+    whole = check_settings(name, settings)
     try:
-        return entry.build(model, whole), whole
+        return FILTERS[name].build(model, whole), whole
     except ValueError as error:
         raise InputError(str(error), field="--filter") from error
+
+
+def check_settings(name: str, settings: Settings) -> dict[str, Any]:
+    """Fill in a filter's defaults; arguments and errors as in :func:`build_filter`."""
+    if name not in FILTERS:
+        raise InputError(f"{name!r} is no filter", field="--filter", expected=", ".join(FILTERS))
+    defaults = FILTERS[name].defaults
+    given = {key: value for key, value in settings.items() if value is not None}
+    for key in given:
+        if key not in defaults:
+            takes = ", ".join(map(option, defaults))
+            raise InputError(f"the filter {name!r} has no such setting", field=option(key), expected=takes)
+    whole = {**defaults, **given}
+    _check(whole)
+    return whole
 
 
 def option(name: str) -> str:

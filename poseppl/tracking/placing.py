@@ -34,8 +34,8 @@ def place_cameras(
         heading: Angle (radians, about Z, from the Y axis) that the subject faces, for one that stays in place.
         distance: From each camera to the nearest place of the path along its axis, mm.
         count: How many cameras; each next one is turned by a right angle about the subject.
-        view: Angle in degrees between the walking direction and the first camera as seen from the subject, clockwise from above:
-            90 sees its right side, 0 its front.
+        view: Angle in degrees from the walking direction to the first camera as seen from the subject, clockwise from above: 90
+            sees its right side, 0 its front.
         focal: Focal length in image units.
 
     Returns:

@@ -101,8 +101,9 @@ def observe_motion(
     clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(subject.markers, float)), np.float64), 0, 1)
     rng = np.random.default_rng(seed)
     points = clean + spread[..., None] * rng.standard_normal(clean.shape)
-    points[rng.random(points.shape[:-1]) < missing] = np.nan
-    points[~np.isfinite(subject.markers).all(-1)[:, None].repeat(points.shape[1], 1)] = np.nan
+    unknown = np.asarray(np.isnan(subject.markers).any(axis=-1))
+    hidden = unknown[:, None] | (rng.random(points.shape[:-1]) < missing)
+    points[hidden] = np.nan
     truth = (subject.states, subject.markers, subject.residual)
     return Scene(
         subject.body, cameras, tuple(camera_names), points, spread, subject.frames, subject.rate, subject.source, *truth

@@ -75,6 +75,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
     free = np.array([joint != root for joint, _ in body.tree.coordinates])
     seen = np.isfinite(points)
+    shown = np.asarray(seen.all(axis=2).any(axis=0))
     shape = np.where(seen, points, 0.0)
 
     def residuals(x: jax.Array) -> jax.Array:
@@ -97,7 +98,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
         guess = rest.copy()
         guess[headings] += turn
-        guess[:3] += _place(body, cameras, points, guess) - _centre(body, guess, seen.all(-1).any(0))
+        guess[:3] = guess[:3] + _place(body, cameras, points, guess) - _centre(body, guess, shown)
         solution = solve(x0=guess)
         found.append((float(solution.cost), solution.x))
     best = min(found, key=lambda candidate: candidate[0])[1]
@@ -107,7 +108,8 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
 
 def _centre(body: Body, state: Floats, seen: NDArray[np.bool_]) -> Floats:
     """Mean place (3,) of the seen markers of a state."""
-    return np.asarray(marker_positions(body.tree, jnp.asarray(state)), np.float64)[seen].mean(0)
+    places = np.asarray(marker_positions(body.tree, jnp.asarray(state)), np.float64)
+    return np.asarray(places[seen].mean(0))
 
 
 def _place(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:

@@ -28,6 +28,8 @@ from poseppl.tracking.scene import Scene
 from poseppl.tracking.start import Start, scales, seek_start
 from poseppl.tracking.subjects import DEFAULT_MODEL
 
+_ROOM = 2**28
+"""Bytes of the draws that are kept, unless told otherwise."""
 _PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
 
 
@@ -41,7 +43,7 @@ class TrackSettings(NamedTuple):
         sigma_position: Random walk of translations, mm a frame; the body's own if None.
         sigma_angle: Random walk of angles, radians a frame; the body's own if None.
         seed: Of the filter.
-        max_draws: Draws kept of each chain, or of all particles.
+        max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         chunk: Frames between two parts of a checkpoint.
         on_failure: "continue" or "stop" at a frame of impossible data.
     """
@@ -52,7 +54,7 @@ class TrackSettings(NamedTuple):
     sigma_position: float | None = None
     sigma_angle: float | None = None
     seed: int = 0
-    max_draws: int = 200
+    max_draws: int | None = None
     chunk: int = 8
     on_failure: Literal["continue", "stop"] = "continue"
 
@@ -92,16 +94,17 @@ def track(
     settings = settings or TrackSettings()
     if not 0 <= settings.seed < 2**32:
         raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
-    if settings.max_draws < 1:
+    if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
     params = walk_params(scene.body, settings)
     problem = _problem(scene, params)
     built, options = build_filter(settings.filter, problem.model, settings.options)
+    max_draws = settings.max_draws or _affordable(scene, problem, options)
     described = {
         "model": settings.model,
         "model source": _source(settings.model),
         "filter": settings.filter,
-        "settings": {**options, **params, "max_draws": settings.max_draws},
+        "settings": {**options, **params, "max_draws": max_draws},
         "versions": _versions(),
     }
     run = run_filter(
@@ -110,7 +113,7 @@ def track(
         problem.observations,
         problem.inputs,
         num_frames=len(scene.points),
-        collect=_collector(problem, settings.max_draws),
+        collect=_collector(problem, max_draws),
         chunk=settings.chunk,
         progress=progress,
         checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
@@ -146,11 +149,12 @@ def _problem(scene: Scene, params: dict[str, float]) -> _Problem:
     start = _start(scene, params)
     varies = scene.noise.ndim == 3
     noise = jnp.asarray(scene.noise, float)
+    fixed: Any = Constant
     inputs = BodyInputs(
-        Constant(scene.cameras),
-        noise if varies else Constant(noise),
-        Constant(jnp.asarray(start.mean, float)),
-        Constant(jnp.asarray(start.scale, float)),
+        fixed(scene.cameras),
+        noise if varies else fixed(noise),
+        fixed(jnp.asarray(start.mean, float)),
+        fixed(jnp.asarray(start.scale, float)),
     )
     model = body.program.compile(frame_inputs(inputs, 0), params)
     observations = model.observe({"points": scene.points})
@@ -170,13 +174,21 @@ def _start(scene: Scene, params: Mapping[str, float]) -> Start:
     return Start(scene.states[0], scales(scene.body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15)))
 
 
+def _affordable(scene: Scene, problem: _Problem, options: Mapping[str, Any]) -> int:
+    """How many draws of a chain (or of all particles, at most 1000) fit into the room for results."""
+    frames, cameras, markers = scene.points.shape[:3]
+    values = problem.model.dimension + markers * (3 + 2 * cameras)
+    draws = _ROOM // (4 * values * frames * int(options.get("chains", 1)))
+    return int(max(2, min(draws, 1000)))
+
+
 def _collector(problem: _Problem, max_draws: int) -> Any:
     def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
         values = problem.model.extras(x, inputs)
         seen: BodyInputs = inputs.inputs if isinstance(inputs, Clamped) else inputs
         return {**values, "points": project(seen.cameras, values["markers"])} if "markers" in values else values
 
-    return collect_draws(problem.model, max_draws=max_draws, extras=extras, mean_only=("points",))
+    return collect_draws(problem.model, max_draws=max_draws, extras=extras)
 
 
 def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:

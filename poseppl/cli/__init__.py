@@ -1,0 +1,93 @@
+"""The command line: track, simulate, report, fit-gait.
+
+Nothing heavy is imported before a command runs, so that help is quick.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from poseppl.cli.gait import fit_gait
+from poseppl.cli.report import report
+from poseppl.cli.simulate import simulate
+from poseppl.cli.track import track
+from poseppl.errors import PosepplError
+
+EPILOG = """\b
+Exit status:
+  0    all went well
+  1    bad input, an output that cannot be written, or a run that cannot go on
+  2    wrong usage: an unknown option or command, or a value of the wrong kind
+  130  interrupted by Ctrl-C
+"""
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog=EPILOG
+    + """
+\b
+Examples:
+  poseppl track                              a built-in walk, seen by one camera
+  poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
+  poseppl report poseppl-02_01.nc            its report, one HTML file
+  poseppl track --help                       every option
+""",
+)
+@click.version_option(package_name="poseppl", message="poseppl %(version)s")
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+def cli() -> None:
+    """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
+
+
+for command in (track, simulate, report, fit_gait):
+    cli.add_command(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: The arguments; the process's own if None.
+
+    Returns:
+        The exit status.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    try:
+        status = cli.main(given, prog_name="poseppl", standalone_mode=False)
+        return status if isinstance(status, int) else 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        _say("interrupted; no output was written", debug)
+        return 130
+    except PosepplError as error:
+        _say(str(error), debug)
+    except BrokenPipeError:
+        sys.stderr.close()
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _say(f"{where}{error.strerror or error}", debug)
+    except MemoryError:
+        _say("out of memory; try fewer particles, chains, draws or frames", debug)
+    except Exception as error:  # a fault of ours: still one message, and how to see more
+        _say(f"unexpected {type(error).__name__}: {_first_line(error)} (--debug shows where)", debug)
+    return 1
+
+
+def _say(message: str, debug: bool) -> None:
+    if debug:
+        traceback.print_exc()
+    print(f"poseppl: {message}", file=sys.stderr, flush=True)
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else ""

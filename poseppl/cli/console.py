@@ -1,0 +1,89 @@
+"""What a user sees while a command runs: progress and notes on stderr, tables on stdout."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+
+def start_jax() -> None:
+    """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew."""
+    import jax
+
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    folder = Path(home) / "poseppl" / "xla"
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            settings: Any = jax.config
+            settings.update("jax_compilation_cache_dir", str(folder))
+            settings.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+class ConsoleProgress:
+    """A bar on stderr; off where stderr is no terminal, or when asked to be quiet. Notes are always written."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.console = Console(stderr=True, soft_wrap=True, highlight=False)
+        self._bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("frames"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=self.console,
+            transient=True,
+            disable=quiet or not self.console.is_terminal,
+        )
+        self._task: Any = None
+
+    @contextmanager
+    def running(self) -> Iterator[ConsoleProgress]:
+        """Show the bar inside of a block."""
+        with self._bar:
+            yield self
+
+    def stage(self, description: str, total: int | None = None) -> None:
+        """Say what is being done now."""
+        if self._task is None:
+            self._task = self._bar.add_task(description, total=total)
+        else:
+            self._bar.update(self._task, description=description, total=total)
+
+    def advance(self, frames: int) -> None:
+        """So many more frames are done."""
+        if self._task is not None:
+            self._bar.update(self._task, description="tracking", advance=frames)
+
+    def note(self, message: str) -> None:
+        """Tell of something, above the bar."""
+        self.console.print(f"poseppl: {message}", markup=False)
+
+
+def print_table(title: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Print a table of two columns on stdout."""
+    table = Table(title=title, title_justify="left", show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(justify="right", overflow="fold")
+    for name, value in rows:
+        table.add_row(name, value)
+    Console(soft_wrap=False, highlight=False).print(table)

@@ -1,0 +1,55 @@
+"""Names of the files that a command writes, checked before the work is done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from poseppl.errors import InputError
+from poseppl.io import atomic_path
+
+
+class _Writable(Exception):
+    """Ends the trial of an output."""
+
+
+def output_path(given: str | None, stem: str, suffix: str) -> Path:
+    """Where a result goes.
+
+    Args:
+        given: A folder that exists, a file name, or None for the current folder.
+        stem: Name of the file without its suffix, unless one is given.
+        suffix: Of the file.
+
+    Raises:
+        InputError: The name has another suffix.
+    """
+    if given is None:
+        return Path(stem + suffix)
+    path = Path(given)
+    if path.is_dir() or given.endswith("/"):
+        return path / (stem + suffix)
+    if path.suffix != suffix:
+        raise InputError("not a name for the result", file=given, field="--output", expected=f"NAME{suffix}, or a folder")
+    return path
+
+
+def check_writable(paths: Iterable[Path], inputs: Iterable[str | Path | None] = ()) -> None:
+    """Check that files can be written, and are not among the inputs, before the work is done.
+
+    Args:
+        paths: The files.
+        inputs: What must not be overwritten.
+
+    Raises:
+        InputError: A file cannot be written, or is an input.
+        PosepplError: The disk is full.
+    """
+    sources = [source for source in inputs if source is not None]
+    for path in paths:
+        try:
+            with atomic_path(path, inputs=sources) as temporary:
+                temporary.write_bytes(b"poseppl")
+                raise _Writable
+        except _Writable:
+            pass

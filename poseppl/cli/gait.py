@@ -1,0 +1,68 @@
+"""The command `poseppl fit-gait`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.errors import InputError
+
+GAIT = "poseppl_models.gait:gait_table"
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl fit-gait 02_01.amc --skeleton 02.asf --harmonics 4 -o walk.json
+
+\b
+Files written: the JSON file: period (s), drift (mm/s), coefficients (mm, radians), lengths (mm).
+Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command("fit-gait", epilog=EXAMPLES, short_help="Fit the built-in walk to a recorded one.")
+@click.argument("recording", type=click.Path())
+@click.option("--skeleton", metavar="ASF", type=click.Path(), help="Skeleton of an .amc recording.")
+@click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
+@click.option("--rate", metavar="HZ", type=float, help="Frames a second, where the file does not tell. [default: 120 for .amc]")
+@click.option("--harmonics", metavar="K", type=int, default=4, show_default=True, help="Harmonics of the gait cycle, 1 to 20.")
+@click.option("--output", "-o", metavar="FILE.json", default="walk.json", show_default=True, help="The gait.")
+@common_options
+def fit_gait(
+    recording: str,
+    skeleton: str | None,
+    frames: str | None,
+    rate: float | None,
+    harmonics: int,
+    output: str,
+    quiet: bool,
+) -> None:
+    """Fit a gait in closed form, harmonics of the joint angles, to a recorded walk along a straight line.
+
+    This made the built-in walk. The recording has to hold at least 1.1 cycles (two steps each).
+    """
+    from poseppl.body import load_builder
+    from poseppl.cli.console import start_jax
+    from poseppl.cli.files import check_writable
+    from poseppl.io import atomic_path, read_motion, slice_frames
+
+    if not 1 <= harmonics <= 20:
+        raise InputError(f"{harmonics}", field="--harmonics", expected="1 to 20")
+    target = Path(output)
+    check_writable([target], [recording, skeleton])
+    start_jax()
+    motion = read_motion(recording, skeleton, rate=rate)
+    if frames is not None:
+        motion = slice_frames(motion, frames)
+    fit = load_builder(GAIT)
+    try:
+        table = fit(motion, harmonics)
+    except ValueError as error:
+        raise InputError(str(error), file=recording) from error
+    with atomic_path(target, inputs=[recording]) as temporary:
+        temporary.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    if not quiet:
+        click.echo(f"{target}")

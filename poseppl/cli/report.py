@@ -1,0 +1,45 @@
+"""The command `poseppl report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.errors import InputError
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl report poseppl-walk.nc              writes poseppl-walk.html
+  poseppl report run.nc -o /tmp/report.html
+
+\b
+Files written: the HTML file, self-contained; an older one of the same name is replaced.
+Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Write the report of a result.")
+@click.argument("result", type=click.Path())
+@click.option("--output", "-o", metavar="FILE.html", help="The report. [default: RESULT with the suffix .html]")
+@common_options
+def report(result: str, output: str | None, quiet: bool) -> None:
+    """Write the report of a run as one HTML file that opens offline.
+
+    RESULT is a file that poseppl track wrote. The report says what was run, gives verdicts in words, and shows inefficiency
+    factors, traces, overlays and poses with their uncertainty, and error and coverage where the truth is known.
+    """
+    from poseppl.cli.files import check_writable
+    from poseppl.report import write_report
+    from poseppl.results import load_result
+
+    tree = load_result(result)
+    target = Path(result).with_suffix(".html") if output is None else Path(output)
+    if target.suffix not in (".html", ".htm"):
+        raise InputError("not a name for the report", file=target, field="--output", expected="NAME.html")
+    check_writable([target], [result])
+    write_report(tree, target)
+    if not quiet:
+        click.echo(f"{target}")

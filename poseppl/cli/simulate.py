@@ -1,0 +1,92 @@
+"""The command `poseppl simulate`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.errors import InputError
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl simulate
+      Observations of the built-in walk, through one camera.
+  poseppl simulate 02_01.amc --skeleton 02.asf --cameras 2 --missing 0.1 -o data/
+      A recording through two cameras; a tenth of the markers is missing.
+  poseppl track --observations poseppl-walk.csv --camera poseppl-walk.toml
+      Track what was written, without the truth.
+
+\b
+Files written:
+  poseppl-NAME.csv   the points: frame, marker, x, y (pixels), and camera where there are several
+  poseppl-NAME.toml  the cameras
+  poseppl-NAME.nc    the truth: markers in mm and the body's states, an xarray DataTree
+Inputs are never overwritten.
+
+\b
+Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion.")
+@click.argument("recording", required=False, type=click.Path())
+@subject_options
+@camera_options
+@click.option(
+    "--focal", metavar="PIXELS", type=float, default=1500.0, show_default=True, help="Focal length of placed cameras."
+)
+@click.option(
+    "--size", metavar="W H", type=int, nargs=2, default=(1920, 1080), show_default=True, help="Their image, in pixels."
+)
+@click.option(
+    "--missing",
+    metavar="FRACTION",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Fraction of the markers that are not seen, at random.",
+)
+@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise.")
+@click.option("--output", "-o", metavar="DIR|FILE.csv", help="Where the points go. [default: poseppl-NAME.csv, here]")
+@common_options
+def simulate(recording: str | None, **options: Any) -> None:
+    """Look at a motion through cameras and write the noisy 2-D markers.
+
+    RECORDING is a motion capture file (.amc with --skeleton, .bvh or .c3d); without it, the built-in walk is seen.
+    """
+    from poseppl.cli.console import print_table, start_jax
+    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.subject import find_subject, look_at_subject, stem_of
+    from poseppl.io import read_cameras, write_cameras, write_observations
+    from poseppl.tracking import observe_motion
+    from poseppl.tracking.placing import cameras_of_records, records_of_cameras
+    from poseppl.tracking.scene import observations_of_scene
+    from poseppl.tracking.truth import save_truth
+
+    points = output_path(options["output"], stem_of(recording), ".csv")
+    camera, truth = points.with_suffix(".toml"), points.with_suffix(".nc")
+    check_writable([points, camera, truth], [recording, options["skeleton"], options["camera"]])
+    if not 1 <= options["focal"] <= 1e6:
+        raise InputError(f"{options['focal']:g}", field="--focal", expected="1 to 1000000 pixels")
+    if not all(1 <= side <= 100_000 for side in options["size"]):
+        raise InputError(f"{options['size']}", field="--size", expected="1 to 100000 pixels")
+    if not 0 <= options["seed"] < 2**32:
+        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    start_jax()
+    subject = find_subject(recording, options)
+    cameras, names = look_at_subject(subject, options)
+    if options["camera"] is not None:
+        records = read_cameras(options["camera"])
+    else:
+        records = records_of_cameras(cameras, options["focal"], options["size"])
+        cameras = cameras_of_records(records)
+    scene = observe_motion(subject, cameras, names, noise=options["noise"], missing=options["missing"], seed=options["seed"])
+    write_observations(points, observations_of_scene(scene))
+    write_cameras(camera, records)
+    save_truth(scene, truth)
+    if not options["quiet"]:
+        rows = [("frames", str(len(scene.points))), ("points", str(points)), ("cameras", str(camera)), ("truth", str(truth))]
+        print_table("poseppl simulate", rows)

@@ -1,0 +1,68 @@
+"""From options to a subject in front of cameras."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from poseppl.errors import InputError
+
+
+def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
+    """The recorded subject, or the one that walks; its scale, rate and frames as the options say."""
+    from poseppl.tracking import recorded_subject, walking_subject
+    from poseppl.tracking.subjects import DEFAULT_MODEL
+
+    model = options["model"] or DEFAULT_MODEL
+    if options["scale"] is not None and not 0 < options["scale"] < 1e6:
+        raise InputError(f"{options['scale']:g}", field="--scale", expected="a positive number of millimetres")
+    if options["rate"] is not None and not 0 < options["rate"] < 1e6:
+        raise InputError(f"{options['rate']:g}", field="--rate", expected="a positive number of frames a second")
+    if recording is None:
+        for name in ("skeleton", "scale", "up"):
+            if options[name] is not None:
+                raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
+        return walking_subject(model, frames=options["frames"], rate=options["rate"])
+    return recorded_subject(
+        recording,
+        options["skeleton"],
+        model=model,
+        frames=options["frames"],
+        rate=options["rate"],
+        scale=options["scale"],
+        up=options["up"],
+    )
+
+
+def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
+    """Cameras and their names: from a file, or placed around the subject."""
+    import numpy as np
+
+    from poseppl.io import read_cameras
+    from poseppl.tracking import place_cameras
+    from poseppl.tracking.placing import camera_names, cameras_of_records
+
+    placed = {name: options[name] for name in ("cameras", "camera_distance", "view") if options[name] is not None}
+    if options["camera"] is not None:
+        for name in placed:
+            raise InputError("cameras come from the file", field="--" + name.replace("_", "-"), expected="no --camera with it")
+        records = read_cameras(options["camera"])
+        return cameras_of_records(records), tuple(record.name for record in records)
+    tree = subject.body.tree
+    root = tree.marker_names.index(subject.body.root)
+    turns = [index for index, (joint, axis) in enumerate(tree.coordinates) if (joint, axis) == (tree.joint_names[0], "Z")]
+    heading = float(np.median(subject.states[:, turns[0]])) if turns else 0.0
+    count = placed.get("cameras", 1)
+    cameras = place_cameras(
+        subject.markers[:, root],
+        heading,
+        distance=placed.get("camera_distance", 5000.0),
+        count=count,
+        view=placed.get("view", 90.0),
+    )
+    return cameras, camera_names(count)
+
+
+def stem_of(recording: str | None) -> str:
+    """Name of the outputs."""
+    return "poseppl-walk" if recording is None else f"poseppl-{Path(recording).stem}"

@@ -1,0 +1,248 @@
+"""The command `poseppl track`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.errors import InputError
+
+FILTERS = ("assumed-density", "hmc", "particle")
+_CHAIN_OPTIONS = ("chains", "draws", "leapfrog", "burn_in", "step_size", "rejection", "jitter", "components", "starts")
+_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "dense_mass", "particles", "resampling", "ess_threshold")
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl track
+      The built-in walk, seen by one camera at 5 m.
+  poseppl track 02_01.amc --skeleton 02.asf --frames 0:200:2 --cameras 2
+      Every second of the first 200 frames of a recording, seen by two cameras.
+  poseppl track walk.bvh --filter hmc --chains 50 --draws 64 --burn-in 10
+      The filter of Choo and Fleet 2001, with more and longer chains.
+  poseppl track --observations points.csv --camera camera.toml
+      2-D points that carry no truth, from poseppl simulate or a detector.
+  poseppl track long.amc --skeleton long.asf --checkpoint run/
+      Saved as it goes; the same command with --resume continues it after a crash.
+
+\b
+Files written:
+  poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
+  poseppl-NAME.png  a picture of it
+NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Both
+appear whole or not at all.
+
+\b
+Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Track a body in 2-D markers.")
+@click.argument("recording", required=False, type=click.Path())
+@click.option(
+    "--observations",
+    metavar="CSV",
+    type=click.Path(),
+    help="2-D points to track instead of a recording: columns frame, marker, x, y, and where wanted camera and confidence; "
+    "absent rows are missing markers. Needs --camera.",
+)
+@subject_options
+@camera_options
+@click.option(
+    "--filter", "filter_name", type=click.Choice(FILTERS), default=FILTERS[0], show_default=True, help="Which algorithm."
+)
+@click.option("--chains", metavar="M", type=int, help="Markov chains a frame. [default: 50; 10 for hmc]")
+@click.option("--draws", metavar="R", type=int, help="Updates of each chain and frame, burn-in included. [default: 32]")
+@click.option("--leapfrog", metavar="L", type=int, help="Leapfrog steps of an update. [default: 8; 40 for hmc]")
+@click.option("--burn-in", metavar="B", type=int, help="Updates that are thrown away. [default: 6]")
+@click.option(
+    "--step-size",
+    metavar="EPS",
+    type=float,
+    help="Leapfrog step, in standard deviations; where it adapts, its first value. [default: 0.4; 0.5 for hmc]",
+)
+@click.option(
+    "--rejection", metavar="RATE", type=float, help="Rejection rate that the step size adapts to; 0 fixes it. [default: 0.15]"
+)
+@click.option(
+    "--jitter",
+    metavar="FRACTION",
+    type=float,
+    help="Fraction by which trajectories are shortened at random. [default: 0.5; 0 for hmc]",
+)
+@click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 1]")
+@click.option("--starts", metavar="S", type=int, help="assumed-density: climbs to the modes of a frame. [default: 40]")
+@click.option("--dense-mass/--diagonal-mass", default=None, help="hmc: form of the mass matrix. [default: diagonal]")
+@click.option("--particles", metavar="N", type=int, help="particle: how many. [default: 10000]")
+@click.option(
+    "--resampling",
+    type=click.Choice(["systematic", "stratified", "residual", "multinomial"]),
+    help="hmc, particle: the scheme. [default: systematic]",
+)
+@click.option(
+    "--ess-threshold",
+    metavar="FRACTION",
+    type=float,
+    help="particle: resample when the effective number falls to this fraction. [default: 1, at every frame]",
+)
+@click.option(
+    "--sigma-position", metavar="MM", type=float, help="Random walk of translations, mm a frame. [default: the body's, 15]"
+)
+@click.option(
+    "--sigma-angle", metavar="RAD", type=float, help="Random walk of angles, radians a frame. [default: the body's, 0.15]"
+)
+@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise and of the filter.")
+@click.option(
+    "--max-draws",
+    metavar="N",
+    type=int,
+    default=None,
+    help="Draws kept of each chain, or of all particles; means and intervals are made from all of them anyway. "
+    "[default: as many as fit into 256 MiB]",
+)
+@click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
+@click.option("--checkpoint", metavar="DIR", type=click.Path(), help="Save the run in this folder as it goes.")
+@click.option("--resume", is_flag=True, help="Go on with the run that --checkpoint holds, if it holds one.")
+@click.option(
+    "--on-failure",
+    type=click.Choice(["continue", "stop"]),
+    default="continue",
+    show_default=True,
+    help="At a frame of impossible data: predict it and go on, or stop.",
+)
+@common_options
+def track(recording: str | None, observations: str | None, **options: Any) -> None:
+    """Track a body in 2-D markers, frame by frame, with intervals.
+
+    RECORDING is a motion capture file (.amc with --skeleton, .bvh or .c3d): its joints are seen through cameras with noise, as
+    17 markers a frame, and the result is compared with the truth. Without it, a built-in walk is tracked. Observations without
+    a truth come by --observations and --camera.
+
+    Lengths are in mm, angles in radians, times in seconds.
+    """
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.subject import stem_of
+
+    _check_usage(recording, observations, options)
+    target = output_path(options["output"], stem_of(recording or observations), ".nc")
+    picture = target.with_suffix(".png")
+    inputs = [recording, observations, options["skeleton"], options["camera"]]
+    check_writable([target, picture], inputs)
+    progress = ConsoleProgress(options["quiet"])
+    start_jax()
+    try:
+        with progress.running():
+            tree = _run(recording, observations, options, progress)
+            progress.stage("drawing")
+            _write(tree, target, picture, inputs)
+    except KeyboardInterrupt:
+        if options["checkpoint"]:
+            progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
+        raise
+    if not options["quiet"]:
+        print_table("poseppl track", [*summary(tree), ("result", str(target)), ("picture", str(picture))])
+
+
+def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:
+    if recording is not None and observations is not None:
+        raise click.UsageError("give a RECORDING or --observations, not both")
+    if options["resume"] and options["checkpoint"] is None:
+        raise click.UsageError("--resume needs --checkpoint DIR")
+    if observations is not None:
+        if options["camera"] is None:
+            raise click.UsageError("--observations needs --camera TOML")
+        for name in ("skeleton", "scale", "up", "cameras", "camera_distance", "view"):
+            if options[name] is not None:
+                raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
+
+
+def _run(recording: str | None, observations: str | None, options: dict[str, Any], progress: Any) -> Any:
+    from poseppl.filters.registry import check_settings
+    from poseppl.io import read_cameras
+    from poseppl.tracking import TrackSettings, observe_motion, scene_of_observations, track
+    from poseppl.tracking.subjects import DEFAULT_MODEL
+
+    model = options["model"] or DEFAULT_MODEL
+    settings = TrackSettings(
+        model=model,
+        filter=options["filter_name"],
+        options={name: options[name] for name in _FILTER_OPTIONS},
+        on_failure=options["on_failure"],
+        **{name: options[name] for name in ("sigma_position", "sigma_angle", "seed", "max_draws")},
+    )
+    check_settings(settings.filter, settings.options)
+    progress.stage("reading")
+    if observations is not None:
+        scene = scene_of_observations(
+            observations,
+            read_cameras(options["camera"]),
+            model=model,
+            frames=options["frames"],
+            noise=options["noise"],
+            rate=options["rate"],
+        )
+    else:
+        scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
+    progress.stage("compiling", total=len(scene.points))
+    return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])
+
+
+def _seed(seed: int) -> int:
+    if not 0 <= seed < 2**32:
+        raise InputError(f"{seed}", field="--seed", expected="0 to 4294967295")
+    return seed
+
+
+def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tuple[Any, Any, tuple[str, ...]]:
+    from poseppl.cli.subject import find_subject, look_at_subject
+
+    if recording is not None:
+        progress.stage("fitting the body to the recording")
+    subject = find_subject(recording, options)
+    return subject, *look_at_subject(subject, options)
+
+
+def _write(tree: Any, target: Any, picture: Any, inputs: list[str | None]) -> None:
+    """Write result and picture; either both appear or neither."""
+    from poseppl.io import atomic_path
+    from poseppl.report import plot_track, save_picture
+    from poseppl.results import save_result
+
+    figure = plot_track(tree)
+    sources = [source for source in inputs if source is not None]
+    with atomic_path(picture, inputs=sources) as drawn, atomic_path(target, inputs=sources) as written:
+        save_picture(figure, drawn)
+        save_result(tree, written)
+
+
+def summary(tree: Any) -> list[tuple[str, str]]:
+    """The rows of the table."""
+    from poseppl.results import provenance
+    from poseppl.tracking import measure_run
+
+    numbers, known = measure_run(tree), provenance(tree)
+    sizes = tree["posterior"].sizes
+    residual = known.get("residual_mm")
+
+    def shown(value: float | None, pattern: str) -> str | None:
+        return None if value is None else pattern.format(value)
+
+    rows = [
+        ("input", str(known["input"])),
+        ("model", f"{known['model'].rpartition(':')[2]}, {sizes['dof']} coordinates"),
+        ("filter", str(known["filter"])),
+        ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),
+        ("body's distance from the recording", shown(residual, "{:.1f} mm")),
+        ("mean joint error", shown(numbers.joint_error, "{:.1f} mm")),
+        ("  relative to the pelvis", shown(numbers.joint_error_relative, "{:.1f} mm")),
+        ("coverage of 90 % intervals, joints", shown(numbers.coverage, "{:.1%}")),
+        ("  of the coordinates", shown(numbers.coverage_state, "{:.1%}")),
+        ("rejection rate", shown(numbers.rejection, "{:.1%}")),
+        ("inefficiency factor, median", shown(numbers.tau, "{:.1f}")),
+        ("frames a second", shown(numbers.frames_per_second, "{:.1f}")),
+        ("compilation", f"{known['compile_seconds']:.1f} s"),
+    ]
+    return [(name, value) for name, value in rows if value is not None]
