@@ -1,0 +1,169 @@
+"""Moments of the transition and curvature of the observation, against exact ones."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from numpyro import handlers
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from programs import model
+
+FULL = [[1.0, 0.3], [0.3, 0.5]]
+X = jnp.array([0.4, -0.3, 1.1])
+
+
+@pytest.mark.parametrize("matrices", [{}, {"Q": FULL, "R": FULL}], ids=["diagonal", "full"])
+def test_linear_gaussian_is_exact(matrices):
+    matrices = linear_gaussian_matrices(2, H=[[1.0, 2.0], [0.5, -1.0]], **matrices)
+    compiled = linear_gaussian_model(matrices).compile()
+    x = jnp.array([0.7, -1.0])
+    mean, covariance = jax.jit(compiled.transition_moments)(x)
+    np.testing.assert_allclose(mean, matrices.A @ x, rtol=1e-6)
+    np.testing.assert_allclose(covariance, matrices.Q, rtol=1e-6, atol=1e-7)
+    data = compiled.observe({"y": [0.0, 1.0]})
+    information = jax.jit(compiled.observation_information)(x, data)
+    np.testing.assert_allclose(information, matrices.H.T @ np.linalg.solve(matrices.R, matrices.H), rtol=1e-5)
+    hessian = jax.hessian(compiled.log_observation)(x, data)
+    np.testing.assert_allclose(information, -hessian, rtol=1e-4, atol=1e-5)
+
+
+def information_of(program, values, mask=None):
+    compiled = model(observation=program).compile()
+    return jax.jit(compiled.observation_information)(X, compiled.observe(values, mask))
+
+
+def curved(state):
+    return jnp.stack([jnp.sin(state["level"]), state["slope"][0] * state["slope"][1]])
+
+
+JACOBIAN = np.array([[np.cos(0.4), 0, 0], [0, 1.1, -0.3]])
+
+
+def test_gauss_newton_leaves_out_the_residual():
+    program = lambda p, s, i: numpyro.sample("y", dist.Normal(curved(s), jnp.array([0.5, 2.0])))  # noqa: E731
+    found = information_of(program, {"y": [50.0, -50.0]})
+    np.testing.assert_allclose(found, JACOBIAN.T @ np.diag([4.0, 0.25]) @ JACOBIAN, rtol=1e-5)
+
+
+def test_masks_scales_and_wrappers():
+    def program(params, state, inputs):
+        numpyro.sample("batch", dist.Normal(curved(state), 1.0))
+        numpyro.sample("event", dist.Normal(curved(state), 1.0).to_event(1))
+        with handlers.scale(scale=3.0):
+            numpyro.sample("scaled", dist.Normal(curved(state), 1.0))
+        numpyro.sample("inner", dist.Normal(curved(state), 1.0).mask(jnp.array([False, True])).to_event(1))
+        with handlers.mask(mask=False):
+            numpyro.sample("never", dist.Normal(curved(state), 1.0))
+        numpyro.sample("spread", dist.Normal(state["level"], 1.0).expand([4]))
+
+    values = {"batch": [0.0, np.nan], "event": [0.0, 0.0], "scaled": [0.0, 0.0], "inner": [0.0, 0.0], "never": [0.0, 0.0]}
+    found = information_of(program, {**values, "spread": [0.0, np.nan, 0.0, 0.0]})
+    expected = JACOBIAN.T @ np.diag([1 + 1 + 3, 1 + 3 + 1]) @ JACOBIAN + np.diag([3.0, 0, 0])
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_scale_that_depends_on_the_state_is_ignored():
+    program = lambda p, s, i: numpyro.sample("y", dist.Normal(curved(s), jnp.exp(s["level"])))  # noqa: E731
+    np.testing.assert_allclose(information_of(program, {"y": [0.0, 0.0]}), JACOBIAN.T @ JACOBIAN / np.exp(0.8), rtol=1e-5)
+
+
+def test_multivariate_normal_in_batches():
+    covariance = jnp.array(FULL)
+    program = lambda p, s, i: numpyro.sample("y", dist.MultivariateNormal(jnp.stack([curved(s)] * 3), covariance))  # noqa: E731
+    values = np.zeros((3, 2))
+    values[1] = np.nan
+    found = information_of(program, {"y": values})
+    np.testing.assert_allclose(found, 2 * JACOBIAN.T @ np.linalg.solve(FULL, JACOBIAN), rtol=1e-4)
+
+
+def test_other_sites_and_factors_by_their_clipped_hessian():
+    def program(params, state, inputs):
+        numpyro.factor("hill", -2.0 * state["level"] ** 2 + 3.0 * state["slope"][0] ** 2)
+        numpyro.sample("count", dist.Poisson(jnp.exp(state["slope"][1])))
+
+    found = information_of(program, {"count": 4})
+    np.testing.assert_allclose(found, np.diag([4.0, 0.0, np.exp(1.1)]), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(information_of(program, {"count": np.nan}), np.diag([4.0, 0.0, 0.0]), rtol=1e-4, atol=1e-5)
+
+
+def test_reverse_rules_of_a_model_are_enough():
+    @jax.custom_vjp
+    def stretch(x):
+        return 2 * x
+
+    stretch.defvjp(lambda x: (2 * x, None), lambda _, g: (2 * g,))
+    normal = lambda p, s, i: numpyro.sample("y", dist.Normal(stretch(s["level"]), 1.0))  # noqa: E731
+    np.testing.assert_allclose(information_of(normal, {"y": 0.0})[0, 0], 4)
+    factor = lambda p, s, i: numpyro.factor("f", -(stretch(s["level"]) ** 2))  # noqa: E731
+    np.testing.assert_allclose(information_of(factor, {})[0, 0], 8)
+
+
+def moments_of(transition, initial=None):
+    compiled = model(initial or (lambda p, i: transition(p, {"level": 0.0, "slope": jnp.zeros(2)}, i)), transition).compile()
+    return jax.jit(compiled.transition_moments)(X)
+
+
+def test_moments_of_other_distributions():
+    def transition(params, state, inputs):
+        numpyro.sample("slope", dist.Laplace(state["slope"], 2.0).to_event(1))
+        numpyro.sample("level", dist.StudentT(5.0, state["level"], 3.0))
+
+    def initial(params, inputs):
+        numpyro.sample("level", dist.Normal(0.0, 1.0))
+        numpyro.sample("slope", dist.Normal(0.0, 1.0).expand([2]))
+
+    mean, covariance = moments_of(transition, initial)
+    np.testing.assert_allclose(mean, X, rtol=1e-6)
+    np.testing.assert_allclose(covariance, np.diag([9 * 5 / 3, 8, 8]), rtol=1e-6)
+
+
+def test_moments_of_an_angle():
+    """A concentrated VonMises is a Normal of variance 1 / concentration around the unwrapped mean."""
+
+    def transition(params, state, inputs):
+        numpyro.sample("level", dist.VonMises(state["level"] + 7.0, 1000.0))
+        numpyro.sample("slope", dist.MultivariateNormal(state["slope"], jnp.array(FULL)))
+
+    mean, covariance = moments_of(transition)
+    np.testing.assert_allclose(mean, X + jnp.array([7.0, 0, 0]), rtol=1e-6)
+    np.testing.assert_allclose(covariance[0, 0], 1e-3, rtol=1e-3)
+    np.testing.assert_allclose(covariance[1:, 1:], FULL, rtol=1e-6)
+
+
+def refused(match, transition, initial=None):
+    with pytest.raises(ValueError, match=match):
+        moments_of(transition, initial)
+
+
+def test_dependence_within_a_frame_is_refused():
+    def transition(params, state, inputs):
+        level = numpyro.sample("level", dist.Normal(state["level"], 1.0))
+        numpyro.sample("slope", dist.Normal(state["slope"] + jax.jit(jnp.sin)(level), 1.0))
+
+    refused("site 'slope' depends on site 'level' of the same frame", transition)
+
+
+def test_independence_is_seen_through_calls():
+    def transition(params, state, inputs):
+        level = numpyro.sample("level", dist.Normal(state["level"], 1.0))
+        other = jax.jit(lambda a, b: (a * 2, b))(level, state["slope"])[1]
+        numpyro.sample("slope", dist.Normal(other, 1.0))
+
+    np.testing.assert_allclose(moments_of(transition)[0], X)
+
+
+def test_sites_without_gaussian_moments_are_refused():
+    def positive(params, state, inputs):
+        numpyro.sample("level", dist.LogNormal(0.0, 1.0))
+        numpyro.sample("slope", dist.Normal(state["slope"], 1.0))
+
+    def walk(params, state, inputs):
+        numpyro.sample("level", dist.Normal(0.0, 1.0))
+        numpyro.sample("slope", dist.GaussianRandomWalk(1.0, 2))
+
+    refused("site 'level' is not over the real line", positive)
+    refused("site 'slope': GaussianRandomWalk does not give its covariance", walk)
