@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from poseppl.filters import Filter, particle_filter
+from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
+from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel
 
 
@@ -50,6 +51,26 @@ FILTERS: list[FilterRow] = [
         particle_filter,
         lambda model: particle_filter(model, 1000, resampling="multinomial"),
         unbiased_evidence=True,
+    ),
+    FilterRow(
+        "hmc",
+        hmc_filter,
+        lambda model: hmc_filter(model, 20, HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10)),
+        consistent=False,
+    ),
+    FilterRow(
+        "hmc-dense",
+        hmc_filter,
+        lambda model: hmc_filter(
+            model, 20, HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10, target_rejection=None, jitter=0.5), dense_mass=True
+        ),
+        consistent=False,
+    ),
+    FilterRow(
+        "assumed-density",
+        assumed_density_filter,
+        lambda model: assumed_density_filter(model, 60, num_starts=4),
+        evidence_tolerance=1e-3,
     ),
 ]
 

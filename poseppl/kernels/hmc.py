@@ -14,7 +14,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 
-_GAIN = 0.5
+_GAIN = 1.0
 """Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
 
 

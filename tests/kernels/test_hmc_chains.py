@@ -1,0 +1,101 @@
+"""HMC chains leave their density invariant: against quadrature on a banana, and with settings that must be refused."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from poseppl.kernels import HMCSettings, hmc_chains
+
+CURVE = 0.5
+SETTINGS = HMCSettings(num_updates=2000, num_leapfrog=12, burn_in=200, step_size=0.3, jitter=0.5)
+
+
+def banana(x: jax.Array) -> jax.Array:
+    return -0.5 * (x[0] ** 2 + (x[1] - CURVE * (x[0] ** 2 - 1.0)) ** 2 / 0.25)
+
+
+def features(draws):
+    x, y = draws[..., 0], draws[..., 1]
+    return np.stack([x, y, x**2, y**2, x**2 * y, np.abs(x) > 1.5], -1)
+
+
+def quadrature():
+    x, y = np.meshgrid(np.linspace(-7, 7, 1401), np.linspace(-4, 26, 3001), indexing="ij")
+    grid = np.stack([x, y], -1)
+    density = np.exp(-0.5 * (x**2 + (y - CURVE * (x**2 - 1.0)) ** 2 / 0.25))
+    return (features(grid) * density[..., None]).sum((0, 1)) / density.sum()
+
+
+def run(log_density, settings=SETTINGS, num_chains=40, seed=0):
+    starts = jax.random.normal(jax.random.key(seed + 1), (num_chains, 2))
+    return jax.jit(lambda k: hmc_chains(k, starts, log_density, jnp.log(settings.step_size), settings))(jax.random.key(seed))
+
+
+def z_scores(chains):
+    """Chains are independent: their means give the standard error whatever the autocorrelation."""
+    means = features(np.asarray(chains.draws, float)).mean(1)
+    return (means.mean(0) - quadrature()) / (means.std(0, ddof=1) / np.sqrt(len(means)))
+
+
+def test_banana_matches_quadrature():
+    assert np.abs(z_scores(run(banana))).max() < 5
+
+
+def test_fixed_step_and_length_match_quadrature():
+    fixed = SETTINGS._replace(target_rejection=None, jitter=0.0, num_leapfrog=7)
+    assert np.abs(z_scores(run(banana, fixed))).max() < 5
+
+
+def test_a_wider_density_is_noticed():
+    assert np.abs(z_scores(run(lambda x: 0.8 * banana(x)))).max() > 10
+
+
+def test_step_size_adapts_to_the_rejection_rate_and_then_stays():
+    settings = HMCSettings(num_updates=400, num_leapfrog=10, burn_in=200, step_size=0.02, target_rejection=0.15, jitter=0.3)
+    starts = jax.random.normal(jax.random.key(3), (10, 28))
+    chains = hmc_chains(jax.random.key(4), starts, lambda x: -0.5 * jnp.sum(x * x), jnp.log(0.02), settings)
+    assert 0.80 < float(chains.acceptance) < 0.90
+    shorter = settings._replace(num_updates=201)
+    again = hmc_chains(jax.random.key(4), starts, lambda x: -0.5 * jnp.sum(x * x), jnp.log(0.02), shorter)
+    assert chains.draws.shape == (10, 200, 28)
+    assert again.draws.shape == (10, 1, 28)
+    assert float(chains.log_step_size) > np.log(0.2)
+
+
+def test_number_of_gradients_is_counted():
+    settings = HMCSettings(num_updates=6, num_leapfrog=5, burn_in=2, target_rejection=None)
+    chains = run(banana, settings, num_chains=3)
+    assert int(chains.num_gradient) == 3 * (1 + 6 * 5)
+
+
+def test_nan_density_is_never_accepted():
+    def half(x):
+        return jnp.where(x[0] > 0, banana(x), jnp.nan)
+
+    settings = SETTINGS._replace(num_updates=300)
+    starts = jnp.abs(jax.random.normal(jax.random.key(1), (10, 2)))
+    draws = hmc_chains(jax.random.key(0), starts, half, jnp.log(0.3), settings).draws
+    assert np.isfinite(np.asarray(draws)).all()
+    assert (np.asarray(draws)[..., 0] > 0).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"num_updates": 0},
+        {"num_leapfrog": 0},
+        {"burn_in": 32},
+        {"burn_in": -1},
+        {"step_size": 0.0},
+        {"step_size": float("nan")},
+        {"target_rejection": 1.0},
+        {"jitter": 1.0},
+    ],
+    ids=str,
+)
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        HMCSettings(**wrong).check()

@@ -1,0 +1,63 @@
+"""Modes by Gauss-Newton and whitening, on densities whose modes and masses are known."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.kernels import find_modes, whitening
+
+
+def square_problem():
+    """x seen through its square: two modes, mirror images but for a prior that leans to the right."""
+    precision, mean, data, noise = 1.0, 0.3, 4.0, 0.2
+
+    def log_density(x):
+        return -0.5 * precision * (x[0] - mean) ** 2 - 0.5 * ((x[0] ** 2 - data) / noise) ** 2
+
+    def information(x):
+        return jnp.reshape((2 * x[0] / noise) ** 2, (1, 1))
+
+    return log_density, information, jnp.eye(1) * precision
+
+
+def test_both_modes_are_found_with_their_masses():
+    log_density, information, precision = square_problem()
+    starts = jnp.array([[-1.0], [0.4], [3.0]])
+    modes = find_modes(starts, jnp.broadcast_to(precision, (3, 1, 1)), log_density, information, 12)
+    grid = np.linspace(-4, 4, 80001)
+    density = np.exp(np.asarray(jax.vmap(log_density)(jnp.asarray(grid)[:, None]), float))
+    left, right = (density * (grid < 0)).sum(), (density * (grid > 0)).sum()
+    np.testing.assert_allclose(np.abs(np.asarray(modes.states)[:, 0]), 2.0, atol=0.01)
+    masses = np.exp(np.asarray(modes.log_masses, float))
+    step = grid[1] - grid[0]
+    # Laplace's approximation itself is good to (curvature / precision^2), some 2 % here
+    np.testing.assert_allclose(masses[[0, 1]], [left * step, right * step], rtol=0.03)
+
+
+def test_density_never_falls_on_the_way():
+    log_density, information, precision = square_problem()
+    starts = jax.random.normal(jax.random.key(0), (50, 1)) * 3
+    prior = jnp.broadcast_to(precision, (50, 1, 1))
+    heights = [np.asarray(jax.vmap(log_density)(starts))]
+    for steps in (1, 3, 9):
+        states = find_modes(starts, prior, log_density, information, steps).states
+        heights.append(np.asarray(jax.vmap(log_density)(states)))
+    for before, after in zip(heights, heights[1:], strict=False):
+        assert (after >= before - 1e-5 * np.abs(before)).all()  # rounding of float32 between two compilations
+
+
+def test_whitening_makes_the_precision_the_identity():
+    rng = np.random.default_rng(0)
+    scales = 10.0 ** rng.uniform(-2, 2, 6)
+    a = rng.normal(size=(6, 6))
+    precision = (a @ a.T + np.eye(6)) * scales[:, None] * scales
+    with jax.enable_x64(True):
+        chart = whitening(jnp.zeros(6), jnp.asarray(precision))
+        np.testing.assert_allclose(chart.scale.T @ precision @ chart.scale, np.eye(6), atol=1e-10)
+        z = jnp.asarray(rng.normal(size=(4, 6)))
+        np.testing.assert_allclose(chart.to_white(chart.to_state(z)), z, atol=1e-9)
+        diagonal = whitening(jnp.ones(6), jnp.asarray(precision), dense=False)
+        np.testing.assert_allclose(diagonal.scale, np.diag(precision) ** -0.5)
+        np.testing.assert_allclose(diagonal.to_white(diagonal.to_state(z)), z, atol=1e-12)
