@@ -48,9 +48,9 @@ def _tail(cameras: Cameras, scale: Any, value: Any, mask: Any, x: Any, y: Any, z
     """Log-density of markers at world coordinates x, y, z, component by component."""
     u, v = project_components(cameras, x, y, z)
     inverse = 1.0 / scale
-    constant = jnp.log(inverse) - 0.5 * np.log(2 * np.pi)
+    constant = -jnp.log(scale) - 0.5 * np.log(2 * np.pi)
     first, second = mask[0] > 0, mask[1] > 0
-    # chosen twice, not multiplied by the mask: the first keeps gradients finite, the second values, whatever a masked entry holds
+    # chosen twice, not multiplied by the mask: the first keeps gradients finite, the second values, whatever stands there
     a, b = jnp.where(first, u - value[0], 0.0) * inverse, jnp.where(second, v - value[1], 0.0) * inverse
     return jnp.where(first, constant - 0.5 * a * a, 0.0) + jnp.where(second, constant - 0.5 * b * b, 0.0)
 
