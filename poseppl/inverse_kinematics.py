@@ -5,8 +5,10 @@ For every frame x a nonlinear least-squares problem, by Levenberg and Marquardt'
     minimise  sum over seen markers |p_m(x) - y_m|^2 + w^2 |angles of x - those before|^2 + v^2 |angles of x - those at rest|^2
 
 The last two terms hold what the markers do not show: the twist of a thigh about its own axis while the knee is straight, a
-joint whose markers are missing. They are weak, w = 5 and v = 2 mm a radian (the root's own angles have no rest): an angle
-whose markers have a lever of 100 mm lags them by 1/400 of its change since the frame before, and is drawn to rest by 1/2500.
+joint whose markers are missing. They are weak, w = 5 and v = 2 mm a radian: an angle whose markers have a lever of 100 mm lags
+them by 1/400 of its change since the frame before, and is drawn to rest by 1/2500. The root's own angles have no rest, and a
+hundredth of w: where a turn of the whole body and opposite turns of its parts look the same (a spine is a line), it is the body
+that turns.
 
 Rest decides between mirror twins, too: a thigh turned by pi about its own axis, with the knee bent the wrong way, puts every
 marker at the same place. So let ``start`` have its knees and elbows bent a little. The first frame has no frame before it and
@@ -34,6 +36,8 @@ ANGLE_PULL = 5.0
 """Weight (mm a radian) that holds angles to the frame before."""
 REST_PULL = 2.0
 """Weight (mm a radian) that draws angles other than the root's to rest."""
+ROOT_PULL = 0.05
+"""Weight (mm a radian) that holds the root's angles to the frame before."""
 POSITION_PULL = 0.01
 """Weight (mm a mm) that holds the root's position to the frame before; it counts when no marker is seen."""
 LEAP = 250.0
@@ -137,7 +141,8 @@ def _first_state(tree: KinematicTree, solve: Solver, target: Floats, rest: Float
 
 def _next_state(tree: KinematicTree, solve: Solver, target: Floats, previous: Floats, rest: Floats) -> Floats:
     """Solve a frame from the one before it; two pulls on a coordinate make one, towards their weighted mean."""
-    before = np.where(np.arange(tree.dimension) < 3, POSITION_PULL, ANGLE_PULL) ** 2
+    before = np.where(_of_root(tree), ROOT_PULL, ANGLE_PULL) ** 2
+    before[:3] = POSITION_PULL**2
     home = np.where(_of_root(tree), 0.0, REST_PULL) ** 2
     anchor = (before * previous + home * rest) / (before + home)
     return _near(solve(target, previous, anchor, np.sqrt(before + home))[0], previous)

@@ -101,7 +101,8 @@ def test_a_wrong_lever_is_noticed(dtype):
 def test_batches_of_every_kind(dtype):
     tree = mixed_tree()
     batch = jnp.asarray(states(tree, 6))
-    single = np.stack([marker_positions(tree, state) for state in batch])
+    positions = jax.jit(marker_positions)
+    single = np.stack([positions(tree, state) for state in batch])
     over = jax.vmap(marker_positions, (None, 0))
     np.testing.assert_allclose(over(tree, batch), single, atol=tolerance(dtype))
     np.testing.assert_allclose(jax.jit(over)(tree, batch), single, atol=tolerance(dtype))
@@ -114,7 +115,7 @@ def test_batches_of_every_kind(dtype):
 def test_gradients_of_batches(dtype):
     tree = mixed_tree()
     batch = jnp.asarray(states(tree, 6))
-    one = jax.grad(lambda state: energy(marker_positions(tree, state)))
+    one = jax.jit(jax.grad(lambda state: energy(marker_positions(tree, state))))
     single = np.stack([one(state) for state in batch])
     np.testing.assert_allclose(jax.vmap(one)(batch), single, atol=tolerance(dtype))
     nested = jax.vmap(jax.vmap(one))(batch.reshape(3, 2, -1))
@@ -123,9 +124,9 @@ def test_gradients_of_batches(dtype):
     def total(batch):
         return jnp.sum(jax.vmap(lambda state: energy(marker_positions(tree, state)))(batch))
 
-    np.testing.assert_allclose(jax.grad(total)(batch), single, atol=tolerance(dtype))
-    jacobian = jax.jacrev(lambda state: marker_positions(tree, state))(batch[0])
-    automatic = jax.jacfwd(lambda state: scalar_form(tree, state))(batch[0])
+    np.testing.assert_allclose(jax.jit(jax.grad(total))(batch), single, atol=tolerance(dtype))
+    jacobian = jax.jit(jax.jacrev(lambda state: marker_positions(tree, state)))(batch[0])
+    automatic = jax.jit(jax.jacfwd(lambda state: scalar_form(tree, state)))(batch[0])
     np.testing.assert_allclose(jacobian, automatic, atol=tolerance(dtype))
 
 
@@ -134,19 +135,21 @@ def test_batched_trees(dtype):
     tree = mixed_tree()
     batch = jnp.asarray(states(tree, 4))
     factors = jnp.array([0.9, 1.0, 1.1, 1.2])
+    positions = jax.jit(marker_positions)
     grown = jax.vmap(lambda f: tree.with_offsets(f * tree.offsets, f * tree.marker_offsets))(factors)
     both = jax.vmap(marker_positions)(grown, batch)
     shared = jax.vmap(marker_positions, (0, None))(grown, batch[0])
     for i, factor in enumerate(factors):
         own = tree.with_offsets(factor * tree.offsets, factor * tree.marker_offsets)
-        np.testing.assert_allclose(both[i], marker_positions(own, batch[i]), atol=tolerance(dtype))
-        np.testing.assert_allclose(shared[i], marker_positions(own, batch[0]), atol=tolerance(dtype))
+        np.testing.assert_allclose(both[i], positions(own, batch[i]), atol=tolerance(dtype))
+        np.testing.assert_allclose(shared[i], positions(own, batch[0]), atol=tolerance(dtype))
 
     def total(tree):
         return jnp.sum(jax.vmap(lambda state: energy(marker_positions(tree, state)))(batch))
 
-    summed = jax.grad(total)(tree)
-    apart = [jax.grad(lambda tree, state=state: energy(marker_positions(tree, state)))(tree) for state in batch]
+    summed = jax.jit(jax.grad(total))(tree)
+    one = jax.jit(jax.grad(lambda tree, state: energy(marker_positions(tree, state))))
+    apart = [one(tree, state) for state in batch]
     np.testing.assert_allclose(summed.offsets, sum(one.offsets for one in apart), atol=tolerance(dtype))
     np.testing.assert_allclose(summed.marker_offsets, sum(one.marker_offsets for one in apart), atol=tolerance(dtype))
 

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from poseppl_models.choo_fleet import full_body
+from poseppl_models.gait import walk
+
+from poseppl.errors import InputError
+from poseppl.geometry import marker_positions
+from poseppl.inverse_kinematics import fit_states
+from poseppl.io import Motion, read_motion, slice_frames
+from poseppl.subject import fit_subject, match_markers
+
+# recording, its skeleton, and the mean distance in mm that the body must reach (what it reached, and a millimetre)
+RECORDINGS = {
+    "02_01": ("cmu_amc/02_01.amc", "cmu_amc/02.asf", 4.8),
+    "03_01": ("cmu_amc/03_01.amc", "cmu_amc/03.asf", 8.1),
+    "bvh": ("pybvh/cmu_12_01_walk.bvh", None, 7.1),
+    "makehuman": ("makehuman/walk1.bvh", None, 6.1),
+}
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """A body, its states over one second and their markers."""
+    states, lengths = walk(rate=30.0, num_frames=30)
+    body = full_body(lengths)
+    markers = jax.vmap(lambda x: marker_positions(body.tree, x))(states.astype(np.float32))
+    return body, states, np.asarray(markers, np.float64)
+
+
+def test_the_bodys_own_markers_come_back(walker):
+    """The pulls bias what the markers show by less than a tenth of a millimetre."""
+    body, states, markers = walker
+    found, residual = fit_states(body.tree, markers, body.rest)
+    assert residual.shape == markers.shape[:2] and residual.mean() < 0.05 and residual.max() < 0.5
+    shown = [i for i, (joint, axis) in enumerate(body.tree.coordinates) if (joint, axis) != ("head", "Z")]
+    np.testing.assert_allclose(found[:, shown], states[:, shown], atol=0.3)
+    np.testing.assert_allclose(found[:, :3], states[:, :3], atol=0.3)
+
+
+def test_any_heading_and_no_jumps(walker):
+    """A walker turned by any angle keeps his joint angles, and his heading goes on past pi."""
+    body, states, markers = walker
+    reference, _ = fit_states(body.tree, markers[:1], body.rest)
+    for turn in (0.5, 2.0, 3.1, -2.5):
+        c, s = np.cos(turn), np.sin(turn)
+        found, residual = fit_states(body.tree, markers[:1] @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]), body.rest)
+        assert residual.max() < 0.5
+        np.testing.assert_allclose(found[0, 4:], reference[0, 4:], atol=1e-2)
+    turns = np.linspace(0, 3 * np.pi, 30)
+    spin = np.stack([[[np.cos(a), np.sin(a), 0], [-np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns])
+    found, residual = fit_states(body.tree, markers[:1] @ spin, body.rest)
+    assert np.abs(np.diff(found[:, 3:], axis=0)).max() < 0.5 and residual.max() < 1.0
+    np.testing.assert_allclose(found[-1, 3] - found[0, 3], 3 * np.pi, atol=0.1)
+
+
+def test_missing_markers(walker):
+    """A marker, a limb, a whole frame: what is left decides, and what nothing shows stays as it was."""
+    body, _, markers = walker
+    names = body.tree.marker_names
+    holes = markers.copy()
+    holes[3:6, names.index("knee_l")] = np.nan
+    holes[8:12, [names.index("elbow_r"), names.index("wrist_r")]] = np.nan
+    holes[15] = np.nan
+    holes[0] = np.nan
+    found, residual = fit_states(body.tree, holes, body.rest)
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(np.isnan(residual), np.isnan(holes).any(-1))
+    assert np.nanmax(residual) < 1.0
+    elbow = body.tree.coordinate_names.index("elbow_r.X")
+    assert np.abs(np.diff(found[7:12, elbow])).max() < 0.1
+    assert np.abs(found[15] - found[14]).max() < 0.2
+    clean, _ = fit_states(body.tree, markers, body.rest)
+    np.testing.assert_allclose(found[20:], clean[20:], atol=0.5)
+
+
+def test_refuses(walker):
+    body, _, markers = walker
+    with pytest.raises(ValueError, match=r"expected \(T, 17, 3\)"):
+        fit_states(body.tree, markers[:, :5])
+    with pytest.raises(ValueError, match="expected"):
+        fit_states(body.tree, markers[:0])
+    with pytest.raises(ValueError, match=r"expected \(28,\)"):
+        fit_states(body.tree, markers, np.zeros(27))
+    with pytest.raises(ValueError, match="no frame has a marker"):
+        fit_states(body.tree, np.full_like(markers, np.nan))
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_recordings(data_dir, name):
+    """Every tenth of a second: close to the joints, knees bend backwards and elbows forwards."""
+    path, skeleton, limit = RECORDINGS[name]
+    motion = read_motion(data_dir / path, skeleton and data_dir / skeleton)
+    if len(motion.positions) > 100:
+        motion = slice_frames(motion, f"1:{len(motion.positions)}:12")
+    subject = fit_subject(motion, full_body)
+    assert subject.residual.mean() < limit
+    coordinates = subject.body.tree.coordinate_names
+    for side in "lr":
+        assert subject.states[:, coordinates.index(f"knee_{side}.X")].max() < 0.05
+        assert subject.states[:, coordinates.index(f"elbow_{side}.X")].min() > -0.05
+    assert np.abs(np.diff(subject.states[:, 3:], axis=0)).max() < 1.5
+
+
+def test_skin_markers_are_refused(data_dir):
+    with pytest.raises(InputError, match="none of its 35 points .RFHD.* is a joint of the body.*joint centres such as root"):
+        fit_subject(read_motion(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d"), full_body)
+    motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), None, 100.0, "z", "few.c3d")
+    assert match_markers(motion, ("pelvis", "knee_l"), full_body().aliases).shape == (4, 2, 3)
+    with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*hip_l: lhipjoint or LeftUpLeg"):
+        fit_subject(motion, full_body)
