@@ -158,7 +158,7 @@ class Checkpoint:
 
 
 def _read(path: Path, frames: int, state: Any, blank: Any) -> Part:
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
 
     def restore(prefix: str, example: Any, leading: tuple[int, ...]) -> Any:

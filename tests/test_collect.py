@@ -33,7 +33,7 @@ def test_chains_are_thinned_evenly_and_summarised_whole() -> None:
 
 def test_all_draws_of_short_chains_are_kept() -> None:
     draws = jnp.arange(24.0).reshape(2, 6, 2)
-    kept = collect_draws(MODEL, max_draws=6)(KEY, chain_state(draws, jnp.zeros(())), INFO, None)
+    kept = jax.jit(collect_draws(MODEL, max_draws=6))(KEY, chain_state(draws, jnp.zeros(())), INFO, None)
     np.testing.assert_array_equal(kept.state, draws)
 
 
@@ -61,7 +61,7 @@ def test_weighted_particles() -> None:
 def test_weightless_particles_are_not_read() -> None:
     particles = jnp.array([[1.0, 2.0], [jnp.nan, jnp.inf], [3.0, 4.0]])
     log_weights = jnp.log(jnp.array([0.5, 0.0, 0.5]))
-    kept = collect_draws(MODEL, max_draws=4)(KEY, ParticleState(particles, log_weights), INFO, None)
+    kept = jax.jit(collect_draws(MODEL, max_draws=4))(KEY, ParticleState(particles, log_weights), INFO, None)
     np.testing.assert_allclose(kept.summary["state_mean"], [2.0, 3.0])
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(kept))
 

@@ -82,7 +82,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
         offset = (project(cameras, marker_positions(body.tree, x)) - shape) * seen / noise[..., None]
         return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
 
-    evaluate, derive = jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
+    evaluate, derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
     solve = partial(
         least_squares,
         lambda x: np.asarray(evaluate(x), np.float64),
