@@ -28,9 +28,11 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
         ``function`` with one flattened batch axis.
     """
 
+    compiled = jax.jit(function)  # traced once for each shape, however often a model's programs run
+
     @jax.custom_batching.custom_vmap
     def batched(*args: Tree) -> Tree:  # leaves (N or 1, ...)
-        out = function(*jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), args))
+        out = compiled(*jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), args))
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), out)
 
     @batched.def_vmap
