@@ -144,7 +144,7 @@ def test_batches():
 
 @pytest.mark.parametrize("filling", [0.0, np.inf, np.nan])
 def test_many_particles(filling):
-    """A large batch may take another way to the same values; the gradient's way is the one that is compared elementwise above."""
+    """A large batch may take another way to the same values than the gradient, which is compared elementwise above."""
     dtype = np.float32
     tree, cameras, (state,), scale, (value,), (mask,) = scene(dtype)
     crowd = state + jnp.asarray(np.random.default_rng(1).normal(0, 0.05, (5000, tree.dimension)), dtype)
