@@ -11,12 +11,12 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.collect import collect_draws
 from poseppl.filters import Filter, Info, ParticleState, particle_filter
 from poseppl.program import Observation, StateSpaceModel
 from poseppl.run import Constant, Online, RunError, frame_inputs, run_filter
-from poseppl_models.linear_gaussian import linear_gaussian
 
 
 class Controls(NamedTuple):
@@ -186,7 +186,11 @@ def test_impossible_data_of_a_real_model(caplog: pytest.LogCaptureFixture) -> No
     values[3] = 1e6
     with caplog.at_level(logging.WARNING, logger="poseppl"):
         run = run_filter(
-            particle_filter(model, 50), jax.random.key(0), model.observe({"y": values}), num_frames=6, collect=collect_draws(model)
+            particle_filter(model, 50),
+            jax.random.key(0),
+            model.observe({"y": values}),
+            num_frames=6,
+            collect=collect_draws(model),
         )
     # an underflow of every weight is no -inf in logs; only what the filter flags is told
     assert run.failed == tuple(np.flatnonzero(run.info.failed))

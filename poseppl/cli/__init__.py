@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import click
 
-from poseppl.cli.gait import fit_gait
-from poseppl.cli.report import report
-from poseppl.cli.simulate import simulate
-from poseppl.cli.track import track
+from poseppl.cli.gait import fit_gait as gait_command
+from poseppl.cli.report import report as report_command
+from poseppl.cli.simulate import simulate as simulate_command
+from poseppl.cli.track import track as track_command
 from poseppl.errors import PosepplError
 
 EPILOG = """\b
@@ -44,7 +44,7 @@ def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
 
 
-for command in (track, simulate, report, fit_gait):
+for command in (track_command, simulate_command, report_command, gait_command):
     cli.add_command(command)
 
 

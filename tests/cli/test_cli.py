@@ -1,0 +1,193 @@
+"""The command line: help, files, bad input, interruption, a full disk."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from poseppl.cli import main
+from poseppl.cli.track import FILTERS as NAMES
+from poseppl.filters.registry import FILTERS
+from poseppl.results import load_result
+
+SMALL = ["--filter", "particle", "--particles", "200", "--frames", "0:4", "--max-draws", "20"]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", os.environ.get("JAX_COMPILATION_CACHE_DIR", "as set by the tests"))
+
+
+def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], *words: str, status: int = 1) -> str:
+    """Run, and expect one clear message on stderr and no file."""
+    before = sorted(Path().rglob("*"))
+    assert main(arguments) == status
+    message = capsys.readouterr().err
+    assert "Traceback" not in message
+    for word in words:
+        assert word in message
+    if status == 1:
+        assert len(message.strip().splitlines()) == 1 and message.startswith("poseppl: ")
+    assert sorted(Path().rglob("*")) == before
+    return message
+
+
+def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", *SMALL]) == 0
+    printed = capsys.readouterr()
+    for words in ("mean joint error", "coverage of 90 % intervals", "frames a second", "poseppl-walk.nc"):
+        assert words in printed.out
+    assert sorted(path.name for path in Path().iterdir()) == ["poseppl-walk.nc", "poseppl-walk.png"]
+    tree = load_result("poseppl-walk.nc")
+    assert tree["posterior"].sizes["frame"] == 4
+    assert main(["report", "poseppl-walk.nc"]) == 0
+    assert "<!DOCTYPE html>" in Path("poseppl-walk.html").read_text()[:20]
+    Path("sim").mkdir()
+    assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
+    assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
+
+
+def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["track", *SMALL, "--checkpoint", "run", "--quiet"]
+    assert main(arguments) == 0
+    capsys.readouterr()
+    refused(capsys, arguments, "resume it (--resume)")
+    refused(capsys, [*arguments, "--resume", "--seed", "1"], "another run")
+    assert main([*arguments, "--resume", "-o", "again.nc"]) == 0
+    first, second = load_result("poseppl-walk.nc"), load_result("again.nc")
+    assert first["posterior"].dataset.equals(second["posterior"].dataset)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["track", "--noise", "-1"], ["--noise"]),
+        (["track", "--noise", "nan"], ["--noise"]),
+        (["track", "--chains", "0"], ["--chains"]),
+        (["track", "--sigma-angle", "-0.1"], ["--sigma-angle"]),
+        (["track", "--seed", "-1"], ["--seed"]),
+        (["track", "--max-draws", "0"], ["--max-draws"]),
+        (["track", "--rate", "0"], ["--rate"]),
+        (["track", "--frames", "5:2"], ["frames", "5:2"]),
+        (["track", "--frames", "x"], ["frames"]),
+        (["track", "--cameras", "9"], ["--cameras", "1 to 4"]),
+        (["track", "--camera-distance", "-5"], ["--camera-distance"]),
+        (["track", "--skeleton", "a.asf"], ["--skeleton"]),
+        (["track", "--filter", "hmc", "--particles", "5"], ["--particles"]),
+        (["track", "--model", "nothing"], ["--model"]),
+        (["track", "--model", "poseppl_models.choo_fleet:leg"], ["--model", "full_body"]),
+        (["track", "absent.bvh"], ["absent.bvh", "no such file"]),
+        (["track", "walk.txt"], ["walk.txt", ".amc or .bvh or .c3d"]),
+        (["track", "-o", "absent/x.nc"], ["absent", "does not exist"]),
+        (["track", "-o", "x.txt"], ["--output", "NAME.nc"]),
+        (["simulate", "--missing", "1"], ["--missing"]),
+        (["simulate", "--focal", "-3"], ["--focal"]),
+        (["report", "absent.nc"], ["absent.nc", "no such file"]),
+        (["fit-gait", "absent.amc", "--harmonics", "0"], ["--harmonics"]),
+    ],
+)
+def test_bad_input_ends_with_one_message(capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]) -> None:
+    refused(capsys, arguments, *words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["track", "--chains", "many"], ["--chains", "not a valid integer"]),
+        (["track", "--colour"], ["--colour"]),
+        (["dance"], ["dance"]),
+        (["track", "--resume"], ["--resume needs --checkpoint"]),
+        (["track", "--observations", "a.csv"], ["--observations needs --camera"]),
+        (["track", "a.bvh", "--observations", "a.csv", "--camera", "c.toml"], ["not both"]),
+    ],
+)
+def test_wrong_usage_exits_with_2(capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]) -> None:
+    refused(capsys, arguments, *words, status=2)
+
+
+def test_recordings_that_cannot_be_used(capsys: pytest.CaptureFixture[str], data_dir: Path) -> None:
+    amc, asf = data_dir / "cmu_amc" / "02_01.amc", str(data_dir / "cmu_amc" / "02.asf")
+    refused(capsys, ["track", str(amc)], "--skeleton")
+    refused(capsys, ["track", str(amc), "--skeleton", asf, "--frames", "0:9999"], "out of range", "0:343")
+    refused(capsys, ["track", str(data_dir / "btk_c3d" / "Dance.c3d")], "Dance.c3d")
+    Path("cut.amc").write_bytes(amc.read_bytes()[:5000])
+    refused(capsys, ["track", "cut.amc", "--skeleton", asf], "cut.amc", "line")
+    Path("empty.csv").write_text("")
+    refused(capsys, ["track", "--observations", "empty.csv", "--camera", asf], asf)
+
+
+def test_an_input_is_never_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "--frames", "0:3", "--quiet"]) == 0
+    Path("points.nc").write_bytes(Path("poseppl-walk.csv").read_bytes())
+    arguments = ["track", "--observations", "points.nc", "--camera", "poseppl-walk.toml", "-o", "points.nc"]
+    refused(capsys, arguments, "would overwrite an input")
+
+
+def test_a_full_disk(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*args: Any, **kwargs: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("poseppl.results.xr.DataTree.to_netcdf", full)
+    refused(capsys, ["track", *SMALL], "disk is full")
+
+
+def test_unexpected_faults_show_where_with_debug(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: Any, **kwargs: Any) -> None:
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr(importlib.import_module("poseppl.cli.track"), "_run", broken)
+    refused(capsys, ["track"], "unexpected RuntimeError: a fault", "--debug")
+    assert main(["track", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_no_half_written_file() -> None:
+    command = [sys.executable, "-c", "import sys; from poseppl.cli import main; sys.exit(main())"]
+    arguments = ["track", "--filter", "particle", "--particles", "20000", "--frames", "0:5000", "--checkpoint", "run"]
+    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 100
+    while not list(Path("run").glob("part-*")) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=100)
+    assert process.returncode == 130
+    assert "Traceback" not in message and "interrupted" in message and "--resume" in message
+    assert [path.name for path in Path().iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize("command", [[], ["track"], ["simulate"], ["report"], ["fit-gait"]])
+def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+    assert main([*command, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Usage: poseppl" in text and "Examples:" in text and "xit status" in text
+    if command:
+        assert "Files written" in text
+        for option in re.findall(r"^  (?:-\w, )?--[\w/ -]+", text, re.MULTILINE):
+            assert option.strip()
+
+
+def test_help_is_quick_and_its_defaults_are_true(capsys: pytest.CaptureFixture[str]) -> None:
+    code = "import sys, poseppl.cli; sys.exit(sum(name in sys.modules for name in ('jax', 'matplotlib', 'rich', 'xarray')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert tuple(FILTERS) == NAMES
+    main(["track", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    default, paper, particle = (FILTERS[name].defaults for name in NAMES)
+    for name in ("chains", "leapfrog", "step_size", "jitter"):
+        assert f"[default: {default[name]:g}; {paper[name]:g} for hmc]" in text
+    for name in ("draws", "burn_in", "rejection"):
+        assert f"[default: {default[name]:g}]" in text and default[name] == paper[name]
+    assert f"temporal prior. [default: {default['components']}]" in text
+    assert f"modes of a frame. [default: {default['starts']}]" in text
+    assert f"how many. [default: {particle['particles']}]" in text
