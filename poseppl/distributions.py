@@ -87,7 +87,7 @@ def _value_and_gradients_last(
     positions = markers_of(tree, frames)
     count = state.shape[-1]
     shared = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*leaf.shape[:-1], count)), (cameras, scale, value))
-    density, pull = jax.vjp(lambda *args: _summed(*args, mask), positions, *shared)
+    density, pull = jax.vjp(lambda p, c, s, v: _summed(p, c, s, v, mask), positions, *shared)
     forces, *others = pull(jnp.ones_like(density))
     return density, (*pull_back(tree, frames, positions, forces), *others)
 
