@@ -36,6 +36,9 @@ from poseppl.program import CompiledModel, Observation
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 
+_CANDIDATES = 4
+"""Draws from which each chain picks its start."""
+
 
 def assumed_density_filter(
     model: CompiledModel,
@@ -88,7 +91,7 @@ def assumed_density_filter(
 
         precisions = jnp.linalg.inv(prior.covariances)[component]
         modes = find_modes(climbers, precisions, log_density, information, num_mode_steps)
-        starts, chosen = _starts(key_start, modes, num_chains)
+        starts, chosen = _starts(key_start, modes, log_density, num_chains)
         chart = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
         chains = hmc_chains(
             key_chains, chart.to_white(starts), lambda z: log_density(chart.to_state(z)), log_step_size, settings
@@ -99,7 +102,7 @@ def assumed_density_filter(
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * num_mode_steps + 2)),
+            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * num_mode_steps + 2) + num_chains * _CANDIDATES),
             num_gradient=chains.num_gradient + num_starts * num_mode_steps,
             failed=failed,
             step_size=jnp.exp(chains.log_step_size),
@@ -132,9 +135,18 @@ def covariance_inflation(draws: jax.Array) -> jax.Array:
     return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)
 
 
-def _starts(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Array, jax.Array]:
-    """Draw (M, d) from the Laplace approximations of modes chosen by their masses, and which they were (M,)."""
-    key_choose, key_noise = jax.random.split(rng_key)
+def _starts(
+    rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_chains: int
+) -> tuple[jax.Array, jax.Array]:
+    """Start M chains (M, d) from modes (M,) chosen by their masses.
+
+    Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of
+    them lie so far out that a chain would not come back within the burn-in.
+    """
+    key_choose, key_noise, key_pick = jax.random.split(rng_key, 3)
     chosen = jax.random.categorical(key_choose, modes.log_masses, shape=(num_chains,))
-    noise = jax.random.normal(key_noise, (num_chains, modes.states.shape[1]), modes.states.dtype)
-    return modes.states[chosen] + jnp.einsum("nij,nj->ni", modes.scales[chosen], noise), chosen
+    noise = jax.random.normal(key_noise, (num_chains, _CANDIDATES, modes.states.shape[1]), modes.states.dtype)
+    candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
+    importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
+    picked = jax.random.categorical(key_pick, jnp.where(jnp.isnan(importance), -jnp.inf, importance))
+    return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0], chosen
