@@ -54,9 +54,9 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--filter", "filter_name", type=click.Choice(FILTERS), default=FILTERS[0], show_default=True, help="Which algorithm."
 )
 @click.option("--chains", metavar="M", type=int, help="Markov chains a frame. [default: 30; 10 for hmc]")
-@click.option("--draws", metavar="R", type=int, help="Updates of each chain and frame, burn-in included. [default: 32]")
+@click.option("--draws", metavar="R", type=int, help="Updates of a chain and frame, with burn-in. [default: 24; 32 for hmc]")
 @click.option("--leapfrog", metavar="L", type=int, help="Leapfrog steps of an update. [default: 8; 40 for hmc]")
-@click.option("--burn-in", metavar="B", type=int, help="Updates that are thrown away. [default: 6]")
+@click.option("--burn-in", metavar="B", type=int, help="Updates that are thrown away. [default: 4; 6 for hmc]")
 @click.option(
     "--step-size",
     metavar="EPS",

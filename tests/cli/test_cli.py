@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import jax
 import pytest
 
 from poseppl.cli import main
@@ -26,7 +27,7 @@ SMALL = ["--filter", "particle", "--particles", "200", "--frames", "0:4", "--max
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", os.environ.get("JAX_COMPILATION_CACHE_DIR", "as set by the tests"))
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
 def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], *words: str, status: int = 1) -> str:
@@ -46,7 +47,7 @@ def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], *words: st
 def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL]) == 0
     printed = capsys.readouterr()
-    for words in ("mean joint error", "coverage of 90 % intervals", "frames a second", "poseppl-walk.nc"):
+    for words in ("mean joint error", "frames a second", "poseppl-walk.nc"):
         assert words in printed.out
     assert sorted(path.name for path in Path().iterdir()) == ["poseppl-walk.nc", "poseppl-walk.png"]
     tree = load_result("poseppl-walk.nc")
@@ -154,7 +155,7 @@ def test_unexpected_faults_show_where_with_debug(capsys: pytest.CaptureFixture[s
 
 def test_ctrl_c_leaves_no_half_written_file() -> None:
     command = [sys.executable, "-c", "import sys; from poseppl.cli import main; sys.exit(main())"]
-    arguments = ["track", "--filter", "particle", "--particles", "20000", "--frames", "0:5000", "--checkpoint", "run"]
+    arguments = ["track", *SMALL, "--frames", "0:5000", "--checkpoint", "run"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 100
     while not list(Path("run").glob("part-*")) and process.poll() is None and time.monotonic() < deadline:
@@ -184,10 +185,10 @@ def test_help_is_quick_and_its_defaults_are_true(capsys: pytest.CaptureFixture[s
     main(["track", "--help"])
     text = " ".join(capsys.readouterr().out.split())
     default, paper, particle = (FILTERS[name].defaults for name in NAMES)
-    for name in ("chains", "leapfrog", "step_size", "jitter"):
-        assert f"[default: {default[name]:g}; {paper[name]:g} for hmc]" in text
-    for name in ("draws", "burn_in", "rejection"):
-        assert f"[default: {default[name]:g}]" in text and default[name] == paper[name]
+    for name in paper.keys() & default.keys():
+        other = "" if default[name] == paper[name] else f"; {paper[name]:g} for hmc"
+        shown = text[text.index(f"--{name.replace('_', '-')} ") :]
+        assert shown[shown.index("[default:") :].startswith(f"[default: {default[name]:g}{other}]"), name
     assert f"temporal prior. [default: {default['components']}]" in text
     assert f"modes of a frame. [default: {default['starts']}]" in text
     assert f"how many. [default: {particle['particles']}]" in text
