@@ -1,1 +1,105 @@
-"""Sequential Bayesian inference in high-dimensional state-space models written as NumPyro programs."""
+"""Sequential Bayesian inference in high-dimensional state-space models written as NumPyro programs.
+
+A model is three programs; a filter is built for it and run over a sequence, with NaN where data are missing; the result is an
+xarray DataTree that ArviZ's functions take as it is.
+
+Example:
+    >>> import jax, numpyro, numpyro.distributions as dist
+    >>> import poseppl
+    >>> def initial(params, inputs):
+    ...     numpyro.sample("level", dist.Normal(0.0, 1.0))
+    >>> def transition(params, state, inputs):
+    ...     numpyro.sample("level", dist.Normal(state["level"], 0.5))
+    >>> def observation(params, state, inputs):
+    ...     numpyro.sample("height", dist.Normal(state["level"], 1.0))
+    >>> model = poseppl.StateSpaceModel(initial, transition, observation).compile()
+    >>> data = model.observe({"height": [0.3, float("nan"), 0.8]})
+    >>> filter = poseppl.particle_filter(model, num_particles=2000)
+    >>> run = poseppl.run_filter(filter, jax.random.key(0), data, collect=poseppl.collect_draws(model))
+    >>> result = poseppl.result_of_run(run, model, data)
+    >>> result["posterior/state"].dims
+    ('chain', 'draw', 'frame', 'dof')
+    >>> abs(result["summary/state_mean"].sel(frame=0, dof="level").item() - 0.15) < 0.1
+    True
+
+The names below are those of most uses; each is loaded when it is first asked for, so that importing the package costs nothing.
+Bodies and toys are in ``poseppl_models``, figures in ``poseppl.report``, cameras and kinematics in ``poseppl.geometry``, files
+in ``poseppl.io``, tracking of a body in ``poseppl.tracking``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from poseppl.checkpoint import Checkpoint as Checkpoint
+    from poseppl.collect import collect_draws as collect_draws
+    from poseppl.diagnostics import diagnose as diagnose
+    from poseppl.diagnostics import verdicts as verdicts
+    from poseppl.errors import InputError as InputError
+    from poseppl.errors import PosepplError as PosepplError
+    from poseppl.filters import Filter as Filter
+    from poseppl.filters import Info as Info
+    from poseppl.filters import assumed_density_filter as assumed_density_filter
+    from poseppl.filters import hmc_filter as hmc_filter
+    from poseppl.filters import particle_filter as particle_filter
+    from poseppl.kernels import HMCSettings as HMCSettings
+    from poseppl.outcome import result_of_run as result_of_run
+    from poseppl.program import Clamped as Clamped
+    from poseppl.program import CompiledModel as CompiledModel
+    from poseppl.program import Observation as Observation
+    from poseppl.program import StateSpaceModel as StateSpaceModel
+    from poseppl.report import write_report as write_report
+    from poseppl.results import load_result as load_result
+    from poseppl.results import save_result as save_result
+    from poseppl.run import Constant as Constant
+    from poseppl.run import Online as Online
+    from poseppl.run import Run as Run
+    from poseppl.run import RunError as RunError
+    from poseppl.run import run_filter as run_filter
+    from poseppl.simulation import simulate as simulate
+
+_HOMES = {
+    "Checkpoint": "checkpoint",
+    "collect_draws": "collect",
+    "diagnose": "diagnostics",
+    "verdicts": "diagnostics",
+    "InputError": "errors",
+    "PosepplError": "errors",
+    "Filter": "filters",
+    "Info": "filters",
+    "assumed_density_filter": "filters",
+    "hmc_filter": "filters",
+    "particle_filter": "filters",
+    "HMCSettings": "kernels",
+    "result_of_run": "outcome",
+    "Clamped": "program",
+    "CompiledModel": "program",
+    "Observation": "program",
+    "StateSpaceModel": "program",
+    "write_report": "report",
+    "load_result": "results",
+    "save_result": "results",
+    "Constant": "run",
+    "Online": "run",
+    "Run": "run",
+    "RunError": "run",
+    "run_filter": "run",
+    "simulate": "simulation",
+}
+"""The module of each public name; the imports above are the same list for type checkers."""
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOMES.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{home}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

@@ -50,7 +50,7 @@ _DIMS = {"state": ("dof",), "markers": ("marker", "axis"), "points": ("camera", 
 
 
 class Names(NamedTuple):
-    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras."""
+    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty."""
 
     dof: Sequence[str]
     marker: Sequence[str] = ()
@@ -72,7 +72,7 @@ def build_result(
     sample_stats: Mapping[str, ArrayLike] | None = None,
     summary: Mapping[str, ArrayLike] | None = None,
     quantiles: Sequence[float] = QUANTILES,
-    observed: ArrayLike | None = None,
+    observed: ArrayLike | Mapping[str, ArrayLike] | None = None,
     truth: Truth | None = None,
     cameras: Mapping[str, ArrayLike | None] | None = None,
     edges: ArrayLike | None = None,
@@ -92,7 +92,7 @@ def build_result(
         summary: ``state_mean`` (frame, dof), ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the like for extras.
             Whatever is absent for ``state`` and ``markers`` is computed from the draws.
         quantiles: Levels of the quantiles, ascending.
-        observed: (frame, camera, marker, xy), NaN where missing; or (frame, ...) of any other kind.
+        observed: (frame, camera, marker, xy) image points, NaN where missing; or any data by name, (frame, ...) each.
         truth: The truth, where known.
         cameras: Arrays with a leading axis of cameras, e.g. ``rotation``, ``centre`` (mm), ``focal``, ``principal``.
         edges: (edge, 2) indices into the markers.
@@ -119,7 +119,8 @@ def build_result(
         "summary": _summary(posterior, summary or {}, known),
     }
     if observed is not None:
-        groups["observed_data"] = _dataset({"points": observed}, ("frame",), known)
+        data = observed if isinstance(observed, Mapping) else {"points": observed}
+        groups["observed_data"] = _dataset(data, ("frame",), known)
     if truth is not None and any(part is not None for part in truth):
         parts = {name: values for name, values in truth._asdict().items() if values is not None}
         groups["truth"] = _dataset(parts, ("frame",), known)
@@ -225,13 +226,13 @@ def _decode(value: Any) -> Any:
 def _coordinates(
     names: Names, shape: tuple[int, ...], frames: ArrayLike | None, quantiles: Sequence[float]
 ) -> dict[str, NDArray[Any]]:
+    markers_and_cameras = {"marker": names.marker, "camera": names.camera}
     return {
         "chain": np.arange(shape[0]),
         "draw": np.arange(shape[1]),
         "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
         "dof": np.array(names.dof, dtype=str),
-        "marker": np.array(names.marker, dtype=str),
-        "camera": np.array(names.camera, dtype=str),
+        **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
         "axis": np.array(_AXES),
         "xy": np.array(_AXES[:2]),
         "quantile": np.array(quantiles, float),

@@ -1,6 +1,6 @@
 """The one driver: run a filter over a sequence, or feed it frame by frame.
 
-    run = run_filter(filter, rng_key, observations, inputs, num_frames=T, collect=collect)
+    run = run_filter(filter, rng_key, observations, inputs, collect=collect)
     online = Online(filter, rng_key); state, info = online.update(observation, inputs)
 
 A sequence of any length is one compilation of the filter's `init` and one of its `step`: frames go through a scan of `chunk`
@@ -217,8 +217,8 @@ def run_filter(
     observations: Observation,
     inputs: Any = None,
     *,
-    num_frames: int,
     collect: Collect,
+    num_frames: int | None = None,
     chunk: int = 8,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
@@ -232,8 +232,8 @@ def run_filter(
         rng_key: PRNG key; the same key gives the same result.
         observations: Data with a leading T.
         inputs: Inputs with a leading T, constant parts wrapped in :class:`Constant`; None where the model takes none.
-        num_frames: T.
         collect: `(rng_key, state, info, inputs of the frame) -> pytree`, what is kept of a frame; see :mod:`poseppl.collect`.
+        num_frames: T; as many as there are data if None.
         chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it.
         progress: Who is told.
         checkpoint: Where the run is saved after each chunk, and resumed from.
@@ -249,6 +249,7 @@ def run_filter(
         CheckpointError: The checkpoint belongs to another run.
     """
     sequence = _sequence(observations, inputs, num_frames)
+    num_frames = sequence.num_frames
     if chunk < 1:
         raise ValueError(f"chunk is {chunk}; it must be at least 1")
     note = progress.note if progress else _LOGGER.warning
@@ -282,8 +283,15 @@ def run_filter(
     return Run(whole.outputs, whole.info, whole.unique_ancestors, parts[-1].state, failed, *seconds, num_resumed)
 
 
-def _sequence(observations: Observation, inputs: Any, num_frames: int) -> _Sequence:
+def _sequence(observations: Observation, inputs: Any, num_frames: int | None) -> _Sequence:
     layout, varying, constant = _split(inputs)
+    if num_frames is None:
+        leaves = jax.tree.leaves(observations)
+        if not leaves or np.ndim(leaves[0]) == 0:
+            raise ValueError(
+                "the observations have no leading axis of frames; give num_frames, or feed single frames to Online"
+            )
+        num_frames = len(leaves[0])
     if num_frames < 1:
         raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
     seen, varying = jax.tree.map(np.asarray, (observations, varying))

@@ -21,6 +21,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters.registry import build_filter
 from poseppl.geometry import project
+from poseppl.outcome import parts_of_run
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.results import Names, Truth, build_result
 from poseppl.run import Constant, Progress, Run, frame_inputs, run_filter
@@ -193,27 +194,12 @@ def _collector(problem: _Problem, max_draws: int) -> Any:
 
 def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
     body, tree = scene.body, scene.body.tree
-    stats = run.info._asdict()
-    stats.pop("ancestors")
-    stats["acceptance_rate"] = stats.pop("acceptance")
-    particles = run.state.particles
-    weighted = particles.ndim == 2
-    if weighted:
-        stats["acceptance_rate"] = np.full(len(scene.points), np.nan)
-        stats["unique_ancestors"] = run.unique_ancestors
-
-    def by_chain(values: np.ndarray) -> np.ndarray:
-        return np.moveaxis(values, 0, 2)
-
     names = [tree.coordinate_names[index] for index in problem.free]
     truth = None if scene.states is None else Truth(scene.states[:, list(problem.free)], scene.markers)
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
     return build_result(
-        state=by_chain(run.outputs.state),
+        **parts_of_run(run),
         names=Names(names, tree.marker_names, scene.camera_names),
-        extras={name: by_chain(values) for name, values in run.outputs.extras.items()},
-        sample_stats=stats,
-        summary=run.outputs.summary,
         observed=scene.points,
         truth=truth,
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
@@ -221,7 +207,6 @@ def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any])
         root=body.root,
         frames=scene.frames,
         rate=scene.rate,
-        num_particles=particles.shape[0] if weighted else None,
         attrs={
             **attrs,
             "input": scene.source,

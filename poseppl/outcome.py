@@ -1,0 +1,94 @@
+"""From a run of any model to its result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.results import Names, Truth, build_result
+from poseppl.run import Run
+
+
+def parts_of_run(run: Run) -> dict[str, Any]:
+    """What a run with :func:`poseppl.collect.collect_draws` knows, as arguments of :func:`poseppl.results.build_result`.
+
+    Args:
+        run: The run.
+
+    Returns:
+        ``state``, ``extras``, ``sample_stats``, ``summary`` and ``num_particles``.
+    """
+    stats: dict[str, Any] = run.info._asdict()
+    stats.pop("ancestors")
+    stats["acceptance_rate"] = stats.pop("acceptance")
+    particles = run.state.particles
+    weighted = particles.ndim == 2
+    if weighted:
+        stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
+        stats["unique_ancestors"] = run.unique_ancestors
+    return {
+        "state": _by_chain(run.outputs.state),
+        "extras": {name: _by_chain(values) for name, values in run.outputs.extras.items()},
+        "sample_stats": stats,
+        "summary": run.outputs.summary,
+        "num_particles": particles.shape[0] if weighted else None,
+    }
+
+
+def result_of_run(
+    run: Run,
+    model: CompiledModel,
+    observations: Observation | None = None,
+    *,
+    truth: ArrayLike | None = None,
+    frames: ArrayLike | None = None,
+    rate: float | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.DataTree:
+    """Assemble the result of a run whose collector was :func:`poseppl.collect.collect_draws`.
+
+    Args:
+        run: The run.
+        model: The model that the filter was built for; its coordinates give the names of ``dof``.
+        observations: The data with a leading T, kept as ``observed_data`` with NaN where masked.
+        truth: The true flat states (T, d), where known.
+        frames: Frame numbers (T,); 0, 1, ... if None.
+        rate: Frames a second.
+        attrs: Provenance: anything that JSON can hold.
+
+    Returns:
+        The result; see :mod:`poseppl.results`.
+    """
+    return build_result(
+        **parts_of_run(run),
+        names=Names(model.coordinate_names),
+        observed=None if observations is None else _with_nan(observations),
+        truth=None if truth is None else Truth(state=truth),
+        frames=frames,
+        rate=rate,
+        attrs={
+            **(attrs or {}),
+            "wall_seconds": run.wall_seconds,
+            "compile_seconds": run.compile_seconds,
+            "frames_run": len(run.unique_ancestors) - run.resumed,
+            "failed_frames": list(run.failed),
+        },
+    )
+
+
+def _by_chain(values: NDArray[Any]) -> NDArray[Any]:
+    """(frame, chain, draw, ...) to (chain, draw, frame, ...)."""
+    return np.moveaxis(values, 0, 2)
+
+
+def _with_nan(observations: Observation) -> dict[str, NDArray[Any]]:
+    data = {}
+    for name, values in observations.values.items():
+        mask = np.asarray(observations.mask[name])
+        data[name] = np.asarray(values) if mask.all() else np.where(mask, values, np.nan)
+    return data

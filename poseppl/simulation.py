@@ -1,0 +1,58 @@
+"""Draw a trajectory and its data from a model: ancestral sampling, frame by frame.
+
+x_0 ~ p(x_0),   x_t ~ p(x_t | x_t-1),   z_t ~ p(z_t | x_t)
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel
+
+
+class Simulation(NamedTuple):
+    """A trajectory of flat states (T, d), and the data sites by name, each with a leading T."""
+
+    states: jax.Array
+    values: dict[str, jax.Array]
+
+
+def simulate(model: CompiledModel, rng_key: jax.Array, num_frames: int, inputs: Any = None) -> Simulation:
+    """Draw states and data of a sequence.
+
+    Args:
+        model: The compiled model.
+        rng_key: PRNG key.
+        num_frames: T, at least 1.
+        inputs: Inputs with a leading T, or None.
+
+    Returns:
+        The flat states and the data, ready for ``model.observe``.
+
+    Raises:
+        ValueError: `num_frames` is below 1.
+    """
+    if num_frames < 1:
+        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
+    keys = jax.random.split(rng_key, (num_frames, 2))
+    states, values = _simulate(model, keys, inputs)
+    return Simulation(states, values)
+
+
+@partial(jax.jit, static_argnums=0)
+def _simulate(model: CompiledModel, keys: jax.Array, inputs: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
+    first = model.sample_initial(keys[0, 0], jax.tree.map(lambda leaf: leaf[0], inputs))
+
+    def advance(x: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
+        key, inputs = row
+        x = model.sample_transition(key, x, inputs)
+        return x, x
+
+    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    _, rest = jax.lax.scan(advance, first, (keys[1:, 0], later))
+    states = jnp.concatenate([first[None], rest])
+    return states, jax.vmap(model.sample_observation)(keys[:, 1], states, inputs)
