@@ -36,7 +36,8 @@ def match_markers(motion: Motion, names: tuple[str, ...], aliases: Mapping[str, 
     Args:
         motion: T frames.
         names: The K markers.
-        aliases: For each marker the names that recordings use, the most fitting first.
+        aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
+            missing where one of them is.
 
     Returns:
         Places (T, K, 3) in mm, NaN for a marker that the recording lacks.
@@ -44,7 +45,8 @@ def match_markers(motion: Motion, names: tuple[str, ...], aliases: Mapping[str, 
     Raises:
         InputError: The recording has none of the names.
     """
-    found = {name: next((alias for alias in aliases.get(name, ()) if alias in motion.names), None) for name in names}
+    known = set(motion.names)
+    found = {name: next((alias for alias in aliases.get(name, ()) if known >= set(alias.split("+"))), None) for name in names}
     if not any(found.values()):
         raise InputError(
             f"none of its {len(motion.names)} points ({_some(motion.names)}) is a joint of the body",
@@ -53,8 +55,12 @@ def match_markers(motion: Motion, names: tuple[str, ...], aliases: Mapping[str, 
         )
     missing = np.full(motion.positions[:, 0].shape, np.nan)
     return np.stack(
-        [missing if alias is None else motion.positions[:, motion.index(alias)] for alias in found.values()], axis=1
+        [missing if alias is None else _mean_point(motion, alias.split("+")) for alias in found.values()], axis=1
     )
+
+
+def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
+    return np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
 
 
 def fit_subject(motion: Motion, build: Callable[..., Body], lengths: Mapping[str, float] | None = None) -> Subject:

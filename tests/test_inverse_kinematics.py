@@ -104,9 +104,19 @@ def test_recordings(data_dir, name):
     assert np.abs(np.diff(subject.states[:, 3:], axis=0)).max() < 1.5
 
 
-def test_skin_markers_are_refused(data_dir):
-    with pytest.raises(InputError, match="none of its 35 points .RFHD.* is a joint of the body.*joint centres such as root"):
-        fit_subject(read_motion(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d"), full_body)
+def test_skin_markers_stand_for_joints(data_dir):
+    motion = slice_frames(read_motion(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d"), "0:300:10")
+    subject = fit_subject(motion, full_body)
+    assert np.nanmean(subject.residual) < 10
+    assert 350 < subject.body.lengths["thigh"] < 450
+
+
+def test_too_few_points_are_refused(data_dir):
+    with pytest.raises(InputError, match="PiG_Motion3_FF.c3d.*too few for the body: no neck, shoulder_l"):
+        fit_subject(read_motion(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d"), full_body)
+    strange = Motion(("a", "b"), np.ones((4, 2, 3)), (), None, 100.0, "z", "strange.c3d")
+    with pytest.raises(InputError, match="none of its 2 points .a, b. is a joint of the body.*joint centres such as root"):
+        fit_subject(strange, full_body)
     motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), None, 100.0, "z", "few.c3d")
     assert match_markers(motion, ("pelvis", "knee_l"), full_body().aliases).shape == (4, 2, 3)
     with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*hip_l: lhipjoint or LeftUpLeg"):

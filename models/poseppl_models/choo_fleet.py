@@ -72,6 +72,27 @@ EDGES = (
     *((f"knee_{s}", f"ankle_{s}") for s in "lr"),
 )
 
+_PLUG_IN_GAIT = {
+    "pelvis": "LASI+RASI+LPSI+RPSI",
+    "chest": "T10+STRN",
+    "neck": "C7+CLAV",
+    "skull": "C7+CLAV+LFHD+RFHD+LBHD+RBHD",
+    "crown": "LFHD+RFHD+LBHD+RBHD",
+    **{
+        f"{marker}_{side.lower()}": "+".join(side + label for label in labels.split("+"))
+        for side in "LR"
+        for marker, labels in (
+            ("shoulder", "SHO"),
+            ("elbow", "ELB"),
+            ("wrist", "WRA+WRB"),
+            ("hip", "ASI+ASI+PSI+PSI+THI"),
+            ("knee", "KNE"),
+            ("ankle", "ANK"),
+        )
+    },
+}
+"""Skin markers of the Plug-in-Gait set whose mean lies near each of ours: centimetres off, which the residual tells."""
+
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "pelvis": ("root", "Hips", "hip", "pelvis"),
     "chest": ("upperback", "Chest", "Spine", "Spine2", "chest"),
@@ -97,7 +118,8 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
         )
     },
 }
-"""Joint names of recordings for each marker, the first that a recording has.
+ALIASES = {marker: (*names, _PLUG_IN_GAIT[marker]) for marker, names in ALIASES.items()}
+"""Joint names of recordings for each marker, the first that a recording has; ``A+B`` is the mean of several points.
 
 An ASF bone stands for its far end: CMU's ``lradius`` is the upper two thirds of the forearm and ``lwrist``, which only twists
 about the same line, the rest. BVH joints stand for their own place; in CMU's BVH conversions ``Spine1`` and ``Neck``
