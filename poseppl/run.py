@@ -7,9 +7,6 @@ A sequence of any length is one compilation of the filter's `init` and one of it
 frames, of which the last may hold fewer. The key of a frame is folded from its number, so that results depend neither on the
 chunks nor on whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows
 with the sequence.
-
-Inputs of frame t are the t-th rows of `inputs`, except for what is wrapped in :class:`Constant`: cameras that stand still need
-no copies.
 """
 
 from __future__ import annotations
@@ -29,6 +26,9 @@ from numpy.typing import NDArray
 from poseppl.checkpoint import Checkpoint, Part, fingerprint
 from poseppl.errors import PosepplError
 from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.frame_sequence import Constant as Constant
+from poseppl.frame_sequence import FrameSequence, Layout, frame_sequence
+from poseppl.frame_sequence import frame_inputs as frame_inputs
 from poseppl.program import Observation
 
 Collect = Callable[[jax.Array, Any, Info, Any], Any]
@@ -47,12 +47,6 @@ class RunError(PosepplError):
     def __init__(self, message: str, frame: int) -> None:
         super().__init__(message)
         self.frame = frame
-
-
-class Constant(NamedTuple):
-    """Marks a part of the inputs that is the same at every frame."""
-
-    value: Any
 
 
 class Progress(Protocol):
@@ -105,30 +99,6 @@ class Run(NamedTuple):
     resumed: int
 
 
-class _Layout(NamedTuple):
-    """Where the inputs that vary and those that are constant go."""
-
-    tree: Any
-    constant: tuple[bool, ...]
-
-    def join(self, varying: Sequence[Any], constant: Sequence[Any]) -> Any:
-        rest, fixed = iter(varying), iter(constant)
-        return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
-
-
-def _split(inputs: Any) -> tuple[_Layout, list[Any], list[Any]]:
-    leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
-    flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
-    constant = [jax.tree.map(jnp.asarray, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
-    return _Layout(tree, flags), [leaf for leaf in leaves if not isinstance(leaf, Constant)], constant
-
-
-def frame_inputs(inputs: Any, frame: int) -> Any:
-    """The inputs of one frame, with :class:`Constant` taken off."""
-    layout, varying, constant = _split(inputs)
-    return layout.join([jnp.asarray(leaf[frame]) for leaf in varying], constant)
-
-
 def _frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
     """Keys of the filter and of the collector at a frame."""
     key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
@@ -147,7 +117,7 @@ def _keep(collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, 
 def _first(
     filter: Filter,
     collect: Collect,
-    layout: _Layout,
+    layout: Layout,
     rng_key: jax.Array,
     observation: Observation,
     varying: list[Any],
@@ -164,7 +134,7 @@ def _first(
 def _advance(
     filter: Filter,
     collect: Collect,
-    layout: _Layout,
+    layout: Layout,
     state: Any,
     blank: Kept,
     rng_key: jax.Array,
@@ -189,26 +159,6 @@ def _advance(
         return result
 
     return jax.lax.scan(body, state, (frames, active, observations, varying))
-
-
-class _Sequence(NamedTuple):
-    """Data and inputs of a sequence on the host."""
-
-    observations: Observation
-    layout: _Layout
-    varying: list[Any]
-    constant: list[Any]
-    num_frames: int
-
-    def frame(self, index: int) -> tuple[Observation, list[Any]]:
-        observation, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
-        return observation, varying
-
-    def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
-        """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
-        index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
-        observations, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
-        return observations, varying
 
 
 def run_filter(
@@ -248,7 +198,7 @@ def run_filter(
         RunError: A frame failed and `on_failure` is "stop", or a state is not finite.
         CheckpointError: The checkpoint belongs to another run.
     """
-    sequence = _sequence(observations, inputs, num_frames)
+    sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
     if chunk < 1:
         raise ValueError(f"chunk is {chunk}; it must be at least 1")
@@ -283,33 +233,12 @@ def run_filter(
     return Run(whole.outputs, whole.info, whole.unique_ancestors, parts[-1].state, failed, *seconds, num_resumed)
 
 
-def _sequence(observations: Observation, inputs: Any, num_frames: int | None) -> _Sequence:
-    layout, varying, constant = _split(inputs)
-    if num_frames is None:
-        leaves = jax.tree.leaves(observations)
-        if not leaves or np.ndim(leaves[0]) == 0:
-            raise ValueError(
-                "the observations have no leading axis of frames; give num_frames, or feed single frames to Online"
-            )
-        num_frames = len(leaves[0])
-    if num_frames < 1:
-        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
-    seen, varying = jax.tree.map(np.asarray, (observations, varying))
-    for leaf in jax.tree.leaves((seen, varying)):
-        if leaf.ndim == 0 or leaf.shape[0] != num_frames:
-            raise ValueError(
-                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
-                "frames (wrap inputs that do not change in Constant)"
-            )
-    return _Sequence(seen, layout, varying, constant, num_frames)
-
-
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
     """The first frame alone, then chunks: pairs of the first frame and the one after the last."""
     return [(0, 1)] + [(start, min(start + chunk, num_frames)) for start in range(1, num_frames, chunk)]
 
 
-def _blank(filter: Filter, collect: Collect, sequence: _Sequence, rng_key: jax.Array) -> tuple[Any, Kept]:
+def _blank(filter: Filter, collect: Collect, sequence: FrameSequence, rng_key: jax.Array) -> tuple[Any, Kept]:
     """A state, and what is kept of a frame, of the right shapes; nothing is compiled."""
     observation, varying = sequence.frame(0)
     trace: Any = _first
@@ -321,7 +250,7 @@ def _blank(filter: Filter, collect: Collect, sequence: _Sequence, rng_key: jax.A
 def _compile(
     filter: Filter,
     collect: Collect,
-    sequence: _Sequence,
+    sequence: FrameSequence,
     blank: tuple[Any, Kept],
     rng_key: jax.Array,
     chunk: int,
@@ -345,7 +274,7 @@ def _compile(
 def _advanced(
     filter: Filter,
     collect: Collect,
-    sequence: _Sequence,
+    sequence: FrameSequence,
     last: Part,
     blank: Kept,
     rng_key: jax.Array,

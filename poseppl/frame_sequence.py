@@ -1,0 +1,94 @@
+"""Sequences on the host: data and inputs of T frames, of which some inputs never change.
+
+Inputs of frame t are the t-th rows of `inputs`, except for what is wrapped in :class:`Constant`: cameras that stand still need
+no copies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.program import Observation
+
+
+class Constant(NamedTuple):
+    """Marks a part of the inputs that is the same at every frame."""
+
+    value: Any
+
+
+class Layout(NamedTuple):
+    """Where the inputs that vary and those that are constant go."""
+
+    tree: Any
+    constant: tuple[bool, ...]
+
+    def join(self, varying: Sequence[Any], constant: Sequence[Any]) -> Any:
+        """The inputs, from their two kinds of leaves."""
+        rest, fixed = iter(varying), iter(constant)
+        return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
+
+
+def _split_inputs(inputs: Any) -> tuple[Layout, list[Any], list[Any]]:
+    leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
+    flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
+    constant = [jax.tree.map(jnp.asarray, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
+    return Layout(tree, flags), [leaf for leaf in leaves if not isinstance(leaf, Constant)], constant
+
+
+def frame_inputs(inputs: Any, frame: int) -> Any:
+    """The inputs of one frame, with :class:`Constant` taken off."""
+    layout, varying, constant = _split_inputs(inputs)
+    return layout.join([jnp.asarray(leaf[frame]) for leaf in varying], constant)
+
+
+class FrameSequence(NamedTuple):
+    """Data and inputs of a sequence on the host."""
+
+    observations: Observation
+    layout: Layout
+    varying: list[Any]
+    constant: list[Any]
+    num_frames: int
+
+    def frame(self, index: int) -> tuple[Observation, list[Any]]:
+        """Data and varying inputs of one frame."""
+        observation, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        return observation, varying
+
+    def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
+        """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
+        index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
+        observations, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        return observations, varying
+
+
+def frame_sequence(observations: Observation, inputs: Any, num_frames: int | None) -> FrameSequence:
+    """Check that everything has T rows, and separate what varies from what does not.
+
+    Raises:
+        ValueError: An array does not have T rows.
+    """
+    layout, varying, constant = _split_inputs(inputs)
+    if num_frames is None:
+        leaves = jax.tree.leaves(observations)
+        if not leaves or np.ndim(leaves[0]) == 0:
+            raise ValueError(
+                "the observations have no leading axis of frames; give num_frames, or feed single frames to Online"
+            )
+        num_frames = len(leaves[0])
+    if num_frames < 1:
+        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
+    seen, varying = jax.tree.map(np.asarray, (observations, varying))
+    for leaf in jax.tree.leaves((seen, varying)):
+        if leaf.ndim == 0 or leaf.shape[0] != num_frames:
+            raise ValueError(
+                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
+                "frames (wrap inputs that do not change in Constant)"
+            )
+    return FrameSequence(seen, layout, varying, constant, num_frames)
