@@ -17,7 +17,7 @@ import numpyro.distributions as dist
 
 from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.cameras import Cameras, project, project_components
-from poseppl.geometry.kinematics import frames_of, marker_positions, markers_of, pull_back, walk
+from poseppl.geometry.kinematics import frames_of, jacobian_of, marker_positions, markers_of, pull_back, walk
 from poseppl.geometry.tree import KinematicTree
 
 _FUSE_FROM = 4096
@@ -47,6 +47,38 @@ class ProjectedMarkers(dist.Normal):  # type: ignore[misc]
         seen = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         return projected_log_density(self.tree, self.state, self.cameras, self.marker_scale, value, seen)
 
+    @property
+    def fixed(self) -> tuple[KinematicTree, Cameras]:
+        """What :meth:`whitened_jacobian` takes to be constant."""
+        return self.tree, self.cameras
+
+    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+        """Derivative of location / scale by ``state``, (C * markers * 2, d), zero where ``mask`` is false; in closed form."""
+        seen = jnp.ones((*self.marker_scale.shape, 2), bool) if mask is None else mask
+        rows: jax.Array = _whitened_jacobian(self.tree, self.state, self.cameras, self.marker_scale, seen)
+        return rows.reshape(-1, self.tree.dimension)
+
+
+def _whitened_jacobian_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: Any, mask: Any) -> jax.Array:
+    """Whitened Jacobians (C, markers, 2, d, N) of a batch."""
+    frames = frames_of(tree, state)
+    positions = markers_of(tree, frames)
+    moves = jacobian_of(tree, frames, positions)
+    spread = _spread(cameras)
+    place = tuple(jnp.broadcast_to(positions[None, :, i], (*scale.shape[:2], state.shape[-1])) for i in range(3))
+    unit = jnp.ones_like(place[0])
+    rows = []
+    for axis in range(3):
+        tangent = tuple(unit if i == axis else 0 * unit for i in range(3))
+        slopes = jax.jvp(lambda x, y, z: project_components(spread, x, y, z), place, tangent)[1]
+        rows.append(jnp.stack(slopes, 2))  # (C, markers, 2, N)
+    by_x, by_y, by_z = (jnp.where(mask, row / scale[:, :, None], 0.0)[:, :, :, None] for row in rows)
+    moves = moves[None, :, None]
+    return by_x * moves[:, :, :, 0] + by_y * moves[:, :, :, 1] + by_z * moves[:, :, :, 2]
+
+
+_whitened_jacobian = batch_last(_whitened_jacobian_last)
+
 
 def _tail(cameras: Cameras, scale: Any, value: Any, mask: Any, x: Any, y: Any, z: Any) -> Any:
     """Log-density of markers at world coordinates x, y, z, component by component."""
@@ -74,9 +106,14 @@ def _value_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: 
 
 def _summed(positions: jax.Array, cameras: Cameras, scale: jax.Array, value: jax.Array, mask: jax.Array) -> jax.Array:
     """Log-density of markers at ``positions`` (markers, 3, N): (N,)."""
-    spread = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, :], cameras)  # (..., C, 1, N)
     components = (positions[None, :, i] for i in range(3))
-    return jnp.sum(_tail(spread, scale, jnp.moveaxis(value, 2, 0), jnp.moveaxis(mask, 2, 0), *components), (0, 1))
+    return jnp.sum(_tail(_spread(cameras), scale, jnp.moveaxis(value, 2, 0), jnp.moveaxis(mask, 2, 0), *components), (0, 1))
+
+
+def _spread(cameras: Cameras) -> Cameras:
+    """Bring cameras (C, ..., N) to the shape (..., C, 1, N) of many markers."""
+    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, :], cameras)
+    return spread
 
 
 def _value_and_gradients_last(

@@ -15,6 +15,9 @@ import jax.numpy as jnp
 
 Tree = Any
 
+_LANES = 8
+"""Batches are filled up to a multiple of this: left-over particles run one by one, so that 30 take longer than 32."""
+
 
 def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
     """Make a single-particle function of one that is written for a batch in the last axis.
@@ -27,13 +30,13 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
         A function of the same pytrees without the last axis. Any nesting of ``jax.vmap`` around it becomes one call of
         ``function`` with one flattened batch axis.
     """
-
     compiled = jax.jit(function)  # traced once for each shape, however often a model's programs run
 
     @jax.custom_batching.custom_vmap
     def batched(*args: Tree) -> Tree:  # leaves (N or 1, ...)
-        out = compiled(*jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), args))
-        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), out)
+        count = max(leaf.shape[0] for leaf in jax.tree.leaves(args))
+        out = compiled(*jax.tree.map(lambda leaf: _fill_up(jnp.moveaxis(leaf, 0, -1)), args))
+        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf[..., :count], -1, 0), out)
 
     @batched.def_vmap
     def _rule(size: int, is_batched: Any, *args: Tree) -> tuple[Tree, Tree]:
@@ -50,6 +53,14 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
         return jax.tree.map(lambda leaf: leaf[0], out)
 
     return single
+
+
+def _fill_up(leaf: jax.Array) -> jax.Array:
+    """Repeat the last particle until the batch in the last axis is a multiple of the vector length; one stays one."""
+    missing = -leaf.shape[-1] % _LANES
+    if leaf.shape[-1] == 1 or not missing:
+        return leaf
+    return jnp.concatenate([leaf, jnp.broadcast_to(leaf[..., -1:], (*leaf.shape[:-1], missing))], -1)
 
 
 def _merge(leaf: jax.Array, is_batched: bool, size: int, inner: int) -> jax.Array:

@@ -126,20 +126,44 @@ def pull_back(tree: KinematicTree, frames: Frames, positions: jax.Array, forces:
         A tree whose arrays are gradients, and the gradient of the state (d, N).
     """
     link = np.array(tree.marker_link)
+    place, _ = _coordinate_order(tree)
     wrenches = jnp.concatenate([forces, jnp.stack(_cross(positions, forces), 1)], 1)
     below = jnp.asarray(tree.ancestors[link].T, forces.dtype)
     total = jnp.tensordot(below, wrenches, 1, precision="highest")  # summed over each link's subtree
     force, moment = total[:, :3], total[:, 3:]
     lever = jnp.stack([a - b for a, b in zip(_split(moment), _cross(frames.origin, force), strict=True)], 1)
     turns = [jnp.sum(axis * lever, 1) for axis in _axes(tree, frames)]  # stacking the axes first would cost half the speed
-    table = np.array(tree.angle_index).T
-    place = np.arange(tree.dimension)
-    place[table[table >= 0]] = 3 + np.flatnonzero(table >= 0)
     gradient = jnp.concatenate([force[0], *turns])[place]
     above = frames.rotation[np.maximum(tree.parents, 0)]
     offsets = jnp.sum(above * force[:, :, None], 1).at[0].set(0.0)
     marker_offsets = jnp.sum(frames.rotation[link] * forces[:, :, None], 1)
     return tree.with_offsets(offsets, marker_offsets), gradient
+
+
+def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> jax.Array:
+    """How markers move with the state: (markers, 3, d, N), an angle's column being ``a x (p - o)`` for the markers it moves.
+
+    Args:
+        tree: The body.
+        frames: From :func:`frames_of`.
+        positions: Marker positions (markers, 3, N).
+    """
+    place, link = _coordinate_order(tree)
+    axis = jnp.concatenate(_axes(tree, frames))[place[3:] - 3]
+    lever = positions[:, None] - frames.origin[link]  # (markers, angles, 3, N)
+    turned = jnp.stack(_cross(axis, jnp.moveaxis(lever, 2, 1)), 1)
+    moved = tree.ancestors[np.array(tree.marker_link)][:, link].astype(bool)
+    turns = jnp.where(moved[:, None, :, None], turned, 0.0)
+    shift = jnp.broadcast_to(jnp.eye(3, dtype=positions.dtype)[:, :, None], (len(moved), 3, 3, positions.shape[-1]))
+    return jnp.concatenate([shift, turns], 2)
+
+
+def _coordinate_order(tree: KinematicTree) -> tuple[np.ndarray, np.ndarray]:
+    """For each coordinate its place in the list of the root's three, all turns about Z, Y and X; for each angle its link."""
+    table = np.array(tree.angle_index).T
+    place = np.arange(tree.dimension)
+    place[table[table >= 0]] = 3 + np.flatnonzero(table >= 0)
+    return place, (place[3:] - 3) % table.shape[1]
 
 
 def _axes(tree: KinematicTree, frames: Frames) -> Vector:

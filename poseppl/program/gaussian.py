@@ -7,6 +7,9 @@ The curvature is Gauss-Newton's. For Gaussian sites with location mu(x) and prec
 without the terms from a scale that depends on x; [.]_+ clips negative eigenvalues to 0. For Gaussian sites of constant scale
 it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
 their own reverse rules.
+
+A distribution may know R^(-1/2) J in closed form: with a method `whitened_jacobian(mask)`, the derivative by its attribute
+`state`, and an attribute `fixed` that holds what the method takes to be constant, it is asked, unless `fixed` depends on x.
 """
 
 from __future__ import annotations
@@ -112,13 +115,8 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x:
             is_gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
             (gaussian if is_gaussian else other).append(name)
     information = jnp.zeros((x.shape[0], x.shape[0]), x.dtype)
-    if gaussian:
-
-        def whitened(state: jax.Array) -> jax.Array:
-            trace = trace_of(state)
-            return jnp.concatenate([_whitened_location(trace[name], mask.get(name)) for name in gaussian])
-
-        jacobian = jax.jacrev(whitened)(x)
+    for name in gaussian:
+        jacobian = _whitened_jacobian(trace_of, name, mask.get(name), x)
         information = information + jacobian.T @ jacobian
     if other:
 
@@ -130,6 +128,19 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x:
         values, vectors = jnp.linalg.eigh((hessian + hessian.T) / 2)
         information = information + (vectors * jnp.maximum(values, 0.0)) @ vectors.T
     return information
+
+
+def _whitened_jacobian(trace_of: TraceOf, name: str, mask: jax.Array | None, x: jax.Array) -> jax.Array:
+    """R^(-1/2) J of one Gaussian site, (events, d)."""
+    site = trace_of(x)[name]
+    if hasattr(site["fn"], "whitened_jacobian") and site.get("scale") is None:
+        fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(trace_of(state)[name]["fn"].fixed))(x)
+        if not any(output_dependence(fixed, [frozenset({0})])):
+            inner = jax.jacrev(lambda state: trace_of(state)[name]["fn"].state)(x)
+            closed_form: jax.Array = site["fn"].whitened_jacobian(mask) @ inner
+            return closed_form
+    jacobian: jax.Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask))(x)
+    return jacobian
 
 
 def _whitened_location(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:

@@ -89,6 +89,27 @@ def test_every_gradient_against_automatic_differentiation(dtype):
         close(np.where(seen, a, 0), b, dtype, 5000)
 
 
+@jax.jit
+def whitened(tree, cameras, state, scale, mask):
+    positions = jnp.stack([jnp.stack(position) for position in walk(tree, list(state))])
+    return jnp.where(mask, project(cameras, positions) / scale[..., None], 0.0).ravel()
+
+
+def test_whitened_jacobian_against_automatic_differentiation(dtype):
+    """One particle, and a batch whose size is no multiple of the vector length; an unseen marker may have any noise."""
+    tree, cameras, state, scale, _, (mask, *_) = scene(dtype, count=11)
+    scale = jnp.where(mask.any(-1), scale, np.nan)
+    closed = jax.jit(lambda x, seen: ProjectedMarkers(tree, cameras, x, scale).whitened_jacobian(seen))
+    safe = jnp.where(mask.any(-1), scale, 1.0)
+    derivative = jax.jit(jax.jacfwd(whitened, 2))
+    expected = np.stack([derivative(tree, cameras, x, safe, mask) for x in state])
+    assert closed(state[0], mask).shape == (mask.size, tree.dimension)
+    close(closed(state[0], mask), expected[0], dtype)
+    close(jax.jit(jax.vmap(closed, (0, None)))(state, mask), expected, dtype)
+    with pytest.raises(AssertionError):
+        close(closed(state[0], ~mask), expected[0], dtype)
+
+
 @pytest.mark.parametrize("filling", [0.0, 1e30, -3e38, np.inf, np.nan])
 def test_masked_entries_count_exactly_zero(dtype, filling):
     """Whatever stands in them: neither value nor gradient changes by a bit."""

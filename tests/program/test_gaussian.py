@@ -66,6 +66,38 @@ def test_masks_scales_and_wrappers():
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
+class Known(dist.Normal):
+    """A Normal of location `fixed * curved(state)` that knows its Jacobian, and counts how often it is asked."""
+
+    asked = 0
+
+    def __init__(self, state, fixed):
+        self.state, self.fixed = state, fixed
+        super().__init__(fixed * jnp.stack([jnp.sin(state[0]), state[1] * state[2]]), 0.5)
+
+    def whitened_jacobian(self, mask):
+        Known.asked += 1
+        rows = jnp.stack([jnp.array([jnp.cos(self.state[0]), 0, 0]), jnp.stack([0.0, self.state[2], self.state[1]])])
+        return jnp.where(mask[:, None], self.fixed * rows / 0.5, 0.0)
+
+
+@pytest.mark.parametrize(("constant", "asked"), [(True, 1), (False, 0)])
+def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
+    def program(params, state, inputs):
+        turned = jnp.concatenate([2 * state["level"][None], state["slope"]])
+        numpyro.sample("y", Known(turned, 3.0 if constant else 1.0 + state["level"] ** 2))
+
+    def location(x):
+        fixed = 3.0 if constant else 1.0 + x[0] ** 2
+        return fixed * jnp.stack([jnp.sin(2 * x[0]), x[1] * x[2]])
+
+    Known.asked = 0
+    found = information_of(program, {"y": [0.0, np.nan]})
+    row = jax.jacfwd(location)(X)[0] / 0.5
+    np.testing.assert_allclose(found, jnp.outer(row, row), rtol=1e-5)
+    assert Known.asked == asked
+
+
 def test_scale_that_depends_on_the_state_is_ignored():
     program = lambda p, s, i: numpyro.sample("y", dist.Normal(curved(s), jnp.exp(s["level"])))  # noqa: E731
     np.testing.assert_allclose(information_of(program, {"y": [0.0, 0.0]}), JACOBIAN.T @ JACOBIAN / np.exp(0.8), rtol=1e-5)
