@@ -1,7 +1,7 @@
 """A body under observation: what the command line needs to know of a model, and no more.
 
-A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``. The builder takes ``lengths``, a mapping
-of segment names to mm or None for a standard subject, and returns a :class:`Body`.
+A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``. The builder takes ``lengths``, a
+mapping of segment names to mm or None for a standard subject, and returns a :class:`Body`.
 """
 
 from __future__ import annotations

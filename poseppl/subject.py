@@ -54,13 +54,12 @@ def match_markers(motion: Motion, names: tuple[str, ...], aliases: Mapping[str, 
             expected="joint centres such as " + _some([aliases[name][0] for name in names if aliases.get(name)]),
         )
     missing = np.full(motion.positions[:, 0].shape, np.nan)
-    return np.stack(
-        [missing if alias is None else _mean_point(motion, alias.split("+")) for alias in found.values()], axis=1
-    )
+    return np.stack([missing if alias is None else _mean_point(motion, alias.split("+")) for alias in found.values()], axis=1)
 
 
 def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
-    return np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
+    mean: NDArray[np.float64] = np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
+    return mean
 
 
 def fit_subject(motion: Motion, build: Callable[..., Body], lengths: Mapping[str, float] | None = None) -> Subject:

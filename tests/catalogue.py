@@ -62,7 +62,10 @@ FILTERS: list[FilterRow] = [
         "hmc-dense",
         hmc_filter,
         lambda model: hmc_filter(
-            model, 20, HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10, target_rejection=None, jitter=0.5), dense_mass=True
+            model,
+            20,
+            HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10, target_rejection=None, jitter=0.5),
+            dense_mass=True,
         ),
         consistent=False,
     ),

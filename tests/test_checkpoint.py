@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.checkpoint import Checkpoint, CheckpointError
 from poseppl.errors import InputError
 from poseppl.filters import Filter, Info, ParticleState
 from poseppl.run import Run, run_filter
-from poseppl_models.linear_gaussian import linear_gaussian
 
 FRAMES = 22
 MODEL = linear_gaussian(2).compile()

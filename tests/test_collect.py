@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.collect import collect_draws
 from poseppl.filters import Info, ParticleState
 from poseppl.filters.chains import chain_state
 from poseppl.results import QUANTILES
-from poseppl_models.linear_gaussian import linear_gaussian
 
 MODEL = linear_gaussian(2).compile()
 KEY = jax.random.key(0)

@@ -8,8 +8,8 @@ transition, by its first two moments given each draw:
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
 
 A frame seen by one camera has many modes (each limb may lean towards the camera or away), and chains seldom cross between them.
-So the chains start in all of them: draws from the prior climb to their nearest modes by Gauss-Newton, and each chain starts from
-the Laplace approximation of one of these, chosen by its mass. The frame's target N(x; m, P) p(z_t | x) is then sampled in
+So the chains start in all of them: draws from the prior climb to their nearest modes by Gauss-Newton, and each chain starts
+from the Laplace approximation of one of these, chosen by its mass. The frame's target N(x; m, P) p(z_t | x) is then sampled in
 coordinates whitened by the curvature of the posterior, averaged over the modes.
 
 A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
@@ -115,9 +115,7 @@ def assumed_density_filter(
         start = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
         return run(rng_key, prior, lambda x: model.log_initial(x, inputs), start, observation, inputs)
 
-    def step(
-        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None
-    ) -> tuple[ChainState, Info]:
+    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_fit, key_run = jax.random.split(rng_key)
         draws = state.particles.reshape(-1, model.dimension)
         means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(draws)
@@ -135,9 +133,7 @@ def covariance_inflation(draws: jax.Array) -> jax.Array:
     return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)
 
 
-def _starts(
-    rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_chains: int
-) -> tuple[jax.Array, jax.Array]:
+def _starts(rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_chains: int) -> tuple[jax.Array, jax.Array]:
     """Start M chains (M, d) from modes (M,) chosen by their masses.
 
     Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of

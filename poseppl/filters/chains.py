@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +34,8 @@ def chain_state(draws: jax.Array, log_step_size: jax.Array) -> ChainState:
 
 def drop_impossible(model: CompiledModel, observation: Observation, failed: jax.Array) -> Observation:
     """Return the frame's data, or nothing at all where it ``failed``: the frame is then predicted, not updated."""
-    return jax.tree.map(lambda nothing, seen: jnp.where(failed, nothing, seen), model.unobserved(), observation)
+    kept: Observation = jax.tree.map(lambda nothing, seen: jnp.where(failed, nothing, seen), model.unobserved(), observation)
+    return kept
 
 
 def effective_draws(draws: jax.Array) -> jax.Array:
@@ -44,5 +45,5 @@ def effective_draws(draws: jax.Array) -> jax.Array:
         return jnp.ones((), draws.dtype)
     total = jnp.var(draws, (0, 1))
     between = jnp.var(jnp.mean(draws, 1), 0, ddof=1)
-    ratio = jnp.mean(total / jnp.maximum(between, jnp.finfo(draws.dtype).tiny))
+    ratio = jnp.mean(total / jnp.maximum(between, 1e-30))
     return num_chains * jnp.clip(ratio, 1.0, num_draws)

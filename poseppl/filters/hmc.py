@@ -1,7 +1,7 @@
 """The hybrid Monte Carlo filter of Choo and Fleet 2001, section 5.
 
-M Markov chains, each of R updates a frame. A frame begins as a particle filter does: every chain's last state s_i is moved by the
-transition, and the M proposals are resampled by their likelihoods (steps 1 and 2); these are the chains' first states. Then R
+M Markov chains, each of R updates a frame. A frame begins as a particle filter does: every chain's last state s_i is moved by
+the transition, and the M proposals are resampled by their likelihoods (steps 1 and 2); these are the chains' first states. Then R
 updates leave invariant (steps 3 and 4)
 
     P_t(x) = p(z_t | x) 1/M sum over i of p(x | s_i)          (Eqs. 9 and 10):
@@ -10,8 +10,8 @@ the prior is the mixture over the last states of all chains, not the chain's own
 Eq. 17, from the Gauss-Newton curvature of the posterior at the predicted mean, which does not depend on a chain's own state; a
 dense mass matrix from the same curvature is an option.
 
-The mixture of M points cannot carry a posterior over many frames in high dimension: chains stay with their ancestor and intervals
-are too narrow. :mod:`poseppl.filters.assumed_density` mends that.
+The mixture of M points cannot carry a posterior over many frames in high dimension: chains stay with their ancestor and
+intervals are too narrow. :mod:`poseppl.filters.assumed_density` mends that.
 """
 
 from __future__ import annotations
@@ -99,9 +99,7 @@ def hmc_filter(
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
         return run(key_run, proposals, lambda x: model.log_initial(x, inputs), predicted, start, observation, inputs)
 
-    def step(
-        rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None
-    ) -> tuple[ChainState, Info]:
+    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]
         proposals = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(jax.random.split(key_draw, num_chains), last)

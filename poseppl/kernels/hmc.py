@@ -1,8 +1,8 @@
 """Parallel hybrid Monte Carlo chains on one density, with BlackJAX's kernel (Choo and Fleet 2001, section 6).
 
 All M chains share the step size, which is adapted to a target rejection rate during burn-in and frozen before the draws that
-count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`), which is
-the same as the paper's step size per coordinate, Eq. 17.
+count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`),
+which is the same as the paper's step size per coordinate, Eq. 17.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def hmc_chains(
         The draws after burn-in and how it went.
     """
     num_chains, dimension = starts.shape
-    kernel = blackjax.hmc.build_kernel()
+    kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
     mass = jnp.ones(dimension, starts.dtype)
 
     def safe_density(position: jax.Array) -> jax.Array:
@@ -103,8 +103,12 @@ def hmc_chains(
         key, number = inputs
         key_length, key_chains = jax.random.split(key)
         steps = _trajectory_length(key_length, settings)
-        move = jax.vmap(lambda k, s: kernel(k, s, safe_density, jnp.exp(log_step_size), mass, steps))
-        states, info = move(jax.random.split(key_chains, num_chains), states)
+        step_size = jnp.exp(log_step_size)
+
+        def move(key: jax.Array, state: Any) -> Any:
+            return kernel(key, state, safe_density, step_size, mass, steps)
+
+        states, info = jax.vmap(move)(jax.random.split(key_chains, num_chains), states)
         acceptance = jnp.mean(info.acceptance_rate)
         if settings.target_rejection is not None:
             error = acceptance - (1.0 - settings.target_rejection)
