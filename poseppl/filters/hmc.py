@@ -1,8 +1,8 @@
 """The hybrid Monte Carlo filter of Choo and Fleet 2001, section 5.
 
 M Markov chains, each of R updates a frame. A frame begins as a particle filter does: every chain's last state s_i is moved by
-the transition, and the M proposals are resampled by their likelihoods (steps 1 and 2); these are the chains' first states. Then R
-updates leave invariant (steps 3 and 4)
+the transition, and the M proposals are resampled by their likelihoods (steps 1 and 2); these are the chains' first states. Then
+R updates leave invariant (steps 3 and 4)
 
     P_t(x) = p(z_t | x) 1/M sum over i of p(x | s_i)          (Eqs. 9 and 10):
 
