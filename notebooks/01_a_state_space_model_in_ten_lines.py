@@ -12,18 +12,20 @@
 # %% [markdown]
 # # A state-space model in ten lines
 #
-# Something hidden moves, and we see it dimly. A state-space model says how it moves, how it is seen, and where it may be at first;
-# filtering turns that around and says, at each frame, what the data so far tell about the hidden state. Here we write such a model,
-# filter a sequence with a hole in it, hold the result in a form that ArviZ takes, and check every number against the exact answer.
+# Something hidden moves, and we see it dimly. A state-space model says how it moves, how it is seen, and where it may be
+# at first; filtering turns that around and says, at each frame, what the data so far tell about the hidden state. Here we
+# write such a model, filter a sequence with a hole in it, hold the result in a form that ArviZ takes, and check every
+# number against the exact answer.
 #
-# The model is chosen so that there is an exact answer. A weight bobs on a spring: position and velocity are the hidden state,
-# and a noisy ruler reads the position. With Gaussian noise everywhere this is linear and Gaussian, so Kalman's recursion solves it.
-# Nothing below knows that, except for the one cell that computes Kalman's answer to compare with.
+# The model is chosen so that there is an exact answer. A weight bobs on a spring: position and velocity are the hidden
+# state, and a noisy ruler reads the position. With Gaussian noise everywhere this is linear and Gaussian, so Kalman's
+# recursion solves it. Nothing below knows that, except for the one cell that computes Kalman's answer to compare with.
 #
 # ## The model
 #
-# Three NumPyro programs, ten lines. The sites of the first two are the state; each sample site of the third is data. `inputs` is
-# what is known at each frame (time step, camera, controls): nothing, here. `params` holds constants, and here there are none.
+# Three NumPyro programs, ten lines. The sites of the first two are the state; each sample site of the third is data.
+# `inputs` is what is known at each frame (time step, camera, controls): nothing, here. `params` holds constants, and here
+# there are none.
 
 # %%
 from collections.abc import Callable
@@ -61,9 +63,9 @@ model = poseppl.StateSpaceModel(initial, transition, observation).compile()
 model.coordinate_names
 
 # %% [markdown]
-# Compiling runs the programs once and checks that they fit together: that `transition` samples the sites that `initial` does, in
-# the same shapes, and so on. A misspelt site is refused with a message that names it, where NumPyro alone would have sampled a
-# fresh variable in silence.
+# Compiling runs the programs once and checks that they fit together: that `transition` samples the sites that `initial`
+# does, in the same shapes, and so on. A misspelt site is refused with a message that names it, where NumPyro alone would
+# have sampled a fresh variable in silence.
 
 
 # %%
@@ -81,8 +83,8 @@ print(refusal)
 # %% [markdown]
 # ## Data, with a hole
 #
-# The programs also simulate. We draw eight seconds, and then the ruler is out of sight for twelve frames. Missing data are NaN; at
-# the boundary `observe` turns them into a mask, and inside the library there is no NaN at all.
+# The programs also simulate. We draw eight seconds, and then the ruler is out of sight for twelve frames. Missing data
+# are NaN; at the boundary `observe` turns them into a mask, and inside the library there is no NaN at all.
 
 # %%
 NUM_FRAMES = 80
@@ -95,10 +97,10 @@ data = model.observe({"reading": values})
 # %% [markdown]
 # ## Filtering
 #
-# A filter is a pair of pure functions, `init` for the first frame and `step` for each later one. The particle filter carries a
-# swarm of weighted guesses: it moves each by `transition`, weighs it by the density of the reading, and resamples.
-# `run_filter` takes the pair over the whole sequence in one compilation. The collector says what to keep of a frame; this one
-# keeps a few hundred draws and, made over all particles, the mean, the standard deviation and quantiles.
+# A filter is a pair of pure functions, `init` for the first frame and `step` for each later one. The particle filter
+# carries a swarm of weighted guesses: it moves each by `transition`, weighs it by the density of the reading, and
+# resamples. `run_filter` takes the pair over the whole sequence in one compilation. The collector says what to keep of a
+# frame; this one keeps a few hundred draws and, made over all particles, the mean, the standard deviation and quantiles.
 
 # %%
 particles = poseppl.particle_filter(model, num_particles=4000)
@@ -108,9 +110,9 @@ result = poseppl.result_of_run(run, model, data, truth=truth, rate=1 / STEP, att
 result
 
 # %% [markdown]
-# The result is an xarray DataTree with named coordinates. `poseppl.save_result` writes it as NetCDF. Figures are one call each:
-# the blue line is the mean, the band the central 90 % interval, black is the truth. In the hole the band widens, but the
-# spring goes on swinging: a filter is a model that keeps running when the data stop.
+# The result is an xarray DataTree with named coordinates. `poseppl.save_result` writes it as NetCDF. Figures are one call
+# each: the blue line is the mean, the band the central 90 % interval, black is the truth. In the hole the band widens,
+# but the spring goes on swinging: a filter is a model that keeps running when the data stop.
 
 # %%
 plot_state(result)
@@ -118,8 +120,8 @@ plot_state(result)
 # %% [markdown]
 # ### Frame by frame
 #
-# The same filter can be fed as the readings come in. It is the same computation: the random key of a frame is derived from its
-# number, so the online filter ends where the run over the whole sequence ended.
+# The same filter can be fed as the readings come in. It is the same computation: the random key of a frame is derived
+# from its number, so the online filter ends where the run over the whole sequence ended.
 
 # %%
 online = poseppl.Online(particles, jax.random.key(0))
@@ -162,11 +164,12 @@ def kalman(readings):
 exact_mean, exact_sd, exact_evidence = kalman(values)
 
 # %% [markdown]
-# A particle filter is random, so "agrees" needs a yardstick: run it sixteen times with different keys (nothing is compiled anew), and
-# the spread of the sixteen answers tells how far their average may stray from the truth. Within five standard errors is agreement.
+# A particle filter is random, so "agrees" needs a yardstick: run it sixteen times with different keys (nothing is
+# compiled anew), and the spread of the sixteen answers tells how far their average may stray from the truth. Within five
+# standard errors is agreement.
 #
-# A check is worth as much as its power to fail. So we also ask it whether the filter agrees with a Kalman filter that was handed
-# the classical mistake: zeros where the readings are missing.
+# A check is worth as much as its power to fail. So we also ask it whether the filter agrees with a Kalman filter that was
+# handed the classical mistake: zeros where the readings are missing.
 
 # %%
 NUM_RUNS = 16
@@ -198,14 +201,14 @@ print(f"log-evidence: particles {evidence.sum():.2f}, exact {exact_evidence.sum(
 # %% [markdown]
 # ## Another filter, the same model
 #
-# Particles are guesses; in many dimensions no swarm is large enough. Hamiltonian Monte Carlo walks instead, along the gradient
-# of the posterior, which the programs give for free. `hmc_filter` is the filter of Choo and Fleet (2001), whose temporal prior is a
-# mixture over the chains' last states. `assumed_density_filter` fits a Gaussian to all draws instead, and is what tracks bodies
-# by default. For this model it is exact but for Monte Carlo error.
+# Particles are guesses; in many dimensions no swarm is large enough. Hamiltonian Monte Carlo walks instead, along the
+# gradient of the posterior, which the programs give for free. `hmc_filter` is the filter of Choo and Fleet (2001), whose
+# temporal prior is a mixture over the chains' last states. `assumed_density_filter` fits a Gaussian to all draws instead,
+# and is what tracks bodies by default. For this model it is exact but for Monte Carlo error.
 #
-# The step size is in standard deviations of the posterior, and could adapt to a rejection rate. For a round Gaussian in two
-# dimensions that is a trap: hardly anything is ever rejected, the steps grow, and a trajectory comes round to where it began.
-# Fixed at 0.3, three to six steps go about a quarter of the way round, which is the best there is.
+# The step size is in standard deviations of the posterior, and could adapt to a rejection rate. For a round Gaussian in
+# two dimensions that is a trap: hardly anything is ever rejected, the steps grow, and a trajectory comes round to where
+# it began. Fixed at 0.3, three to six steps go about a quarter of the way round, which is the best there is.
 
 # %%
 settings = poseppl.HMCSettings(num_updates=110, burn_in=10, num_leapfrog=6, step_size=0.3, target_rejection=None, jitter=0.5)
@@ -228,8 +231,8 @@ print(f"R-hat at most {float(rhat.max()):.3f}; 1600 draws are worth {float(effec
 plot_inefficiency(chains)
 
 # %% [markdown]
-# And both filters against the exact answer, in one picture: the 90 % interval of the position from particles (filled) and from
-# chains (dashed) over Kalman's (solid), with the hole in grey.
+# And both filters against the exact answer, in one picture: the 90 % interval of the position from particles (filled) and
+# from chains (dashed) over Kalman's (solid), with the hole in grey.
 
 # %%
 picture = Figure(figsize=(9, 3.2), layout="constrained")
@@ -261,7 +264,7 @@ np.testing.assert_allclose(live, result["summary/state_mean"].sel(dof="position"
 # particles: means and evidence are Kalman's, and a wrong Kalman filter is found out
 assert np.abs(apart).max() < 5 < np.abs(mistaken).max()
 assert abs(evidence.sum() - exact_evidence.sum()) < 1.0
-# chains: means within a fraction of a standard deviation of Kalman's, deviations within a fifth, and ArviZ finds them well mixed
+# chains: means within a fraction of a standard deviation of Kalman's, deviations within a fifth, and they mix well
 off = (chains["summary/state_mean"].values - exact_mean) / exact_sd
 assert np.sqrt(np.mean(off**2)) < 0.15 and np.abs(off).max() < 0.4
 assert np.abs(chains["summary/state_sd"].values / exact_sd - 1).max() < 0.2

@@ -1,0 +1,246 @@
+"""The subset that also runs on the newest Python and the newest releases: imports, laws, the main job at a tiny size."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import os
+import pkgutil
+import subprocess
+import sys
+import time
+from functools import cache
+from pathlib import Path
+
+import arviz_stats
+import jax
+import jax.numpy as jnp
+import numpy as np
+import poseppl_models
+import pytest
+from catalogue import FILTERS, FilterRow, row_id
+from oracles.kalman import kalman_filter, simulate
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+
+import poseppl
+from poseppl.cli import main
+from poseppl.geometry import marker_positions
+from poseppl.results import load_result
+
+pytestmark = pytest.mark.quick
+
+EXTRAS = ("ezc3d", "pybvh")
+WORKERS = ("poseppl.io.c3d_worker",)
+"""Modules that are run as a process of their own."""
+MODULES = [
+    module.name
+    for package in (poseppl, poseppl_models)
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".")
+    if module.name not in WORKERS
+]
+CHOSEN = [row for row in FILTERS if row.name in ("particle", "hmc", "assumed-density")]
+
+
+def run_python(code: str, *arguments: str) -> str:
+    """What a new process prints; warnings are errors in it."""
+    environment = os.environ | {"PYTHONWARNINGS": "error"}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True, timeout=300, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_are_imported_and_say_what_they_are(name: str) -> None:
+    assert importlib.import_module(name).__doc__
+
+
+BASE = """
+import importlib, sys
+blocked = {"ezc3d", "pybvh", "pytest", "hypothesis", "selenium"}
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in blocked:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Block())
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+"""
+
+
+def test_a_base_install_needs_no_extra() -> None:
+    run_python(BASE, *MODULES)
+
+
+def test_a_base_install_names_the_extra_that_a_file_needs(tmp_path: Path) -> None:
+    path = tmp_path / "walk.bvh"
+    path.write_bytes(BVH)
+    code = f"{BASE}\nfrom poseppl.cli import main\nsys.stderr = sys.stdout\nprint(main(['track', {str(path)!r}]))"
+    printed = run_python(code)
+    assert printed.splitlines()[-1] == "1"
+    assert "poseppl[mocap]" in printed and "Traceback" not in printed
+
+
+BVH = b"""HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
+  End Site
+  {
+    OFFSET 0 10 0
+  }
+}
+MOTION
+Frames: 1
+Frame Time: 0.033
+0 0 0 0 0 0
+"""
+
+
+def test_importing_the_packages_loads_nothing_else() -> None:
+    """Neither the numerical stack nor anything that draws: the import takes milliseconds."""
+    code = """
+import sys, time
+before = time.perf_counter()
+import poseppl, poseppl_models
+print(time.perf_counter() - before)
+heavy = ("jax", "numpy", "scipy", "numpyro", "blackjax", "xarray", "matplotlib", "plotly", "rich", "arviz", "arviz_stats")
+print(*(name for name in heavy if name in sys.modules))
+poseppl.InputError
+import poseppl.run, poseppl.filters, poseppl.collect
+print(*(name for name in ("matplotlib", "plotly", "arviz", "h5netcdf", "rich", "click", *sys.argv[1:]) if name in sys.modules))
+"""
+    seconds, loaded, drawing = run_python(code, *EXTRAS).split("\n")[:3]
+    assert float(seconds) < 1.0
+    assert loaded == "" and drawing == ""
+
+
+def test_public_names_are_found_and_are_the_same_for_type_checkers() -> None:
+    tree = ast.parse(Path(poseppl.__file__).read_text(encoding="utf-8"))
+    typed = {
+        alias.asname: (node.module, alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("poseppl")
+        for alias in node.names
+    }
+    assert sorted(typed) == poseppl.__all__
+    for public, (module, name) in typed.items():
+        assert public == name
+        assert getattr(poseppl, public) is getattr(importlib.import_module(module), name)
+        assert public in dir(poseppl)
+    with pytest.raises(AttributeError, match="no attribute 'kalman'"):
+        _ = poseppl.kalman
+
+
+@pytest.mark.parametrize("package", [poseppl, poseppl_models])
+def test_the_packages_tell_type_checkers_that_they_are_typed(package: object) -> None:
+    assert Path(str(package.__file__)).with_name("py.typed").is_file()
+
+
+@pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.results", "poseppl_models.choo_fleet"])
+def test_examples_in_docstrings_are_true(name: str) -> None:
+    results = doctest.testmod(importlib.import_module(name))
+    assert results.attempted > 0 and results.failed == 0
+
+
+TINY = {
+    "assumed-density": ["--chains", "4", "--draws", "12", "--leapfrog", "4", "--burn-in", "2", "--starts", "4"],
+    "particle": ["--particles", "100"],
+}
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_the_main_job_at_a_tiny_size(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "result.nc"
+    arguments = ["track", "--frames", "0:4", "--filter", name, *TINY[name], "--max-draws", "10", "-o", str(target)]
+    assert main(arguments) == 0
+    assert "mean joint error" in capsys.readouterr().out
+    assert target.with_suffix(".png").stat().st_size > 10_000
+    tree = load_result(target)
+    chains = 1 if name == "particle" else 4
+    assert tree["posterior/state"].shape == (chains, 10, 4, 28)
+    assert tree["posterior/markers"].shape == (chains, 10, 4, 17, 3)
+    assert np.isfinite(tree["posterior/state"]).all() and not tree["sample_stats/failed"].any()
+    assert float(tree["diagnostics/joint_error"].mean()) < 300
+    if name == "assumed-density":
+        check_arviz(tree)
+        assert main(["report", str(target)]) == 0
+        assert target.with_suffix(".html").stat().st_size > 100_000
+
+
+def check_arviz(tree: object) -> None:
+    """Its functions take the result as it is, and give what the result's own diagnostics give."""
+    table = arviz_stats.summary(tree, var_names=["state"])
+    assert len(table) == 4 * 28 and {"mean", "sd"} <= set(table.columns)
+    effective, rhat = (function(tree, var_names=["state"]) for function in (arviz_stats.ess, arviz_stats.rhat))
+    assert effective["state"].shape == rhat["state"].shape == (4, 28)
+    assert (effective["state"] > 0).all() and (rhat["state"] > 0.5).all()
+    np.testing.assert_allclose(arviz_stats.ess(tree, method="mean")["state"], tree["diagnostics/ess"], rtol=1e-3)
+    np.testing.assert_allclose(arviz_stats.rhat(tree, method="split")["state"], tree["diagnostics/rhat"], rtol=1e-3)
+
+
+MATRICES = linear_gaussian_matrices(2)
+_, YS = simulate(MATRICES, 4, seed=3)
+MASK = np.array([[True, True], [True, False], [False, False], [True, True]])
+NUM_REPLICATES = 20
+
+
+def keep(rng_key: jax.Array, state: object, info: object, inputs: object) -> tuple[jax.Array, jax.Array]:
+    """Weighted means (T, d), and the particles."""
+    weights = jnp.exp(state.log_weights - jax.nn.logsumexp(state.log_weights))
+    return jnp.sum(weights[..., None] * state.particles, tuple(range(weights.ndim))), state.particles
+
+
+@cache
+def posed(row: FilterRow) -> tuple[poseppl.Filter, poseppl.Observation]:
+    """The filter of a row for the toy, compiled once for all tests, and data with gaps."""
+    model = linear_gaussian_model(MATRICES).compile()
+    return row.build(model), model.observe({"y": YS}, {"y": MASK})
+
+
+@pytest.mark.parametrize("row", CHOSEN, ids=row_id)
+def test_means_are_kalman_s(row: FilterRow) -> None:
+    """Within five standard errors of independent runs; the paper's filter, which has no exact limit, at its first frame."""
+    filter, data = posed(row)
+    keys = jax.random.split(jax.random.key(7), NUM_REPLICATES)
+    means = np.stack([poseppl.run_filter(filter, key, data, collect=keep).outputs[0] for key in keys])
+    frames = slice(None) if row.consistent else slice(0, 1)
+    exact = kalman_filter(MATRICES, YS, MASK).means
+    error = np.maximum(means.std(0, ddof=1) / np.sqrt(NUM_REPLICATES), 1e-6)
+
+    def agrees(expected: np.ndarray) -> bool:
+        return bool((abs(means.mean(0) - expected)[frames] < 5 * error[frames]).all())
+
+    assert agrees(exact)
+    assert not agrees(kalman_filter(MATRICES, YS + 0.5).means)
+
+
+@pytest.mark.parametrize("row", CHOSEN, ids=row_id)
+def test_frames_one_by_one_give_what_the_sequence_gives(row: FilterRow) -> None:
+    filter, data = posed(row)
+    key = jax.random.key(1)
+    _, particles = poseppl.run_filter(filter, key, data, collect=keep).outputs
+    online = poseppl.Online(filter, key)
+    for t in range(len(YS)):
+        state, _ = online.update(jax.tree.map(lambda leaf, t=t: leaf[t], data))
+        np.testing.assert_allclose(state.particles, particles[t], rtol=1e-3, atol=1e-3)
+
+
+def test_kinematics_derivatives_are_those_of_differences() -> None:
+    tree = importlib.import_module("poseppl_models.choo_fleet").full_body().tree
+    with jax.enable_x64(True):
+        x = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, tree.dimension))
+        jacobian = jax.jacrev(lambda x: marker_positions(tree, x))(x)
+        steps = 1e-5 * jnp.eye(tree.dimension)
+        difference = [(marker_positions(tree, x + h) - marker_positions(tree, x - h)) / 2e-5 for h in steps]
+        np.testing.assert_allclose(jacobian, jnp.moveaxis(jnp.stack(difference), 0, -1), rtol=1e-6, atol=1e-4)
+
+
+def test_help_is_quick() -> None:
+    before = time.perf_counter()
+    printed = run_python("import sys; from poseppl.cli import main; sys.exit(main(['--help']))")
+    assert "Usage: poseppl" in printed
+    assert time.perf_counter() - before < 10
