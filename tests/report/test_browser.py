@@ -13,7 +13,10 @@ import pytest
 from PIL import Image
 from synthetic import synthetic_result
 
+from poseppl.cli import main
+from poseppl.diagnostics import diagnose
 from poseppl.report import write_report
+from poseppl.results import load_result
 
 _REASON = browser.missing()
 pytestmark = pytest.mark.skipif(_REASON is not None, reason=f"needs a headless browser: {_REASON}")
@@ -103,4 +106,26 @@ def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, argume
     write_report(synthetic_result(**arguments), tmp_path / "report.html")
     _open(driver, tmp_path / "report.html")
     assert driver.execute_script("return document.getElementById('space').data.length") == 3 + ("weighted" not in arguments)
+    assert _errors(driver) == []
+
+
+@pytest.mark.parametrize(
+    ("walk", "skeleton", "cameras", "limit"),
+    [("02_01", "02", 1, 120.0), pytest.param("03_01", "03", 2, 40.0, marks=pytest.mark.slow)],
+)
+def test_recorded_walks_are_tracked_and_reported(
+    driver: Any, tmp_path: Path, data_dir: Path, walk: str, skeleton: str, cameras: int, limit: float
+) -> None:
+    """The main job on real input. The limits (mm) are twice what whole recordings gave: 68 and 17."""
+    recording, output = data_dir / "cmu_amc" / f"{walk}.amc", tmp_path / "walk.nc"
+    options = ["--skeleton", str(data_dir / "cmu_amc" / f"{skeleton}.asf"), "--cameras", str(cameras), "--frames", "40:60"]
+    assert main(["track", str(recording), *options, "-o", str(output), "--quiet"]) == 0
+    assert main(["report", str(output), "-o", str(tmp_path / "walk.html")]) == 0
+    diagnostics = diagnose(load_result(output))["diagnostics"]
+    assert float(diagnostics["joint_error"].mean()) < limit
+    _open(driver, tmp_path / "walk.html")
+    before = _picture(driver, "space")
+    driver.execute_script(_MOVE, 19)
+    assert driver.execute_script("return document.getElementById('frame').textContent") == "frame 59"
+    assert (np.abs(_picture(driver, "space") - before).max(axis=-1) > 30).mean() > 0.002
     assert _errors(driver) == []
