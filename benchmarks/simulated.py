@@ -1,0 +1,51 @@
+"""The problem that filters are measured on: the 28-DOF body as its own model simulates it, seen by one camera at 5 m."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from poseppl_models.choo_fleet import full_body
+
+from poseppl.body import Body, BodyInputs
+from poseppl.geometry import paper_camera
+from poseppl.program import CompiledModel, Observation
+from poseppl.simulation import simulate
+
+SIGMA_POSITION, SIGMA_ANGLE = 7.5, 0.075
+START_POSITION, START_ANGLE = 15.0, 0.15
+NOISE = 0.003
+
+
+class Problem(NamedTuple):
+    """A body, its compiled model and the inputs of every frame."""
+
+    body: Body
+    model: CompiledModel
+    inputs: BodyInputs
+
+
+def build_problem() -> Problem:
+    """The full body: transition 7.5 mm and 0.075 rad, noise 0.003, first state 15 mm and 0.15 rad around standing."""
+    body = full_body()
+    camera = paper_camera((0.0, -5000.0, 1000.0))
+    noise = jnp.full((1, len(body.tree.marker_names)), NOISE)
+    scale = jnp.concatenate([jnp.full(3, START_POSITION), jnp.full(body.tree.dimension - 3, START_ANGLE)])
+    inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), scale)
+    model = body.program.compile(inputs=inputs, params={"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE})
+    return Problem(body, model, inputs)
+
+
+class Sequence(NamedTuple):
+    """True states (T, d) and the points that the camera saw."""
+
+    states: jax.Array
+    observations: Observation
+
+
+def draw_sequence(problem: Problem, seed: int, num_frames: int) -> Sequence:
+    """Simulate a sequence from the model itself."""
+    inputs = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *leaf.shape)), problem.inputs)
+    drawn = simulate(problem.model, jax.random.key(seed), num_frames, inputs)
+    return Sequence(drawn.states, problem.model.observe(drawn.values, frames=num_frames))

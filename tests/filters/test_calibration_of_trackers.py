@@ -1,0 +1,43 @@
+"""Coverage of the trackers on sequences that the model itself simulates: the default one is honest, the paper's is not."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from calibration import LEVELS, TRACKERS, study  # noqa: E402
+from simulated import build_problem  # noqa: E402
+
+BAND = (0.85, 0.95)
+OVER_CONFIDENT = 0.75
+
+
+def covers(name, sequences, frames):
+    """Coverage of the 90 % intervals with its standard error over sequences, and the study."""
+    problem = build_problem()
+    found = study(TRACKERS[name](problem.model), problem, range(sequences), frames)
+    return found.coverages[LEVELS.index(0.9)], found
+
+
+def check_trackers(sequences, frames):
+    """The band within five standard errors for the default; the paper's as far below the band, or the check says nothing."""
+    honest, default = covers("assumed-density (default)", sequences, frames)
+    assert BAND[0] - 5 * honest.standard_error < honest.estimate < BAND[1] + 5 * honest.standard_error
+    paper, narrow = covers("hmc (10 chains, L 40, R 32)", sequences, frames)
+    assert paper.estimate < OVER_CONFIDENT
+    assert paper.estimate < BAND[0] - 5 * paper.standard_error
+    assert np.median(default.errors) < np.median(narrow.errors)
+
+
+def test_coverage_of_short_sequences():
+    check_trackers(8, 8)
+
+
+@pytest.mark.slow
+def test_coverage():
+    check_trackers(24, 25)
