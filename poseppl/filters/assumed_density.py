@@ -102,8 +102,8 @@ def assumed_density_filter(
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * num_mode_steps + 2) + num_chains * _CANDIDATES),
-            num_gradient=chains.num_gradient + num_starts * num_mode_steps,
+            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * (num_mode_steps + 1) + 1) + num_chains * _CANDIDATES),
+            num_gradient=chains.num_gradient + num_starts * (num_mode_steps + 1),
             failed=failed,
             step_size=jnp.exp(chains.log_step_size),
         )
