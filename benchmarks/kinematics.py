@@ -46,10 +46,11 @@ def report_likelihoods(count: int, repetitions: int, with_mjx: bool) -> None:
         if with_mjx:
             kinematics = jax.jit(jax.vmap(MJX(tree).markers))
             rivals["MJX kinematics"] = (few, lambda: kinematics(states[:few]))
-            np.testing.assert_allclose(kinematics(states[:few])[:5], expected, atol=0.05)
     except ImportError as error:
         print(f"Left out: {error}")
     seconds = interleave({name: run for name, (_, run) in rivals.items()}, repetitions)
+    if "MJX kinematics" in rivals:
+        np.testing.assert_allclose(rivals["MJX kinematics"][1]()[:5], expected, atol=0.05)
     rates = {name: number / seconds[name].median for name, (number, _) in rivals.items()}
     constant = 2 * len(points) * (np.log(NOISE) + 0.5 * np.log(2 * np.pi))
     np.testing.assert_allclose(ours(states)[:100] + constant, plain(states)[:100], rtol=1e-2, atol=1.0)
