@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel
+from poseppl.smoothers import Smoother
 
 
 class FilterRow(NamedTuple):
@@ -76,6 +77,31 @@ FILTERS: list[FilterRow] = [
         evidence_tolerance=1e-3,
     ),
 ]
+
+
+class SmootherRow(NamedTuple):
+    """One smoother.
+
+    Attributes:
+        name: Identifies the row in test reports.
+        function: The public builder.
+        build: A small instance for a model.
+        consistent: Whether means and variances converge to the exact ones, with more particles or draws.
+        discrete: Whether it also takes models of finite states.
+        num_replicates: Independent runs (of filter and smoother) that the statistical laws make.
+        num_particles: Of the particle filter whose history it takes.
+    """
+
+    name: str
+    function: Callable[..., Smoother]
+    build: Callable[[CompiledModel], Smoother]
+    consistent: bool = True
+    discrete: bool = False
+    num_replicates: int = 40
+    num_particles: int = 500
+
+
+SMOOTHERS: list[SmootherRow] = []
 
 
 def row_id(row: Any) -> str:

@@ -1,0 +1,106 @@
+"""What every smoother is: one pure function from a filter's history to the smoothed states.
+
+    smooth(rng_key, history, observations, inputs) -> smoothed
+
+`observations` and `inputs` have a leading axis of T frames. Inputs follow the time convention of `poseppl.program`: row t is
+known at frame t, so the transition into frame t takes row t. The driver, :func:`poseppl.smoothing.run_smoother`, masks the data
+of the frames that the filter reported as failed; a smoother sees them as frames without data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Info
+from poseppl.program import Observation
+from poseppl.weights import normalise
+
+
+class History(NamedTuple):
+    """What a filter leaves for a smoother, with a leading axis of T frames.
+
+    Attributes:
+        particles: Flat states (T, N, d); the draws of all chains for a filter of chains.
+        log_weights: Normalised log-weights (T, N).
+        ancestors: The filter's ancestors (T, A), int32; A is N for particle filters, whose genealogy they are.
+        failed: Whether a frame's data were impossible (T,).
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    ancestors: jax.Array
+    failed: jax.Array
+
+
+class SmoothingInfo(NamedTuple):
+    """Diagnosis of a smoothing; every smoother fills every field.
+
+    Attributes:
+        ess: Effective number of particles or draws at each frame (T,).
+        acceptance: Mean acceptance rate of the moves at each frame (T,), in [0, 1]; 1 when there are none.
+        divergences: Number of divergent trajectories, int32.
+        num_transition: Evaluations of the transition density, a float (they may be many).
+        num_gradient: Evaluations of the gradient of a frame's density, a float.
+    """
+
+    ess: jax.Array
+    acceptance: jax.Array
+    divergences: jax.Array
+    num_transition: jax.Array
+    num_gradient: jax.Array
+
+
+class Smoothed(NamedTuple):
+    """The smoothing distributions of T frames, in the form of a filter's states.
+
+    Attributes:
+        particles: Flat states (T, N, d), or (T, M, R, d) for M Markov chains of R draws.
+        log_weights: Normalised log-weights (T, N), or zeros (T, M, R).
+        info: Diagnosis.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    info: SmoothingInfo
+
+
+class Smoother(NamedTuple):
+    """A smoothing algorithm for one model.
+
+    Attributes:
+        smooth: `(rng_key, history, observations, inputs) -> smoothed`.
+        joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
+    """
+
+    smooth: Callable[[jax.Array, History, Observation, Any], Smoothed]
+    joint: bool
+
+
+def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:
+    """Collector for :func:`poseppl.run.run_filter`: all particles with their weights and ancestors."""
+    particles = state.particles.reshape(-1, state.particles.shape[-1])
+    return History(particles, normalise(state.log_weights.reshape(-1)).log_weights, info.ancestors, info.failed)
+
+
+def smoothing_info(
+    num_frames: int,
+    ess: jax.Array,
+    *,
+    acceptance: Any = 1.0,
+    divergences: Any = 0,
+    num_transition: Any = 0.0,
+    num_gradient: Any = 0.0,
+) -> SmoothingInfo:
+    """Fill in a diagnosis; scalars `ess` and `acceptance` count for all T frames."""
+    dtype = jnp.result_type(float)
+    return SmoothingInfo(
+        ess=jnp.broadcast_to(jnp.asarray(ess, dtype), (num_frames,)),
+        acceptance=jnp.broadcast_to(jnp.asarray(acceptance, dtype), (num_frames,)),
+        divergences=jnp.asarray(divergences, jnp.int32),
+        num_transition=jnp.asarray(num_transition, dtype),
+        num_gradient=jnp.asarray(num_gradient, dtype),
+    )
