@@ -10,11 +10,10 @@ k = 0, ..., num - 1,
 
 Douc, Cappe and Moulines 2005 (doi:10.1109/ISPA.2005.195385) compare them. Ancestors of all but multinomial come out in order.
 
-In float32, C_i near N = 100,000 would have 7 bits left of the unit that decides. Here C_i = I_i + R_i, with I_i the exact
-integer sum of the rounded e_i and R_i the sum of the small remainders, so that decisions keep their precision at any N; uniform
-weights give R_i = 0, and every particle exactly one child. Slots are shared out by a scatter and a running maximum, without a
-sort or a search. Particles of zero (or NaN) weight never have children; if no weight is left, all count alike (see
-`weights.normalise`).
+In float32, C_i near N = 100,000 would have 7 bits left of the unit that decides. Here C_i is a whole number and a fraction of
+20 bits (see `running`), both exact, at any N; uniform weights give every particle exactly one child. Slots are shared out by
+counting ends and a running sum, without a sort or a search. Particles of zero (or NaN) weight never have children; if no weight
+is left, all count alike (see `weights.normalise`).
 
 Example:
     >>> systematic(jax.random.key(0), jnp.log(jnp.array([0.5, 0.0, 0.25, 0.25])), 4).tolist()
@@ -24,22 +23,13 @@ Example:
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.running import running_maximum, running_sum
+from poseppl.running import Split, largest_sum, running_split_sum, running_sum, split_number, unit
 
 Resampling = Callable[[jax.Array, jax.Array, int], jax.Array]
-
-
-class _Cumulative(NamedTuple):
-    """C_i split into whole part and fraction in [0, 1), and which particles have weight at all; each (N,)."""
-
-    whole: jax.Array
-    fraction: jax.Array
-    alive: jax.Array
 
 
 def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
@@ -53,20 +43,23 @@ def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
     return expected * (1.0 - excess / num)
 
 
-def _cumulative(expected: jax.Array) -> _Cumulative:
-    nearest = jnp.round(expected)
-    remainder = running_sum(expected - nearest)
-    below = jnp.floor(remainder)
-    whole = running_sum(nearest.astype(jnp.int32)) + below.astype(jnp.int32)
-    return _Cumulative(whole, remainder - below, expected > 0)
+def _cumulative(expected: jax.Array, num: int) -> Split:
+    """C_i (N,); the fraction is in units."""
+    if num >= largest_sum(expected.dtype):
+        limit = largest_sum(expected.dtype)
+        raise ValueError(f"num is {num}; resampling in {expected.dtype} is exact below {limit}: use jax_enable_x64")
+    return running_split_sum(split_number(expected))
 
 
 def _share_slots(ends: jax.Array, alive: jax.Array, num: int) -> jax.Array:
     """Ancestors (num,) int32, when particle i owns the slots from the end of particle i - 1 up to `ends[i]` (N,)."""
-    starts = jnp.concatenate([jnp.zeros(1, ends.dtype), ends[:-1]])
-    indices = jnp.where(alive, jnp.arange(ends.shape[0], dtype=jnp.int32), 0)
-    first = jnp.zeros(num, jnp.int32).at[starts].max(indices, mode="drop")
-    return running_maximum(first)
+    passed = jnp.zeros(num, ends.dtype).at[ends.astype(jnp.int32)].add(1.0, mode="drop", indices_are_sorted=True)
+    return jnp.minimum(running_sum(passed).astype(jnp.int32), _last(alive))
+
+
+def _last(alive: jax.Array) -> jax.Array:
+    """The last particle that has weight: the end may fall short of the last slot by a rounding."""
+    return jnp.max(jnp.where(alive, jnp.arange(alive.shape[0], dtype=jnp.int32), 0))
 
 
 def systematic(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
@@ -80,16 +73,19 @@ def systematic(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Arra
     Returns:
         Ancestors (num,), int32, ascending.
     """
-    whole, fraction, alive = _cumulative(_expected_children(log_weights, num))
-    offset = jax.random.uniform(rng_key, dtype=fraction.dtype)
-    return _share_slots(whole + (fraction > offset), alive, num)
+    expected = _expected_children(log_weights, num)
+    ends = _cumulative(expected, num)
+    offset = jax.random.uniform(rng_key, dtype=expected.dtype) / unit(expected.dtype)
+    return _share_slots(ends.whole + (ends.fraction > offset), expected > 0, num)
 
 
 def stratified(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
     """Stratified resampling; arguments and result as in `systematic`."""
-    whole, fraction, alive = _cumulative(_expected_children(log_weights, num))
-    offsets = jax.random.uniform(rng_key, (num,), fraction.dtype)
-    return _share_slots(whole + (fraction > offsets[jnp.clip(whole, 0, num - 1)]), alive, num)
+    expected = _expected_children(log_weights, num)
+    ends = _cumulative(expected, num)
+    offsets = jax.random.uniform(rng_key, (num,), expected.dtype) / unit(expected.dtype)
+    own = offsets[jnp.clip(ends.whole.astype(jnp.int32), 0, num - 1)]
+    return _share_slots(ends.whole + (ends.fraction > own), expected > 0, num)
 
 
 def multinomial(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
@@ -101,7 +97,7 @@ def residual(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
     """Residual resampling: the sure children first, in order, then the drawn ones; otherwise as `systematic`."""
     expected = _expected_children(log_weights, num)
     sure = jnp.floor(expected)
-    ends = running_sum(sure.astype(jnp.int32))
+    ends = running_sum(sure)
     rest = expected - sure
     total = jnp.sum(rest)
     scaled = jnp.where(total > 0, rest * (num / jnp.where(total > 0, total, 1.0)), expected)
@@ -115,17 +111,15 @@ def _draw_independently(rng_key: jax.Array, expected: jax.Array, num: int) -> ja
 
     Slot and position in the slot are drawn and compared in fixed point of 32 bits, 15 of them after the point at 100,000.
     """
-    cumulative = _cumulative(expected)
+    cumulative = _cumulative(expected, num)
     bits = 32 - int(num).bit_length()
-    scale = jnp.asarray(2**bits, cumulative.fraction.dtype)
+    scale = unit(expected.dtype) * 2.0**bits
     point = jnp.minimum((cumulative.fraction * scale).astype(jnp.uint32), jnp.uint32(2**bits - 1))
     ends = (jnp.clip(cumulative.whole, 0, num).astype(jnp.uint32) << bits) + point
-    ends = running_maximum(jnp.where(cumulative.alive, ends, jnp.uint32(0)))
     key_slot, key_point = jax.random.split(rng_key)
     slots = jax.random.randint(key_slot, (num,), 0, num).astype(jnp.uint32)
     drawn = (slots << bits) + (jax.random.bits(key_point, (num,), jnp.uint32) >> (32 - bits))
-    last = jnp.max(jnp.where(cumulative.alive, jnp.arange(expected.shape[0], dtype=jnp.int32), 0))
-    return jnp.minimum(jnp.searchsorted(ends, drawn, side="right").astype(jnp.int32), last)
+    return jnp.minimum(jnp.searchsorted(ends, drawn, side="right").astype(jnp.int32), _last(expected > 0))
 
 
 SCHEMES: dict[str, Resampling] = {

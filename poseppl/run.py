@@ -3,10 +3,10 @@
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
     online = Online(filter, rng_key); state, info = online.update(observation, inputs)
 
-A sequence of any length is one compilation of the filter's `init` and one of its `step`: frames go through a scan of `chunk`
-frames, of which the last may hold fewer. The key of a frame is folded from its number, so that results depend neither on the
-chunks nor on whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows
-with the sequence.
+A sequence of any length is one compilation of the filter's `init` and one of its `step`: frames go through a scan of a fixed
+length, of which the last call, or the calls of a slow filter, use only a part. The key of a frame is folded from its number, so
+that results depend neither on these parts nor on whether the frames came one by one. What is kept of a frame is what `collect`
+returns for it; nothing else grows with the sequence.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol
+from weakref import WeakSet
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,14 @@ Collect = Callable[[jax.Array, Any, Info, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame."""
 
 _LOGGER = logging.getLogger("poseppl")
+_LONGEST = 64
+"""Frames in one call at most, where their number adapts."""
+_SAVED = 8
+"""Frames in a part of a checkpoint, unless asked otherwise."""
+_PATIENCE = 0.25
+"""Seconds of a call up to which the next one takes twice as many frames."""
+_STARTED: WeakSet[Any] = WeakSet()
+"""The `step` functions that have been compiled, and so need not be compiled side by side with `init`."""
 
 
 class RunError(PosepplError):
@@ -127,7 +136,7 @@ def _first(
     key_filter, key_collect = _frame_keys(rng_key, 0)
     inputs = layout.join(varying, constant)
     state, info = filter.init(key_filter, observation, inputs)
-    return state, _keep(collect, key_collect, state, info, inputs)
+    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], _keep(collect, key_collect, state, info, inputs))
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -169,7 +178,7 @@ def run_filter(
     *,
     collect: Collect,
     num_frames: int | None = None,
-    chunk: int = 8,
+    chunk: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     on_failure: Literal["continue", "stop"] = "continue",
@@ -184,7 +193,8 @@ def run_filter(
         inputs: Inputs with a leading T, constant parts wrapped in :class:`Constant`; None where the model takes none.
         collect: `(rng_key, state, info, inputs of the frame) -> pytree`, what is kept of a frame; see :mod:`poseppl.collect`.
         num_frames: T; as many as there are data if None.
-        chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it.
+        chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it. If None, 8
+            with a checkpoint, else as many as take about a quarter of a second, from 8 to 64.
         progress: Who is told.
         checkpoint: Where the run is saved after each chunk, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
@@ -200,37 +210,46 @@ def run_filter(
     """
     sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
-    if chunk < 1:
+    if chunk is not None and chunk < 1:
         raise ValueError(f"chunk is {chunk}; it must be at least 1")
+    adapts = chunk is None and checkpoint is None
+    length = chunk or (_LONGEST if adapts else _SAVED)
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
-    spans = _spans(num_frames, chunk)
     started = time.perf_counter()
     state, blank = _blank(filter, collect, sequence, rng_key)
     parts: list[Part] = []
     if checkpoint is not None:
         data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-        checkpoint.open(fingerprint(data, chunk=chunk, num_frames=num_frames, state=state))
-        parts = checkpoint.load(spans, state, blank, note)
-    resumed = len(parts)
-    first = _compile(filter, collect, sequence, (state, blank), rng_key, chunk, resumed == 0)
+        checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=state))
+        parts = checkpoint.load(_spans(num_frames, length), state, blank, note)
+    resumed = sum(len(part.kept.finite) for part in parts)
+    first = _compile(filter, collect, sequence, (state, blank), rng_key, length, resumed == 0)
     compiled = time.perf_counter()
-    for number, (start, stop) in enumerate(spans):
-        if number >= resumed:
-            wanted = first if number == 0 else None
-            parts.append(wanted or _advanced(filter, collect, sequence, parts[-1], blank, rng_key, start, stop, chunk))
-        _check(parts[number].kept, start, numbers, on_failure, note)
-        if checkpoint is not None and number >= resumed:
-            checkpoint.save(start, stop, parts[number])
-        if number >= max(resumed, 1):
-            parts[number - 1] = parts[number - 1]._replace(state=None)
+    ready, stop, pace = iter(parts[:]), 0, _SAVED if adapts else length
+    while stop < num_frames:
+        start, began = stop, time.perf_counter()
+        part = next(ready, None)
+        if part is None:
+            stop = min(start + pace, num_frames) if start else 1
+            part = first or _advanced(filter, collect, sequence, parts[-1], blank, rng_key, start, stop, length)
+            if first is None and adapts and time.perf_counter() - began < _PATIENCE:
+                pace = min(2 * pace, length)
+            first = None
+            if parts:
+                parts[-1] = parts[-1]._replace(state=None)
+            parts.append(part)
+            if checkpoint is not None:
+                checkpoint.save(start, stop, part)
+        stop = start + len(part.kept.finite)
+        _check(part.kept, start, numbers, on_failure, note)
         if progress:
             progress.advance(stop - start)
     whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(part.kept for part in parts))
-    num_resumed = spans[resumed - 1][1] if resumed else 0
     failed = tuple(numbers[index] for index in np.flatnonzero(whole.info.failed))
     seconds = compiled - started, time.perf_counter() - compiled
-    return Run(whole.outputs, whole.info, whole.unique_ancestors, parts[-1].state, failed, *seconds, num_resumed)
+    last = jax.tree.map(np.asarray, parts[-1].state)
+    return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *seconds, resumed)
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
@@ -243,8 +262,8 @@ def _blank(filter: Filter, collect: Collect, sequence: FrameSequence, rng_key: j
     observation, varying = sequence.frame(0)
     trace: Any = _first
     shapes = trace.eval_shape(filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
-    blank: tuple[Any, Kept] = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-    return blank
+    state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+    return state, jax.tree.map(lambda leaf: leaf[0], kept)
 
 
 def _compile(
@@ -259,6 +278,9 @@ def _compile(
     """Compile both programs side by side; the first frame is run, if it is wanted, and the later ones are not."""
     observation, varying = sequence.frame(0)
     arguments = (filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
+    if filter.step in _STARTED:
+        return _part(_first(*arguments), 1) if first else None
+    _STARTED.add(filter.step)
     with ThreadPoolExecutor(1) as pool:
         running = pool.submit(_first, *arguments) if first else None
         if sequence.num_frames > 1:
@@ -267,8 +289,7 @@ def _compile(
             _advance(filter, collect, sequence.layout, *blank, rng_key, *none, rows, varying, sequence.constant)
         if running is None:
             return None
-        state, kept = jax.tree.map(np.asarray, running.result())
-    return Part(jax.tree.map(lambda leaf: leaf[None], kept), state)
+        return _part(running.result(), 1)
 
 
 def _advanced(
@@ -286,11 +307,16 @@ def _advanced(
     rows, varying = sequence.rows(start, chunk)
     numbers = np.arange(start, start + chunk, dtype=np.int32)
     bounds = numbers, numbers < stop
-    state, kept = jax.tree.map(
-        np.asarray,
+    return _part(
         _advance(filter, collect, sequence.layout, last.state, blank, rng_key, *bounds, rows, varying, sequence.constant),
+        stop - start,
     )
-    return Part(jax.tree.map(lambda leaf: leaf[: stop - start], kept), state)
+
+
+def _part(result: tuple[Any, Kept], num_frames: int) -> Part:
+    """The frames of a call on the host; the state stays where it is."""
+    state, kept = result
+    return Part(jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept), state)
 
 
 def _check(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> None:

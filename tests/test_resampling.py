@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poseppl.resampling import SCHEMES, resample, resampling_scheme
-from poseppl.running import running_maximum, running_sum
+from poseppl.running import running_split_sum, running_sum, split_number, unit
 
 every_scheme = pytest.mark.parametrize("name", list(SCHEMES))
 ordered_schemes = pytest.mark.parametrize("name", ["systematic", "stratified", "residual"])
@@ -116,13 +116,22 @@ def test_large_sets_keep_their_precision_in_float32(name):
     assert np.abs(np.cumsum(counts)[:-1] - cumulative[:-1]).max() < {"systematic": 1.02, "stratified": 1.02}.get(name, 2000)
 
 
-@pytest.mark.parametrize("size", [511, 4097, 30_000])
-def test_running_sums_and_maxima(size):
-    x = jax.random.randint(jax.random.key(0), (size,), 0, 1000)
-    np.testing.assert_array_equal(jax.jit(running_sum)(x), np.cumsum(x))
-    np.testing.assert_array_equal(jax.jit(running_maximum)(x), np.maximum.accumulate(x))
-    y = jax.random.normal(jax.random.key(1), (size,))
-    np.testing.assert_allclose(jax.jit(running_sum)(y), np.cumsum(np.asarray(y, float)), atol=1e-3)
+@pytest.mark.parametrize("size", [1, 16, 511, 4097, 30_000])
+def test_running_sums_are_exact(size):
+    x = np.random.default_rng(0).integers(0, 500, size)
+    np.testing.assert_array_equal(jax.jit(running_sum)(jnp.asarray(x, float)), np.cumsum(x))
+    parts = split_number(1.5 * jax.random.normal(jax.random.key(1), (size,)))
+    scale = unit(parts.fraction.dtype)
+    sums = jax.tree.map(lambda a: np.asarray(a, float), jax.jit(running_split_sum)(parts))
+    exact = np.cumsum(np.asarray(parts.whole, float) + scale * np.asarray(parts.fraction, float))
+    np.testing.assert_array_equal(sums.whole + scale * sums.fraction, exact)
+    assert (sums.fraction >= 0).all()
+    assert (sums.fraction < 1 / scale).all()
+
+
+def test_too_many_particles_for_the_precision():
+    with pytest.raises(ValueError, match="jax_enable_x64"):
+        jax.eval_shape(lambda: resample(jax.random.key(0), jnp.zeros(2**24), 2**24))
 
 
 def test_unknown_scheme():

@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.base import Filter, Info
+from poseppl.particle_keys import particle_keys
 from poseppl.program import CompiledModel, Observation
 from poseppl.resampling import resampling_scheme
 from poseppl.weights import effective_sample_size, normalise
@@ -93,7 +94,7 @@ def particle_filter(
         return ParticleState(particles, log_weights), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
-        particles = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_particles))
+        particles = jax.vmap(lambda k: model.sample_initial(k, inputs))(particle_keys(rng_key, num_particles))
         uniform = jnp.full(num_particles, -jnp.log(num_particles), particles.dtype)
         return weigh(particles, uniform, identity, observation, inputs)
 
@@ -102,7 +103,7 @@ def particle_filter(
     ) -> tuple[ParticleState, Info]:
         key_resample, key_predict = jax.random.split(rng_key)
         ancestors, log_prior = choose_ancestors(key_resample, state.log_weights)
-        keys = jax.random.split(key_predict, num_particles)
+        keys = particle_keys(key_predict, num_particles)
         previous = state.particles[ancestors]
         particles = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
         return weigh(particles, log_prior, ancestors, observation, inputs)

@@ -45,7 +45,7 @@ class TrackSettings(NamedTuple):
         sigma_angle: Random walk of angles, radians a frame; the body's own if None.
         seed: Of the filter.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
-        chunk: Frames between two parts of a checkpoint.
+        chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
         on_failure: "continue" or "stop" at a frame of impossible data.
     """
 
@@ -56,7 +56,7 @@ class TrackSettings(NamedTuple):
     sigma_angle: float | None = None
     seed: int = 0
     max_draws: int | None = None
-    chunk: int = 8
+    chunk: int | None = None
     on_failure: Literal["continue", "stop"] = "continue"
 
 

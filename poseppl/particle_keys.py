@@ -1,0 +1,95 @@
+"""Keys for a set of particles, where random bits are what a filter spends its time on.
+
+`jax.vmap` over `jax.random.split(rng_key, N)` hashes twice for each number: once for the particle's key, once for its number.
+The keys here belong to a generator (JAX's own Threefry) that knows about batches. A key is three words: a key that all
+particles share, and the particle's number. Under `jax.vmap` the bits of all N particles are drawn at once from the shared key,
+so that N normals cost what `jax.random.normal(rng_key, (N,))` costs; a key on its own, as in a loop over particles, draws from
+the shared key folded with its number. Programs see ordinary scalar keys, may split them and draw anything, and particles are
+independent.
+
+A batch draws from its first key alone: a function that is vmapped once more, over replicates, gives distinct draws in each of
+them, all determined by the key of the first replicate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.extend.random
+import jax.numpy as jnp
+
+_WORDS = 3
+
+
+def particle_keys(rng_key: jax.Array, num: int) -> jax.Array:
+    """Keys (num,) for functions of one particle under `jax.vmap`; see the module."""
+    shared = jnp.broadcast_to(jax.random.bits(rng_key, (2,), jnp.uint32), (num, 2))
+    data = jnp.concatenate([shared, jnp.arange(num, dtype=jnp.uint32)[:, None]], 1)
+    keys: jax.Array = jax.random.wrap_key_data(data, impl=_GENERATOR)
+    return keys
+
+
+def _shared(data: jax.Array) -> jax.Array:
+    key: jax.Array = jax.random.wrap_key_data(data[:2], impl="threefry2x32")
+    return key
+
+
+def _with_number(shared: jax.Array, number: jax.Array) -> jax.Array:
+    """Key data (..., 3) of shared keys (...) and one particle's number."""
+    data = jax.random.key_data(shared)
+    return jnp.concatenate([data, jnp.broadcast_to(number, (*data.shape[:-1], 1))], -1)
+
+
+def _random_bits(data: jax.Array, bit_width: int, shape: Sequence[int]) -> jax.Array:
+    dtype = jnp.dtype(f"uint{bit_width}")
+
+    @jax.custom_batching.custom_vmap
+    def draw(data: jax.Array) -> jax.Array:
+        return jax.random.bits(jax.random.fold_in(_shared(data), data[2]), tuple(shape), dtype)
+
+    @draw.def_vmap
+    def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:
+        return _bits_of_batch(data[0], dtype, (size, *shape)), True
+
+    bits: jax.Array = draw(data)
+    return bits
+
+
+def _bits_of_batch(data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.Array:
+    """Bits of all particles from the key of the first."""
+
+    @jax.custom_batching.custom_vmap
+    def draw(data: jax.Array) -> jax.Array:
+        return jax.random.bits(_shared(data), shape, dtype)
+
+    @draw.def_vmap
+    def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:
+        return _bits_of_batch(data[0], dtype, (size, *shape)), True
+
+    bits: jax.Array = draw(data)
+    return bits
+
+
+def _split(data: jax.Array, shape: Sequence[int]) -> jax.Array:
+    return _with_number(jax.random.split(_shared(data), tuple(shape)), data[2:])
+
+
+def _fold_in(data: jax.Array, number: Any) -> jax.Array:
+    return _with_number(jax.random.fold_in(_shared(data), number), data[2:])
+
+
+def _seed(seed: Any) -> jax.Array:
+    return _with_number(jax.random.key(seed, impl="threefry2x32"), jnp.zeros(1, jnp.uint32))
+
+
+_GENERATOR = jax.extend.random.define_prng_impl(
+    key_shape=(_WORDS,),
+    seed=_seed,
+    split=_split,
+    random_bits=_random_bits,
+    fold_in=_fold_in,
+    name="threefry of all particles",
+    tag="tfp",
+)
