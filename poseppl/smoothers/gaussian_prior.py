@@ -50,25 +50,39 @@ def inverse_covariance(covariance: jax.Array) -> jax.Array:
     return 0.5 * (scaled + scaled.T) * unit[:, None] * unit
 
 
-def has_linear_transition(model: CompiledModel, inputs: Any) -> bool:
-    """Whether the transition's mean is affine in the state and its covariance constant, read from the program's structure.
+class Structure(NamedTuple):
+    """Whether a transition's mean is affine in the state, and whether its covariance is the same for all states."""
+
+    affine: bool
+    constant: bool
+
+    @property
+    def linear(self) -> bool:
+        """Whether a Gaussian of these moments is linear."""
+        return self.affine and self.constant
+
+
+def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
+    """Read from a program what its transition's moments depend on.
 
     Args:
         model: The compiled model, its transition with Gaussian moments.
-        inputs: Inputs of one frame.
+        inputs: Stacked inputs with leading T, or None.
 
     Raises:
         ValueError: The transition has no Gaussian moments.
     """
+    row = jax.tree.map(lambda a: a[0], inputs)
 
-    def mean(x: jax.Array) -> jax.Array:
-        return model.transition_moments(x, inputs)[0]
+    def moments(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return model.transition_moments(x, row)
 
-    def structure(x: jax.Array) -> Any:
-        return jax.jacrev(mean)(x), model.transition_moments(x, inputs)[1]
+    def parts(x: jax.Array) -> Any:
+        return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
 
-    closed = jax.make_jaxpr(structure)(jnp.zeros(model.dimension))
-    return not any(output_dependence(closed, [frozenset({0})]))
+    closed = jax.make_jaxpr(parts)(jnp.zeros(model.dimension))
+    slope, covariance = output_dependence(closed, [frozenset({0})])
+    return Structure(not slope, not covariance)
 
 
 def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> LinearTransitions:

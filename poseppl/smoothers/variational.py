@@ -47,10 +47,10 @@ from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, b
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.gaussian_prior import (
-    has_linear_transition,
     linear_transitions,
     marginal_covariances,
     quadratic_prior,
+    transition_structure,
 )
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
@@ -157,7 +157,7 @@ def fit_variational(
         num_rounds: Rounds of fixed-point updates.
         factorised: Whether q(x) is a product over frames.
     """
-    linear = has_linear_transition(model, jax.tree.map(lambda a: a[0], inputs))
+    linear = transition_structure(model, inputs).linear
     fractions = jnp.asarray(_FRACTIONS[:1] if linear else _FRACTIONS, history.particles.dtype)
     parity = jnp.arange(history.particles.shape[0]) % 2
     parts = [parity == 0, parity == 1] if factorised else [jnp.ones_like(parity, bool)]

@@ -1,0 +1,219 @@
+r"""Gibbs smoothing on the mixture approximation of the likelihood.
+
+Section 4.5 of Peursum, Venkatesh and West 2010 (doi:10.1007/s11263-009-0205-5): with a component s_t for each frame, the states
+of all frames are drawn in turn from their distributions given the rest,
+
+    p(x, s | z) ~ p(x_0) prod_t p(x_t | x_(t-1)) prod_t phi_(t, s_t)(x_t),
+
+for 2,000 rounds, of which the first 5 % are left out. The paper's states are discrete; these stay continuous, and the frame
+moves are those of :mod:`poseppl.smoothers.gibbs_moves`. Given their neighbours, even frames are independent of each other, and
+odd ones too: a round moves all even frames at once, then all odd ones, in several chains side by side. Where transitions are
+linear Gaussian, x may also be drawn as a whole given s (blocked; Carter and Kohn 1994, doi:10.1093/biomet/81.3.541).
+
+One chain starts at the most likely particle of every frame (section 5.2), the others at particles drawn by their weights.
+
+What is sampled is the model with the mixture for its likelihood; nothing makes up for the error of that (the mixture's own
+module says how large it is), except `target="model"`: the same moves are accepted against the likelihood itself, which is then
+evaluated at every move, and chains converge to the smoothing distribution.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.chains import effective_draws
+from poseppl.kernels.block_tridiagonal import block_cholesky, solve, solve_upper
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.gaussian_prior import linear_transitions, quadratic_prior, transition_structure
+from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
+from poseppl.smoothers.likelihood_mixture import (
+    LikelihoodMixture,
+    MixtureSettings,
+    fit_likelihood_mixture,
+    log_components,
+)
+
+TARGETS = ("mixture", "model")
+
+
+class GibbsChains(NamedTuple):
+    """What M chains of R rounds returned: ``draws`` (M, R, T, d), and the mean ``acceptance`` at each frame (T,)."""
+
+    draws: jax.Array
+    acceptance: jax.Array
+
+
+def gibbs_smoother(
+    model: CompiledModel,
+    *,
+    num_components: int = 50,
+    num_draws: int = 2000,
+    burn_in: float = 0.05,
+    num_chains: int = 4,
+    target: str = "mixture",
+    collapsed: bool = True,
+    blocked: bool = False,
+    quantise: Any = None,
+    mixture: MixtureSettings | None = None,
+) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model, its initial and transition programs with Gaussian moments.
+        num_components: K, the most components of a frame's likelihood; goes before the setting in `mixture`.
+        num_draws: Rounds, those of all chains together and burn-in included.
+        burn_in: Fraction of each chain's rounds that is left out.
+        num_chains: M; divides `num_draws`.
+        target: "mixture", or "model" for moves that are accepted against the likelihood itself.
+        collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
+        blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
+        quantise: Pitch, a number or (d,), to whose multiples the filter's particles and the draws are rounded; None keeps them.
+            The paper's is 3 degrees. The chains themselves are continuous.
+        mixture: The other settings of the mixture; :class:`~poseppl.smoothers.likelihood_mixture.MixtureSettings` if None.
+
+    Returns:
+        The smoother.
+
+    Raises:
+        ValueError: A setting out of range; when it is run, `blocked` with a transition that is not linear.
+    """
+    if num_chains < 1 or num_draws % num_chains or num_draws < num_chains:
+        raise ValueError(f"num_draws is {num_draws}; it must be a multiple of num_chains = {num_chains}, which is at least 1")
+    if not 0 <= burn_in < 1:
+        raise ValueError(f"burn_in is {burn_in}; it must be at least 0 and below 1")
+    if target not in TARGETS:
+        raise ValueError(f"target is {target!r}. Expected one of {', '.join(TARGETS)}.")
+    if blocked and target == "model":
+        raise ValueError("blocked rounds draw from the mixture: leave out blocked, or set target='mixture'.")
+    settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
+    num_rounds = num_draws // num_chains
+    discarded = int(burn_in * num_rounds)
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        key_fit, key_start, key_chains = jax.random.split(rng_key, 3)
+        history = history._replace(particles=_rounded(history.particles, quantise))
+        likelihood = fit_likelihood_mixture(key_fit, model, history, observations, inputs, settings)
+        starts = gibbs_starts(key_start, history, num_chains)
+        chains = gibbs_chains(
+            key_chains,
+            model,
+            likelihood,
+            starts,
+            observations,
+            inputs,
+            num_rounds,
+            discarded,
+            true_likelihood=target == "model",
+            collapsed=collapsed,
+            blocked=blocked,
+        )
+        draws = jnp.moveaxis(_rounded(chains.draws, quantise), 2, 0)
+        num_frames = draws.shape[0]
+        info = smoothing_info(
+            num_frames,
+            jax.vmap(effective_draws)(draws),
+            acceptance=chains.acceptance,
+            num_transition=float(0 if blocked else 4 * num_draws * num_frames),
+        )
+        return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
+
+    return Smoother(smooth, joint=True)
+
+
+def gibbs_starts(rng_key: jax.Array, history: History, num_chains: int) -> jax.Array:
+    """Trajectories (M, T, d): the most likely particle of every frame, then particles drawn by their weights."""
+    num_frames = history.log_weights.shape[0]
+    drawn = jax.random.categorical(rng_key, history.log_weights, shape=(num_chains, num_frames))
+    chosen = drawn.at[0].set(jnp.argmax(history.log_weights, axis=1))
+    return history.particles[jnp.arange(num_frames), chosen]
+
+
+def gibbs_chains(
+    rng_key: jax.Array,
+    model: CompiledModel,
+    mixture: LikelihoodMixture,
+    starts: jax.Array,
+    observations: Observation,
+    inputs: Any,
+    num_rounds: int,
+    burn_in: int = 0,
+    *,
+    true_likelihood: bool = False,
+    collapsed: bool = True,
+    blocked: bool = False,
+) -> GibbsChains:
+    """Run M chains on a mixture.
+
+    Args:
+        rng_key: PRNG key.
+        model: The compiled model, its initial and transition programs with Gaussian moments.
+        mixture: Of the likelihood of every frame.
+        starts: Trajectories (M, T, d).
+        observations: Stacked data with leading T; only `true_likelihood` reads them.
+        inputs: Stacked inputs with leading T, or None.
+        num_rounds: Rounds of each chain.
+        burn_in: How many of them are left out.
+        true_likelihood: Whether moves are accepted against the likelihood itself.
+        collapsed: Whether components are drawn with the state integrated out.
+        blocked: Whether a round draws the whole trajectory given the components.
+
+    Raises:
+        ValueError: `blocked` with a transition that is not linear.
+    """
+    structure = transition_structure(model, inputs)
+    if blocked and not structure.linear:
+        raise ValueError("blocked rounds need a linear Gaussian transition; leave out blocked.")
+    settings = Settings(structure.linear, collapsed, true_likelihood)
+    frames = prepare_frames(model, mixture, observations, inputs, structure)
+    if blocked:
+        prior = quadratic_prior(linear_transitions(model, starts[0], inputs), starts[0])
+
+    def step(x: jax.Array, rng_key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        if blocked:
+            return _blocked_round(rng_key, mixture, prior, starts[0], x), jnp.ones(x.shape[0], x.dtype)
+        return _round(model, settings, frames, rng_key, x)
+
+    def advance(xs: jax.Array, rng_key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        xs, acceptance = jax.vmap(step)(xs, jax.random.split(rng_key, xs.shape[0]))
+        return xs, (xs, jnp.mean(acceptance, 0))
+
+    _, (draws, acceptance) = jax.lax.scan(advance, starts, jax.random.split(rng_key, num_rounds))
+    return GibbsChains(jnp.swapaxes(draws[burn_in:], 0, 1), jnp.mean(acceptance[burn_in:], 0))
+
+
+def _round(
+    model: CompiledModel, settings: Settings, frames: Frames, rng_key: jax.Array, x: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Move all even frames of a trajectory (T, d), then all odd ones; returns it and the acceptance (T,)."""
+    num_frames = x.shape[0]
+    keys = jax.random.split(rng_key, 2)
+    acceptance = jnp.zeros(num_frames, x.dtype)
+    for parity in range(min(2, num_frames)):
+        place = jnp.arange(parity, num_frames, 2)
+        before, after = x[jnp.maximum(place - 1, 0)], x[jnp.minimum(place + 1, num_frames - 1)]
+        rows = jax.tree.map(lambda a, place=place: a[place], frames)
+        frame_keys = jax.random.split(keys[parity], place.shape[0])
+        moved, accepted = jax.vmap(lambda *row: move_frame(model, settings, *row))(frame_keys, x[place], before, after, rows)
+        x, acceptance = x.at[place].set(moved), acceptance.at[place].set(accepted)
+    return x, acceptance
+
+
+def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, origin: jax.Array, x: jax.Array) -> jax.Array:
+    """Draw components given the trajectory (T, d), then the trajectory given them."""
+    key_components, key_noise = jax.random.split(rng_key)
+    chosen = jax.random.categorical(key_components, jax.vmap(log_components)(mixture, x))
+    place = jnp.arange(x.shape[0])
+    bends = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
+    pull = mixture.slopes[place, chosen] - jnp.einsum("tij,tj->ti", bends, origin - mixture.anchors[place, chosen])
+    precision, slope = prior
+    factor = block_cholesky(precision._replace(diagonal=precision.diagonal + bends))
+    noise = jax.random.normal(key_noise, x.shape, x.dtype)
+    return origin + solve(factor, slope + pull) + solve_upper(factor, noise)
+
+
+def _rounded(x: jax.Array, pitch: Any) -> jax.Array:
+    return x if pitch is None else jnp.round(x / jnp.asarray(pitch, x.dtype)) * jnp.asarray(pitch, x.dtype)
