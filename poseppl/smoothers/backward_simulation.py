@@ -1,0 +1,189 @@
+r"""Backward simulation: trajectories drawn from the filter's particles, from the last frame to the first.
+
+Godsill, Doucet and West 2004 (doi:10.1198/016214504000000151). The last state of a trajectory is drawn by the filter's weights;
+given its state x_(t+1), particle i of frame t is drawn with probability proportional to
+
+    w_t^i p(x_(t+1) | x_t^i).
+
+* exact: all N probabilities are made, a tile of trajectories at a time: O(N M) a frame.
+* metropolis: the index starts at the ancestor of the particle of frame t + 1 and makes `num_moves` Metropolis moves, each
+  proposed by the weights w_t, so that it is accepted with probability min(1, p(x_(t+1) | x_t^new) / p(x_(t+1) | x_t^old)): O(M)
+  a frame (Bunch and Godsill 2013, doi:10.1109/TSP.2012.2227480). With a bootstrap filter's ancestors the start is already a draw
+  from the right distribution, and one move is enough for trajectories that do not degenerate (Dau and Chopin 2023,
+  doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are needed.
+
+Proposals come from one systematic resampling for all trajectories, dealt out by a permutation that is drawn once and turned by
+a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all
+of them together cover the weights evenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import systematic
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows, with_densities
+
+Step = Callable[[jax.Array, jax.Array, Any], tuple[jax.Array, jax.Array]]
+
+METHODS = ("exact", "metropolis")
+
+
+def backward_simulation_smoother(
+    model: CompiledModel, num_trajectories: int, *, method: str = "exact", num_moves: int = 1, tile: int | None = None
+) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model.
+        num_trajectories: M, at least 1.
+        method: "exact" or "metropolis".
+        num_moves: Metropolis moves a frame, at least 1.
+        tile: Trajectories whose N probabilities are held at a time by "exact"; None holds about a million numbers.
+
+    Returns:
+        The smoother; its particles are M trajectories of equal weight, and `ess` tells how many different particles they use.
+
+    Raises:
+        ValueError: A number below 1 or an unknown method.
+    """
+    check_tile(tile)
+    for name, number in (("num_trajectories", num_trajectories), ("num_moves", num_moves)):
+        if number < 1:
+            raise ValueError(f"{name} is {number}. Expected at least 1.")
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        key_last, key_deal, key_steps = jax.random.split(rng_key, 3)
+        deal = jax.random.permutation(key_deal, num_trajectories)
+        last = _draw_by_weight(key_last, history.log_weights[-1], deal)
+        if method == "exact":
+            step: Step = partial(_exact_step, model, tile)
+            cost = num_trajectories * history.particles.shape[1]
+        else:
+            step = partial(_metropolis_step, model, num_moves, deal)
+            cost = num_trajectories * (1 + num_moves)
+        return trace_back(key_steps, history, inputs, last, step, float(cost))
+
+    return Smoother(smooth, joint=True)
+
+
+def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Array, step: Step, cost: float) -> Smoothed:
+    """Trajectories from the indices `last` (M,) of the last frame, by `step` from frame to frame.
+
+    Args:
+        rng_key: PRNG key.
+        history: The filter's history.
+        inputs: Inputs of all frames, or None.
+        last: Indices (M,) of particles of the last frame.
+        step: `(rng_key, chosen (M,), (particles, log_weights, later particles, ancestors, inputs)) -> (earlier (M,), acceptance)`.
+        cost: Transition densities that a step evaluates.
+    """
+    num_frames = history.particles.shape[0]
+    later = jax.tree.map(lambda leaf: leaf[1:], (history.particles, history.ancestors, inputs))
+    frames = (history.particles[:-1], history.log_weights[:-1], *later)
+    keys = jax.random.split(rng_key, max(num_frames - 1, 1))[: num_frames - 1]
+
+    def back(chosen: jax.Array, row: Any) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        earlier, acceptance = step(row[0], chosen, row[1])
+        return earlier, (earlier, acceptance)
+
+    _, (indices, acceptance) = jax.lax.scan(back, last, (keys, frames), reverse=True)
+    indices = jnp.concatenate([indices, last[None]])
+    trajectories = jnp.take_along_axis(history.particles, indices[..., None], axis=1)
+    log_weights = jnp.full(indices.shape, -jnp.log(indices.shape[1]), trajectories.dtype)
+    ess = jax.vmap(partial(_effective_number, history.particles.shape[1], trajectories.dtype))(indices)
+    info = smoothing_info(num_frames, ess, acceptance=jnp.append(acceptance, 1.0), num_transition=(num_frames - 1) * cost)
+    return Smoothed(trajectories, log_weights, info)
+
+
+def _draw_by_weight(rng_key: jax.Array, log_weights: jax.Array, deal: jax.Array) -> jax.Array:
+    """Indices (M,), each by the weights (N,), dealt out by a permutation (M,) and a random turn of it."""
+    key_slots, key_turn = jax.random.split(rng_key)
+    slots = systematic(key_slots, log_weights, deal.shape[0])
+    turn = jax.random.randint(key_turn, (), 0, deal.shape[0])
+    return slots[(deal + turn) % deal.shape[0]]
+
+
+def _effective_number(num_particles: int, dtype: Any, indices: jax.Array) -> jax.Array:
+    """1 / sum of squared shares of the particles that M trajectories pass through, a scalar in [1, M]."""
+    counts = jnp.zeros(num_particles, dtype).at[indices].add(1.0)
+    return indices.shape[0] ** 2 / jnp.sum(counts**2)
+
+
+def _exact_step(
+    model: CompiledModel, tile: int | None, rng_key: jax.Array, chosen: jax.Array, frame: Any
+) -> tuple[jax.Array, jax.Array]:
+    """Draw earlier indices (M,) by inversion: first a block of about sqrt(N) particles, then one of it."""
+    earlier, log_weights, later, _, inputs = frame
+    count, block = earlier.shape[0], max(1, round(earlier.shape[0] ** 0.5))
+    columns = split_rows(earlier, block).reshape(-1, earlier.shape[1])
+    weights = jnp.zeros(columns.shape[0], log_weights.dtype).at[:count].set(jnp.exp(log_weights))
+    rows = tile_rows(tile, chosen.shape[0], columns.shape[0])
+    heights = 1.0 - jax.random.uniform(rng_key, chosen.shape, log_weights.dtype)
+
+    def draw(part: tuple[jax.Array, jax.Array]) -> jax.Array:
+        xs, heights = part
+
+        def invert(densities: jax.Array, sums: jax.Array) -> jax.Array:
+            which, rest = _invert(sums, heights * jnp.sum(sums, 1))
+            inside = (densities * weights).reshape(heights.shape[0], -1, block)[jnp.arange(heights.shape[0]), which]
+            return which * block + _invert(inside, rest)[0]
+
+        drawn: jax.Array = with_densities(
+            lambda: log_transitions(model, xs, columns, inputs),
+            lambda densities: ((densities * weights).reshape(-1, block) @ jnp.ones(block, weights.dtype)).reshape(rows, -1),
+            invert,
+            jnp.ones(rows, bool),
+            weights > 0,
+        )
+        return drawn
+
+    drawn = jax.lax.map(draw, (split_rows(later[chosen], rows), split_rows(heights, rows)))
+    return join_rows(drawn, chosen.shape[0]).astype(jnp.int32), jnp.ones((), log_weights.dtype)
+
+
+def _invert(masses: jax.Array, heights: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """For each row of masses (B, n), the first entry whose cumulative sum reaches the height (B,), and what is left there."""
+    sums = jnp.cumsum(masses, 1)
+    reached = jnp.minimum(heights, sums[:, -1])
+    which = jnp.sum(sums < reached[:, None], 1)
+    before = jnp.take_along_axis(jnp.pad(sums, ((0, 0), (1, 0))), which[:, None], axis=1)[:, 0]
+    return which, reached - before
+
+
+def _metropolis_step(
+    model: CompiledModel, num_moves: int, deal: jax.Array, rng_key: jax.Array, chosen: jax.Array, frame: Any
+) -> tuple[jax.Array, jax.Array]:
+    """Move earlier indices (M,) from the ancestors, or from draws by weight where the ancestors are no genealogy."""
+    earlier, log_weights, later, ancestors, inputs = frame
+    key_start, key_moves = jax.random.split(rng_key)
+    later = later[chosen]
+
+    def log_densities(indices: jax.Array) -> jax.Array:
+        return jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(later, earlier[indices])
+
+    def move(state: tuple[jax.Array, jax.Array], key: jax.Array) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        indices, values = state
+        key_propose, key_accept = jax.random.split(key)
+        proposed = _draw_by_weight(key_propose, log_weights, deal)
+        proposed_values = log_densities(proposed)
+        heights = 1.0 - jax.random.uniform(key_accept, values.shape, values.dtype)
+        accepted = jnp.log(heights) < proposed_values - values
+        kept = jnp.where(accepted, proposed, indices), jnp.where(accepted, proposed_values, values)
+        return kept, jnp.mean(accepted, dtype=values.dtype)
+
+    if ancestors.shape == log_weights.shape:
+        start = ancestors[chosen]
+    else:
+        start = _draw_by_weight(key_start, log_weights, deal)
+    (indices, _), acceptance = jax.lax.scan(move, (start, log_densities(start)), jax.random.split(key_moves, num_moves))
+    return indices, jnp.mean(acceptance)

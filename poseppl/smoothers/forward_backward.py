@@ -1,0 +1,93 @@
+r"""Forward-backward smoothing by reweighting the filter's particles (Doucet, Godsill and Andrieu 2000, doi:10.1023/A:1008935410038).
+
+Section 4.2 of Peursum, Venkatesh and West 2010 (doi:10.1007/s11263-009-0205-5), who call it FBS. With the filter's particles and
+weights w_t^i, and the last frame's smoothed weights equal to the filter's, for t = T - 2, ..., 0
+
+    w_(t|T)^i = w_t^i sum_j w_(t+1|T)^j p(x_(t+1)^j | x_t^i) / sum_k w_t^k p(x_(t+1)^j | x_t^k).
+
+Each step needs the N x N densities p(x_(t+1)^j | x_t^i), which are made a tile of rows at a time; a tile is used twice while it is
+in the cache: by K w_t for the denominators and by (w_(t+1|T) / K w_t) K for the sums. Time is O(N^2 T), memory O(N T).
+
+Particles stay where the filter put them: what the filter does not cover, smoothing cannot mend. A later particle that can be
+reached from no earlier one says nothing about them, and its weight is shared out as the filter's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.tiles import check_tile, log_transitions, split_rows, tile_rows, with_densities
+from poseppl.weights import normalise
+
+
+def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model.
+        tile: Rows of the N x N matrix that are held at a time; None holds about a million entries.
+
+    Returns:
+        The smoother; its particles are the filter's, and only each frame's marginal is known.
+
+    Raises:
+        ValueError: A tile below 1.
+    """
+    check_tile(tile)
+
+    def reweigh(smoothed: jax.Array, frame: Any) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        """Smoothed weights of one frame (N,) from those of the next."""
+        earlier, log_weights, later, inputs = frame
+        weights = jnp.exp(log_weights)
+        support = _support(model, later, smoothed, earlier, weights, inputs, tile)
+        updated = normalise(log_weights + jnp.log(support))
+        result = jnp.where(updated.degenerate, weights, updated.weights)
+        return result, (jnp.where(updated.degenerate, log_weights, updated.log_weights), updated.ess)
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        num_frames, num_particles, _ = history.particles.shape
+        last = normalise(history.log_weights[-1])
+        later = jax.tree.map(lambda leaf: leaf[1:], (history.particles, inputs))
+        frames = (history.particles[:-1], history.log_weights[:-1], *later)
+        _, (log_weights, ess) = jax.lax.scan(reweigh, last.weights, frames, reverse=True)
+        info = smoothing_info(
+            num_frames, jnp.append(ess, last.ess), num_transition=float(num_frames - 1) * float(num_particles) ** 2
+        )
+        return Smoothed(history.particles, jnp.concatenate([log_weights, last.log_weights[None]]), info)
+
+    return Smoother(smooth, joint=False)
+
+
+def _support(
+    model: CompiledModel,
+    later: jax.Array,
+    smoothed: jax.Array,
+    earlier: jax.Array,
+    weights: jax.Array,
+    inputs: Any,
+    tile: int | None,
+) -> jax.Array:
+    """What each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j."""
+    num_later, num_earlier = later.shape[0], earlier.shape[0]
+    rows = tile_rows(tile, num_later, num_earlier)
+
+    def add(total: jax.Array, part: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, None]:
+        xs, shares = part
+
+        gained = with_densities(
+            lambda: log_transitions(model, xs, earlier, inputs),
+            lambda densities: densities @ weights,
+            lambda densities, sums: jnp.where(sums > 0, shares / sums, 0.0) @ densities,
+            shares > 0,
+            weights > 0,
+        )
+        return total + gained, None
+
+    padded = jnp.concatenate([smoothed, jnp.zeros(-num_later % rows, smoothed.dtype)]).reshape(-1, rows)
+    total, _ = jax.lax.scan(add, jnp.zeros_like(weights), (split_rows(later, rows), padded))
+    return total

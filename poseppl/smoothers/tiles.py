@@ -1,0 +1,101 @@
+r"""Transition densities between two sets of particles, a tile of rows at a time.
+
+The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never held whole: rows j, the later particles, go through in tiles, so
+that memory grows with N and not with N^2. What is wanted of a tile is the same when each of its rows is multiplied by a number of
+its own, and that number keeps the row within the range of floating point.
+
+Most often exp(log p) is in range as it stands, and a subtraction before the exponential would cost a third of the time. So a tile
+is tried as it stands; its row totals tell whether a row overflowed, or sank so low that its entries lost digits, and only then
+is the tile made a second time with each row's largest entry brought to 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel
+
+ENTRIES = 2**20
+"""Entries of a tile: enough to keep two cores busy, few enough for the cache."""
+
+
+def tile_rows(tile: int | None, num_rows: int, num_columns: int) -> int:
+    """Rows of a tile: as asked, or about 2^20 entries, in tiles of equal size.
+
+    Raises:
+        ValueError: A tile below 1.
+    """
+    check_tile(tile)
+    largest = max(1, min(num_rows, tile or max(1, ENTRIES // num_columns)))
+    return -(-num_rows // -(-num_rows // largest))
+
+
+def check_tile(tile: int | None) -> None:
+    """Refuse tiles without a row.
+
+    Raises:
+        ValueError: A tile below 1.
+    """
+    if tile is not None and tile < 1:
+        raise ValueError(f"tile is {tile}. Expected at least 1 row of the matrix at a time, or None.")
+
+
+def split_rows(array: jax.Array, rows: int) -> jax.Array:
+    """Turn (M, ...) into (tiles, rows, ...); the last tile is filled up with copies of the first row."""
+    missing = -array.shape[0] % rows
+    filled = jnp.concatenate([array, jnp.broadcast_to(array[:1], (missing, *array.shape[1:]))])
+    return filled.reshape(-1, rows, *array.shape[1:])
+
+
+def join_rows(tiles: jax.Array, num_rows: int) -> jax.Array:
+    """Undo `split_rows`."""
+    return tiles.reshape(-1, *tiles.shape[2:])[:num_rows]
+
+
+def log_transitions(model: CompiledModel, later: jax.Array, earlier: jax.Array, inputs: Any) -> jax.Array:
+    """Log-densities log p(x_j | x_i) (B, N) of `later` particles (B, d) given `earlier` ones (N, d)."""
+
+    def row(x: jax.Array) -> jax.Array:
+        return jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(earlier)
+
+    return jax.vmap(row)(later)
+
+
+def with_densities(
+    log_densities: Callable[[], jax.Array],
+    measure: Callable[[jax.Array], jax.Array],
+    consume: Callable[[jax.Array, jax.Array], Any],
+    needed: jax.Array,
+    possible: jax.Array,
+) -> Any:
+    """Give a tile of densities to `consume`, each row scaled by a number of its own where the range makes it necessary.
+
+    Args:
+        log_densities: Makes the tile of log-densities (B, N), NaN where a density is not defined (taken as zero). A row that is
+            zero in all possible columns says nothing: it is taken as constant.
+        measure: `densities (B, N) -> sums`, (B,) or (B, ...), the sums by which rows are divided.
+        consume: `(densities, sums) -> result`, which does not depend on the scales of the rows; those not needed may have sums of 0.
+        needed: Which rows matter (B,).
+        possible: Which columns have weight at all (N,); the largest entry is sought among them.
+
+    Returns:
+        The result.
+    """
+
+    def scaled() -> Any:
+        logs = log_densities()
+        logs = jnp.where(possible & ~jnp.isnan(logs), logs, -jnp.inf)
+        peaks = jnp.max(logs, 1, keepdims=True)
+        densities = jnp.exp(jnp.where(jnp.isfinite(peaks), logs - peaks, 0.0))
+        return consume(densities, measure(densities))
+
+    densities = jnp.exp(log_densities())
+    sums = measure(densities)
+    totals = jnp.sum(sums.reshape(sums.shape[0], -1), 1)
+    limits = jnp.finfo(totals.dtype)
+    kept = jnp.all((totals < limits.max**0.5) & ((totals > limits.tiny**0.5) | ~needed))
+    return jax.lax.cond(kept, lambda: consume(densities, sums), scaled)
