@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
-from poseppl.kernels import HMCSettings
+from poseppl.filters import (
+    Filter,
+    assumed_density_filter,
+    guided_filter,
+    hmc_filter,
+    kalman_filter,
+    particle_filter,
+    tempered_filter,
+)
+from poseppl.kernels import RANDOM_WALK_MOVES, HMCSettings, MoveSettings
 from poseppl.program import CompiledModel
 from poseppl.smoothers import Smoother
 
@@ -53,6 +61,15 @@ FILTERS: list[FilterRow] = [
         lambda model: particle_filter(model, 1000, resampling="multinomial"),
         unbiased_evidence=True,
     ),
+    FilterRow("guided", guided_filter, lambda model: guided_filter(model, 500), unbiased_evidence=True),
+    FilterRow(
+        "auxiliary",
+        guided_filter,
+        lambda model: guided_filter(model, 500, auxiliary=True, ess_threshold=0.5),
+        unbiased_evidence=True,
+    ),
+    FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500)),
+    FilterRow("unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented")),
     FilterRow(
         "hmc",
         hmc_filter,
@@ -75,6 +92,26 @@ FILTERS: list[FilterRow] = [
         assumed_density_filter,
         lambda model: assumed_density_filter(model, 60, num_starts=4),
         evidence_tolerance=1e-3,
+    ),
+    FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40),
+    FilterRow(
+        "tempered-fixed",
+        tempered_filter,
+        lambda model: tempered_filter(
+            model,
+            100,
+            target="mixture",
+            moves=MoveSettings(num_moves=1, target_acceptance=None),
+            temperatures=(0.2, 1.0),
+            whiten=False,
+        ),
+        unbiased_evidence=True,
+    ),
+    FilterRow(
+        "tempered-waste-free",
+        tempered_filter,
+        lambda model: tempered_filter(model, 600, moves=RANDOM_WALK_MOVES, chain_length=10, resampling="stratified"),
+        num_replicates=40,
     ),
 ]
 

@@ -5,6 +5,12 @@ from poseppl.filters.base import Filter as Filter
 from poseppl.filters.base import FilterState as FilterState
 from poseppl.filters.base import Info as Info
 from poseppl.filters.chains import ChainState as ChainState
+from poseppl.filters.guided import guided_filter as guided_filter
+from poseppl.filters.hidden_markov import hidden_markov_filter as hidden_markov_filter
 from poseppl.filters.hmc import hmc_filter as hmc_filter
+from poseppl.filters.kalman import KalmanState as KalmanState
+from poseppl.filters.kalman import kalman_filter as kalman_filter
 from poseppl.filters.particle import ParticleState as ParticleState
 from poseppl.filters.particle import particle_filter as particle_filter
+from poseppl.filters.tempered import TemperedState as TemperedState
+from poseppl.filters.tempered import tempered_filter as tempered_filter

@@ -1,0 +1,204 @@
+r"""The tempered sequential Monte Carlo filter: within each frame, particles are cooled from the prediction to the posterior.
+
+A frame begins as in a particle filter, x_i ~ p(x_t | x_(t-1)^(i)), and goes on as in :mod:`poseppl.filters.tempering`:
+temperatures beta from 0 to 1, chosen so that the weights at each keep a given ESS, with HMC or random-walk moves after each
+resampling. It needs no proposal, and a frame whose data are far more precise than the prediction costs a few more temperatures
+instead of nearly all particles. Two targets of the moves:
+
+* "ancestor", O(N): the ancestor is held fixed, p(x | x_(t-1)^(a_i)) p(z_t | x)^beta. On pairs of both this is SMC on
+
+      1/N p(x | x_(t-1)^a) p(z_t | x)^beta,
+
+  whose marginal of the ancestor at beta = 1 is that of the optimal proposal with weights p(z_t | x_(t-1)^a): the ancestors are
+  resampled with the states, by likelihoods of states that were moved.
+* "mixture", O(N^2): the whole prediction, 1/N sum_j p(x | x_(t-1)^j) p(z_t | x)^beta, as in the HMC filter; a state is not held
+  back by its ancestor. Ancestors are drawn anew at the end, in proportion to p(x_i | x_(t-1)^j).
+
+Both converge to the posterior with N, and the product of the frames' evidences to the evidence. It is unbiased where nothing is
+learned from the particles (`temperatures` given, `whiten=False`, a fixed step size), else up to a bias of order 1/N.
+
+If no particle can explain a frame, it is reported as failed and the particles stay as predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.filters.tempering import Tempered, Tempering, temper
+from poseppl.kernels.moves import HMC_MOVES, MoveSettings
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import resampling_scheme
+
+
+class TemperedState(NamedTuple):
+    """Equally weighted particles.
+
+    Attributes:
+        particles: Flat states (N, d).
+        log_weights: Normalised log-weights (N,), all alike.
+        log_step_size: The adapted log step size of the moves.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    log_step_size: jax.Array
+
+
+def tempered_filter(
+    model: CompiledModel,
+    num_particles: int,
+    *,
+    target: str = "ancestor",
+    moves: MoveSettings = HMC_MOVES,
+    ess_target: float = 0.5,
+    max_temperatures: int = 100,
+    temperatures: tuple[float, ...] | None = None,
+    chain_length: int = 1,
+    whiten: bool = True,
+    resampling: str = "systematic",
+) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model; with HMC moves its densities are differentiated.
+        num_particles: N, at least 1.
+        target: What the moves leave invariant, "ancestor" or "mixture".
+        moves: Kernel and settings of the moves, `HMC_MOVES`, `RANDOM_WALK_MOVES` or others.
+        ess_target: Fraction of N that the ESS falls to at each temperature but the last, between 0 and 1.
+        max_temperatures: Bound on the temperatures of a frame; the last takes all that is left, whatever its ESS.
+        temperatures: Fixed temperatures, ascending to 1, instead of adaptive ones.
+        chain_length: P of waste-free SMC, a divisor of N: N / P particles are resampled and make P - 1 moves, whose states are
+            all kept; 1 moves each of N particles as `moves` says.
+        whiten: Whether the particles set the moves' scale in each direction.
+        resampling: One of systematic, stratified, residual, multinomial.
+
+    Returns:
+        The filter; its state is :class:`TemperedState`. `Info.ess` is the least ESS of the frame's temperatures, before
+        resampling, `Info.acceptance` the mean over them.
+
+    Raises:
+        ValueError: A setting out of its range.
+    """
+    settings = _check(
+        num_particles, target, moves, ess_target, max_temperatures, temperatures, chain_length, whiten, resampling
+    )
+
+    spread = partial(_prior_covariance, needed=moves.kernel == "random-walk" and whiten, given_ancestor=target == "ancestor")
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
+        key_draw, key_other, key_run = jax.random.split(rng_key, 3)
+
+        def draw(rng_key: jax.Array) -> jax.Array:
+            return jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_particles))
+
+        particles = draw(key_draw)
+        tempered = temper(
+            key_run,
+            particles,
+            None,
+            lambda x, _: model.log_initial(x, inputs),
+            lambda x: model.log_observation(x, observation, inputs),
+            spread(particles, lambda: draw(key_other)),
+            jnp.log(jnp.asarray(moves.step_size, particles.dtype)),
+            settings,
+        )
+        return _state(tempered), _info(tempered, tempered.ancestors)
+
+    def step(
+        rng_key: jax.Array, state: TemperedState, observation: Observation, inputs: Any = None
+    ) -> tuple[TemperedState, Info]:
+        key_draw, key_other, key_run, key_ancestors = jax.random.split(rng_key, 4)
+        previous = state.particles
+
+        def draw(rng_key: jax.Array) -> jax.Array:
+            keys = jax.random.split(rng_key, num_particles)
+            return jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
+
+        def terms(x: jax.Array) -> jax.Array:
+            return jax.vmap(lambda c: model.log_transition(x, c, inputs))(previous)
+
+        def log_prior(x: jax.Array, ancestor: jax.Array) -> jax.Array:
+            if target == "ancestor":
+                return model.log_transition(x, ancestor, inputs)
+            return jax.nn.logsumexp(terms(x)) - jnp.log(num_particles)
+
+        particles = draw(key_draw)
+        tempered = temper(
+            key_run,
+            particles,
+            previous,
+            log_prior,
+            lambda x: model.log_observation(x, observation, inputs),
+            spread(particles, lambda: draw(key_other)),
+            state.log_step_size,
+            settings,
+        )
+        if target == "ancestor":
+            return _state(tempered), _info(tempered, tempered.ancestors)
+        keys = jax.random.split(key_ancestors, num_particles)
+        ancestors = jax.vmap(lambda k, x: jax.random.categorical(k, terms(x)))(keys, tempered.particles)
+        return _state(tempered), _info(tempered, ancestors.astype(jnp.int32))
+
+    return Filter(init, step)
+
+
+def _prior_covariance(particles: jax.Array, draw: Callable[[], jax.Array], *, needed: bool, given_ancestor: bool) -> jax.Array:
+    """Half the mean square of what two draws differ by, of the same ancestor or of any two."""
+    if not needed:
+        return jnp.zeros((particles.shape[1],) * 2, particles.dtype)
+    difference = particles - (draw() if given_ancestor else jnp.roll(particles, 1, 0))
+    return 0.5 * difference.T @ difference / particles.shape[0]
+
+
+def _state(tempered: Tempered) -> TemperedState:
+    count = tempered.particles.shape[0]
+    uniform = jnp.full(count, -jnp.log(count), tempered.particles.dtype)
+    return TemperedState(tempered.particles, uniform, tempered.log_step_size)
+
+
+def _info(tempered: Tempered, ancestors: jax.Array) -> Info:
+    return Info(
+        log_evidence=tempered.log_evidence,
+        ess=jnp.min(tempered.ess),
+        ancestors=ancestors,
+        acceptance=tempered.acceptance,
+        divergences=tempered.divergences,
+        num_likelihood=tempered.num_likelihood,
+        num_gradient=tempered.num_gradient,
+        failed=tempered.failed,
+        step_size=jnp.exp(tempered.log_step_size),
+    )
+
+
+def _check(
+    num_particles: int,
+    target: str,
+    moves: MoveSettings,
+    ess_target: float,
+    max_temperatures: int,
+    temperatures: tuple[float, ...] | None,
+    chain_length: int,
+    whiten: bool,
+    resampling: str,
+) -> Tempering:
+    """Check the builder's settings and gather them."""
+    if num_particles < 1 or max_temperatures < 1:
+        raise ValueError(f"num_particles is {num_particles}, max_temperatures {max_temperatures}. Expected at least 1.")
+    if target not in ("ancestor", "mixture"):
+        raise ValueError(f"target is {target!r}. Expected ancestor or mixture.")
+    if not 0 < ess_target < 1:
+        raise ValueError(f"ess_target is {ess_target}. Expected a fraction of num_particles between 0 and 1.")
+    if temperatures is not None:
+        steps = [b - a for a, b in zip((0.0, *temperatures), temperatures, strict=False)]
+        if not temperatures or min(steps) <= 0 or temperatures[-1] != 1:
+            raise ValueError(f"temperatures are {temperatures}. Expected positive numbers that ascend to 1.")
+    if chain_length < 1 or num_particles % chain_length:
+        raise ValueError(f"chain_length is {chain_length}. Expected a divisor of num_particles = {num_particles}.")
+    scheme = resampling_scheme(resampling)
+    return Tempering(ess_target, max_temperatures, temperatures, chain_length, whiten, moves.check(), scheme)

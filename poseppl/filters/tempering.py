@@ -1,0 +1,231 @@
+r"""Tempered sequential Monte Carlo: from draws of a prior p(x | c) to its posterior, along p(x | c) L(x)^beta.
+
+Algorithm 2 of Chopin 2002 (doi:10.1093/biomet/89.3.539) and section 3.4 of Del Moral, Doucet and Jasra 2006
+(doi:10.1111/j.1467-9868.2006.00553.x), with contexts that are resampled together with the positions. From
+beta = 0 until beta = 1:
+
+1. reweight: beta rises by the delta at which the incremental weights L(x_i)^delta have ESS = target * N, found by bisection
+   on the particles as they are now, moved at the last beta, so that the target asked is the one had;
+2. the evidence is multiplied by the mean incremental weight;
+3. resample positions and contexts together;
+4. move each position at the new beta: the particles that are returned, too, were moved, at beta = 1.
+
+Waste-free form (Dau and Chopin 2022, doi:10.1111/rssb.12475): only M = N / P particles are resampled, each makes a chain of
+P - 1 moves, and all N states of the chains are kept.
+
+With temperatures and moves fixed beforehand, the mean of exp(log_evidence) is the evidence. Temperatures, whitening and step
+size that are learned from the particles leave a bias that vanishes with N (Beskos, Jasra, Kantas and Thiery 2016,
+doi:10.1214/15-AAP1113).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.kernels.laplace import Whitening
+from poseppl.kernels.moves import (
+    ConditionalDensity,
+    MoveSettings,
+    Starts,
+    chart_from_gradients,
+    chart_from_spread,
+    evaluate,
+    move_population,
+)
+from poseppl.resampling import Resampling
+from poseppl.weights import effective_sample_size, normalise
+
+_BISECTIONS = 40
+
+
+class Tempering(NamedTuple):
+    """Settings of a run.
+
+    Attributes:
+        ess_target: Fraction of N that the ESS falls to at each temperature but the last.
+        max_temperatures: How many there are at most; the last takes all that is left.
+        temperatures: Fixed ones, ascending to 1, instead of adaptive ones.
+        chain_length: P of the waste-free form; 1 moves all N particles.
+        whiten: Whether moves are whitened by the particles; if not, they are in the state's own units.
+        moves: Settings of the moves; in the waste-free form P - 1 stands for their number.
+        resampling: A scheme.
+    """
+
+    ess_target: float
+    max_temperatures: int
+    temperatures: tuple[float, ...] | None
+    chain_length: int
+    whiten: bool
+    moves: MoveSettings
+    resampling: Resampling
+
+
+class Tempered(NamedTuple):
+    """What a run returns.
+
+    Attributes:
+        particles: Equally weighted draws of the posterior (N, d), or of the prior where failed.
+        ancestors: For each the particle of the prior that it comes from (N,), int32.
+        log_evidence: Log of the mean likelihood under the prior; -inf where failed.
+        failed: Whether no particle of the prior had positive likelihood.
+        temperatures: Those gone through, filled up with ones (max_temperatures,).
+        ess: The ESS had at each, before resampling, filled up with N (max_temperatures,).
+        num_temperatures: How many, int32.
+        acceptance: Mean acceptance rate of the moves, 1 without any.
+        divergences: Updates that diverged, int32.
+        log_step_size: The adapted log step size.
+        num_likelihood: Evaluations of the likelihood, int32.
+        num_gradient: Evaluations of its gradient, int32.
+    """
+
+    particles: jax.Array
+    ancestors: jax.Array
+    log_evidence: jax.Array
+    failed: jax.Array
+    temperatures: jax.Array
+    ess: jax.Array
+    num_temperatures: jax.Array
+    acceptance: jax.Array
+    divergences: jax.Array
+    log_step_size: jax.Array
+    num_likelihood: jax.Array
+    num_gradient: jax.Array
+
+
+def next_increment(log_likelihoods: jax.Array, ess_target: float, limit: jax.Array) -> jax.Array:
+    """The largest delta up to `limit` at which the weights exp(delta * log_likelihoods) have the ESS asked for.
+
+    Args:
+        log_likelihoods: Shape (N,), none NaN or +inf.
+        ess_target: As a fraction of the particles of positive likelihood.
+        limit: What is left to a temperature of one, a scalar.
+    """
+    goal = ess_target * jnp.sum(jnp.isfinite(log_likelihoods))
+
+    def halve(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        enough = effective_sample_size(middle * log_likelihoods) >= goal
+        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
+
+    low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, (jnp.zeros_like(limit), limit))
+    # never nothing: a delta of zero would neither end the loop nor silence a likelihood of zero
+    found = jnp.where(low > 0, low, high)
+    return jnp.where(effective_sample_size(limit * log_likelihoods) >= goal, limit, found)
+
+
+def temper(
+    rng_key: jax.Array,
+    particles: jax.Array,
+    contexts: Any,
+    log_prior: ConditionalDensity,
+    log_likelihood: Callable[[jax.Array], jax.Array],
+    prior_covariance: jax.Array,
+    log_step_size: jax.Array,
+    settings: Tempering,
+) -> Tempered:
+    """Temper draws of a prior into draws of its posterior.
+
+    Args:
+        rng_key: PRNG key.
+        particles: Equally weighted draws (N, d).
+        contexts: What the prior of each depends on, a pytree with a leading axis of N; resampled with the particles.
+        log_prior: Log-density of a position given its context.
+        log_likelihood: Of a position; NaN and +inf count as -inf.
+        prior_covariance: Covariance of a position given its context (d, d), for random walks alone.
+        log_step_size: Log step size to start from.
+        settings: How.
+    """
+    count = particles.shape[0]
+    cap = settings.max_temperatures if settings.temperatures is None else len(settings.temperatures)
+    fixed = None if settings.temperatures is None else jnp.asarray(settings.temperatures, particles.dtype)
+    num_starts, moves = count // settings.chain_length, settings.moves
+    if settings.chain_length > 1:
+        moves = moves._replace(num_moves=settings.chain_length - 1)
+
+    def likelihood(x: jax.Array) -> jax.Array:
+        value = log_likelihood(x)
+        return jnp.where(jnp.isnan(value) | jnp.isposinf(value), -jnp.inf, value)
+
+    def unfinished(carry: tuple[jax.Array, Tempered]) -> jax.Array:
+        run = carry[1]
+        cooled = (run.num_temperatures > 0) & (run.temperatures[run.num_temperatures - 1] == 1.0)
+        return ~run.failed & ~cooled & (run.num_temperatures < cap)
+
+    def cool(carry: tuple[jax.Array, Tempered]) -> tuple[jax.Array, Tempered]:
+        rng_key, run = carry
+        rng_key, key_resample, key_move = jax.random.split(rng_key, 3)
+        number = run.num_temperatures
+        values = jax.vmap(likelihood)(run.particles)
+        previous = jnp.where(number == 0, 0.0, run.temperatures[number - 1])
+        left = 1.0 - previous
+        delta = next_increment(values, settings.ess_target, left) if fixed is None else fixed[number] - previous
+        delta = jnp.where(number == cap - 1, left, delta)
+        beta = jnp.where(delta == left, 1.0, previous + delta)
+        weighted = normalise(delta * values)
+        chosen = settings.resampling(key_resample, weighted.log_weights, num_starts)
+        ancestors = run.ancestors[chosen]
+
+        def log_density(x: jax.Array, context: Any) -> jax.Array:
+            return log_prior(x, context) + beta * likelihood(x)
+
+        context = jax.tree.map(lambda leaf: leaf[ancestors], contexts)
+        starts = evaluate(run.particles[chosen], context, log_density, moves)
+        chart = _chart(starts, prior_covariance, settings)
+        moved = move_population(key_move, starts, log_density, chart, run.log_step_size, moves)
+        kept = moved.positions[-1:]
+        if settings.chain_length > 1:
+            kept = jnp.concatenate([starts.positions[None], moved.positions])
+        after = run._replace(
+            particles=kept.reshape(particles.shape),
+            ancestors=jnp.tile(ancestors, settings.chain_length),
+            log_evidence=run.log_evidence + weighted.log_mean,
+            temperatures=run.temperatures.at[number].set(beta),
+            ess=run.ess.at[number].set(weighted.ess),
+            num_temperatures=number + 1,
+            acceptance=run.acceptance + (moved.acceptance - run.acceptance) / (number + 1),
+            divergences=run.divergences + moved.divergences,
+            log_step_size=moved.log_step_size,
+            num_likelihood=run.num_likelihood + moved.num_density + count,
+            num_gradient=run.num_gradient + moved.num_gradient,
+        )
+        failed = run._replace(
+            log_evidence=jnp.full_like(run.log_evidence, -jnp.inf),
+            failed=jnp.bool_(True),
+            num_likelihood=run.num_likelihood + count,
+        )
+        return rng_key, jax.tree.map(lambda a, b: jnp.where(weighted.degenerate, a, b), failed, after)
+
+    start = _untempered(particles, log_step_size, cap)
+    return jax.lax.while_loop(unfinished, cool, (rng_key, start))[1]
+
+
+def _untempered(particles: jax.Array, log_step_size: jax.Array, max_temperatures: int) -> Tempered:
+    count, dtype = particles.shape[0], particles.dtype
+    return Tempered(
+        particles=particles,
+        ancestors=jnp.arange(count, dtype=jnp.int32),
+        log_evidence=jnp.zeros((), dtype),
+        failed=jnp.bool_(False),
+        temperatures=jnp.ones(max_temperatures, dtype),
+        ess=jnp.full(max_temperatures, count, dtype),
+        num_temperatures=jnp.int32(0),
+        acceptance=jnp.ones((), dtype),
+        divergences=jnp.int32(0),
+        log_step_size=jnp.asarray(log_step_size, dtype),
+        num_likelihood=jnp.int32(0),
+        num_gradient=jnp.int32(0),
+    )
+
+
+def _chart(starts: Starts, prior_covariance: jax.Array, settings: Tempering) -> Whitening:
+    if not settings.whiten:
+        origin = jnp.zeros_like(starts.positions[0])
+        return Whitening(origin, origin + 1.0)
+    if settings.moves.kernel == "random-walk":
+        return chart_from_spread(starts.positions, prior_covariance)
+    return chart_from_gradients(starts)

@@ -1,0 +1,226 @@
+r"""Moves of a whole population, each member on a density of its own, scaled by what the population shows.
+
+Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel) or a Metropolis random walk,
+in coordinates whitened for all members together:
+
+* by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts), so the
+  mean outer product of the members' gradients is their mean curvature, the context's own spread left out;
+* by spread, without gradients: the sum of the inverse covariances of the members and of x given c before any data. Where both
+  are Gaussian this lies between the curvature and twice the curvature.
+
+The step size is shared, and follows the mean acceptance rate by stochastic approximation. All of this depends on the
+population only through averages, whose effect on an estimate vanishes as the population grows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import blackjax
+import jax
+import jax.numpy as jnp
+
+from poseppl.kernels.laplace import Whitening, whitening
+
+ConditionalDensity = Callable[[jax.Array, Any], jax.Array]
+"""Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
+
+
+class MoveSettings(NamedTuple):
+    """Settings of a population's moves.
+
+    Attributes:
+        kernel: "hmc", or "random-walk" for densities without a gradient.
+        num_moves: Updates of each member.
+        num_leapfrog: L, leapfrog steps of an HMC update.
+        step_size: Step size to start from, in whitened coordinates; that of a random walk is multiplied by 2.38 / sqrt(d).
+        target_acceptance: Mean acceptance rate that the step size is adapted to; None keeps it fixed.
+        jitter: Fraction by which a member's step size is shortened at random in each update, in [0, 1).
+    """
+
+    kernel: str = "hmc"
+    num_moves: int = 2
+    num_leapfrog: int = 4
+    step_size: float = 0.5
+    target_acceptance: float | None = 0.8
+    jitter: float = 0.5
+
+    def check(self) -> MoveSettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        if self.kernel not in ("hmc", "random-walk"):
+            raise ValueError(f"kernel is {self.kernel!r}. Expected hmc or random-walk.")
+        if self.num_moves < 1 or self.num_leapfrog < 1:
+            raise ValueError(f"num_moves is {self.num_moves} and num_leapfrog {self.num_leapfrog}. Expected at least 1.")
+        if not self.step_size > 0:
+            raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")
+        if self.target_acceptance is not None and not 0 < self.target_acceptance < 1:
+            raise ValueError(f"target_acceptance is {self.target_acceptance}. Expected a number between 0 and 1, or None.")
+        if not 0 <= self.jitter < 1:
+            raise ValueError(f"jitter is {self.jitter}. Expected at least 0 and below 1.")
+        return self
+
+
+HMC_MOVES = MoveSettings()
+RANDOM_WALK_MOVES = MoveSettings("random-walk", num_moves=20, step_size=1.0, target_acceptance=0.25, jitter=0.0)
+
+
+class Starts(NamedTuple):
+    """Members before they move.
+
+    Attributes:
+        positions: Shape (M, d).
+        contexts: What the density of each depends on, a pytree with a leading axis of M.
+        values: Log-densities (M,).
+        gradients: Their gradients (M, d); zeros for a random walk.
+    """
+
+    positions: jax.Array
+    contexts: Any
+    values: jax.Array
+    gradients: jax.Array
+
+
+def evaluate(positions: jax.Array, contexts: Any, log_density: ConditionalDensity, settings: MoveSettings) -> Starts:
+    """Evaluate what the moves start from, at positions (M, d) with contexts (a pytree with a leading axis of M)."""
+    if settings.kernel == "random-walk":
+        return Starts(positions, contexts, jax.vmap(log_density)(positions, contexts), jnp.zeros_like(positions))
+    differentiate: Any = jax.vmap(jax.value_and_grad(log_density))
+    return Starts(positions, contexts, *differentiate(positions, contexts))
+
+
+class Moved(NamedTuple):
+    """What K updates of M members returned.
+
+    Attributes:
+        positions: After each update (K, M, d).
+        acceptance: Mean acceptance rate, a scalar.
+        divergences: How many updates diverged, int32.
+        log_step_size: The adapted log step size.
+        num_density: Evaluations of the density without its gradient, int32.
+        num_gradient: Evaluations of its gradient, int32.
+    """
+
+    positions: jax.Array
+    acceptance: jax.Array
+    divergences: jax.Array
+    log_step_size: jax.Array
+    num_density: jax.Array
+    num_gradient: jax.Array
+
+
+def move_population(
+    rng_key: jax.Array,
+    starts: Starts,
+    log_density: ConditionalDensity,
+    chart: Whitening,
+    log_step_size: jax.Array,
+    settings: MoveSettings,
+) -> Moved:
+    """Move every member K times.
+
+    Args:
+        rng_key: PRNG key.
+        starts: From `evaluate`, for the same density.
+        log_density: Of a position and a context.
+        chart: Whitened coordinates, the same for all.
+        log_step_size: To start from.
+        settings: Kernel, K, L and so on.
+    """
+    num_members, dimension = starts.positions.shape
+    dtype = starts.positions.dtype
+
+    def safe_density(white: jax.Array, context: Any) -> jax.Array:
+        value = log_density(chart.to_state(white), context)
+        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+
+    update = (_hmc if settings.kernel == "hmc" else _random_walk)(safe_density, settings, dimension)
+
+    def turn(carry: tuple[Any, jax.Array], rng_key: jax.Array) -> tuple[Any, Any]:
+        states, log_step_size = carry
+        key_jitter, key_update = jax.random.split(rng_key)
+        jitter = jax.random.uniform(key_jitter, (num_members,), dtype, 1.0 - settings.jitter, 1.0)
+        steps = jnp.exp(log_step_size) * jitter
+        keys = jax.random.split(key_update, num_members)
+        states, acceptance, divergent = jax.vmap(update)(keys, states, starts.contexts, steps)
+        rate = jnp.mean(acceptance)
+        if settings.target_acceptance is not None:
+            log_step_size = log_step_size + (rate - settings.target_acceptance)
+        return (states, log_step_size), (chart.to_state(states[0]), rate, jnp.sum(divergent))
+
+    # the chain rule: z moves x by the chart's scale
+    gradients = starts.gradients * chart.scale if chart.scale.ndim == 1 else starts.gradients @ chart.scale
+    states = chart.to_white(starts.positions), jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
+    (_, log_step_size), (positions, acceptance, divergent) = jax.lax.scan(
+        turn, (states, log_step_size), jax.random.split(rng_key, settings.num_moves)
+    )
+    hmc = settings.kernel == "hmc"
+    return Moved(
+        positions=positions,
+        acceptance=jnp.mean(acceptance),
+        divergences=jnp.sum(divergent).astype(jnp.int32),
+        log_step_size=log_step_size,
+        num_density=jnp.int32(0 if hmc else num_members * (1 + settings.num_moves)),
+        num_gradient=jnp.int32(num_members * (1 + settings.num_moves * settings.num_leapfrog) if hmc else 0),
+    )
+
+
+def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
+    kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
+
+    def update(rng_key: jax.Array, state: Any, context: Any, step_size: jax.Array) -> Any:
+        mass = jnp.ones(dimension, state[0].dtype)
+        state = blackjax.mcmc.hmc.HMCState(*state)
+        state, info = kernel(rng_key, state, lambda z: log_density(z, context), step_size, mass, settings.num_leapfrog)
+        return tuple(state), info.acceptance_rate, info.is_divergent
+
+    return update
+
+
+def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
+    def update(rng_key: jax.Array, state: Any, context: Any, step_size: jax.Array) -> Any:
+        key_noise, key_accept = jax.random.split(rng_key)
+        white, value, unused = state
+        proposal = white + 2.38 / dimension**0.5 * step_size * jax.random.normal(key_noise, white.shape, white.dtype)
+        proposed = log_density(proposal, context)
+        # a start without density goes anywhere
+        ratio = jnp.where(jnp.isneginf(value), 0.0, proposed - value)
+        rate = jnp.where(jnp.isneginf(proposed), 0.0, jnp.exp(jnp.minimum(ratio, 0.0)))
+        accept = jax.random.uniform(key_accept, (), white.dtype) < rate
+        return (jnp.where(accept, proposal, white), jnp.where(accept, proposed, value), unused), rate, False
+
+    return update
+
+
+def chart_from_gradients(starts: Starts) -> Whitening:
+    """Whiten by the mean curvature, estimated by the mean outer product of the members' gradients, where they are finite."""
+    count = starts.positions.shape[0]
+    finite = jnp.all(jnp.isfinite(starts.gradients), 1, keepdims=True)
+    safe = jnp.where(finite, starts.gradients, 0.0)
+    return whitening(jnp.mean(starts.positions, 0), _shrink(safe.T @ safe / count, count))
+
+
+def chart_from_spread(positions: jax.Array, prior_covariance: jax.Array) -> Whitening:
+    """Whiten by the sum of two inverse covariances: that of the members, and of a member given its context alone.
+
+    Args:
+        positions: Shape (M, d).
+        prior_covariance: Shape (d, d).
+    """
+    count = positions.shape[0]
+    centre = jnp.mean(positions, 0)
+    prior = _shrink(prior_covariance, count)
+    covariance = jnp.cov(positions.T, ddof=0).reshape(prior.shape)
+    floor = 1e-6 * jnp.diagonal(prior)
+    covariance = _shrink(covariance + jnp.diag(floor), count)
+    return whitening(centre, jnp.linalg.inv(prior) + jnp.linalg.inv(covariance))
+
+
+def _shrink(matrix: jax.Array, count: int) -> jax.Array:
+    """A second moment (d, d) of few draws made positive definite: correlations shrink as if by d draws without any."""
+    dimension = matrix.shape[0]
+    diagonal = jnp.diagonal(matrix)
+    largest = jnp.max(diagonal)
+    floor = jnp.where(largest > 0, 1e-12 * largest, 1.0)
+    share = count / (count + dimension)
+    return share * matrix + (1.0 - share) * jnp.diag(diagonal) + jnp.diag(jnp.maximum(floor - diagonal, 0.0))

@@ -1,0 +1,176 @@
+"""Tempered SMC beyond the laws: evidence and moments by quadrature, the ESS that is asked, impossible and equal particles."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from law_problems import frame, problem, replicate, z_scores
+from oracles.quadrature import moments_on_grid
+from poseppl_models.linear_gaussian import linear_gaussian
+
+from poseppl.filters import TemperedState, tempered_filter
+from poseppl.filters.tempering import Tempering, temper
+from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES
+from poseppl.resampling import systematic
+
+SETTINGS = Tempering(0.5, 30, None, 1, True, HMC_MOVES, systematic)
+NUM = 400
+
+
+def log_prior(x, context=None):
+    return -0.5 * jnp.sum(x * x) - jnp.log(2 * jnp.pi)
+
+
+def log_likelihood(x):
+    """A bent ridge, narrow beside the prior."""
+    return -0.5 * (x[1] + x[0] ** 2 - 1.5) ** 2 / 0.1**2
+
+
+def one_run(settings, likelihood, rng_key, prior=log_prior):
+    key_draw, key_run = jax.random.split(rng_key)
+    particles = jax.random.normal(key_draw, (NUM, 2))
+    return temper(key_run, particles, None, prior, likelihood, jnp.eye(2), jnp.log(settings.moves.step_size), settings)
+
+
+def runs(settings, likelihood=log_likelihood, num=60, prior=log_prior):
+    keys = jax.random.split(jax.random.key(1), num)
+    return jax.jit(lambda keys: jax.lax.map(lambda k: one_run(settings, likelihood, k, prior), keys))(keys)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    axes = (np.linspace(-5, 5, 1001), np.linspace(-6, 6, 1201))
+
+    def log_density(points):
+        x, y = points.T
+        return -0.5 * (x**2 + y**2) - np.log(2 * np.pi) - 0.5 * (y + x**2 - 1.5) ** 2 / 0.1**2
+
+    return moments_on_grid(log_density, axes)
+
+
+def scores(found, exact):
+    """z-scores of the evidence, the means and the second moments about the exact means."""
+    log_evidence, mean, covariance = exact
+    draws = np.asarray(found.particles, float)
+    centred = draws - mean
+    seconds = np.einsum("kni,knj->kij", centred, centred) / NUM
+    ratio = np.exp(np.asarray(found.log_evidence, float) - log_evidence)
+    return abs(z_scores(ratio, 1.0)), np.abs(z_scores(draws.mean(1), mean)).max(), np.abs(z_scores(seconds, covariance)).max()
+
+
+KINDS = {
+    "hmc": SETTINGS,
+    "random-walk": SETTINGS._replace(moves=RANDOM_WALK_MOVES),
+    "waste-free": SETTINGS._replace(chain_length=5),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_evidence_and_moments_are_those_of_quadrature(kind, exact):
+    found = runs(KINDS[kind])
+    assert max(scores(found, exact)) < 5
+    temperatures, ess = np.asarray(found.temperatures), np.asarray(found.ess)
+    for k in range(len(ess)):
+        steps = int(found.num_temperatures[k])
+        assert 3 <= steps < SETTINGS.max_temperatures
+        assert (np.diff(temperatures[k, :steps]) > 0).all()
+        assert temperatures[k, steps - 1] == 1.0
+        # what is asked is what is had, to the precision of one particle's weight in float32
+        np.testing.assert_allclose(ess[k, : steps - 1], 0.5 * NUM, rtol=1e-3)
+        assert ess[k, steps - 1] >= 0.5 * NUM * (1 - 1e-5)
+        assert (ess[k, steps:] == NUM).all() and (temperatures[k, steps:] == 1).all()
+
+
+def test_moves_on_another_density_are_noticed(exact):
+    """As when the prior's normalised density is left out of the moves."""
+    found = runs(SETTINGS, prior=lambda x, context: 0.5 * log_prior(x))
+    assert max(scores(found, exact)) > 10
+
+
+def test_fixed_temperatures_are_those_given(exact):
+    found = runs(SETTINGS._replace(temperatures=(0.02, 0.1, 0.3, 1.0)))
+    np.testing.assert_allclose(found.temperatures, np.tile([0.02, 0.1, 0.3, 1.0], (60, 1)), rtol=1e-6)
+    assert max(scores(found, exact)) < 5
+
+
+def test_partly_impossible_data():
+    """Half of the prior has no likelihood: the evidence is half of the rest's, and no draw lies there."""
+    found = runs(SETTINGS, lambda x: jnp.where(x[0] > 0, -2.0 * x[1] ** 2, -jnp.inf))
+    assert (np.asarray(found.particles)[..., 0] > 0).all()
+    assert abs(z_scores(np.exp(np.asarray(found.log_evidence, float)), 0.5 / np.sqrt(5.0))) < 5
+
+
+def test_impossible_data_end_at_once():
+    one = jax.jit(lambda value: one_run(SETTINGS, lambda x: value + 0.0 * x[0], jax.random.key(0)))
+    for value in (-np.inf, np.nan, np.inf):
+        found = one(value)
+        assert found.failed and found.log_evidence == -np.inf and found.num_temperatures == 0
+        assert np.isfinite(found.particles).all()
+        np.testing.assert_array_equal(found.ancestors, np.arange(NUM))
+
+
+def test_the_last_temperature_allowed_takes_what_is_left():
+    found = runs(SETTINGS._replace(max_temperatures=2), num=5)
+    assert (found.num_temperatures == 2).all() and (found.temperatures[:, 1] == 1.0).all()
+    assert (found.ess[:, 1] < 0.4 * NUM).all()
+    assert np.isfinite(found.log_evidence).all()
+
+
+@pytest.mark.parametrize(("moves", "num_particles"), [(HMC_MOVES, 1), (RANDOM_WALK_MOVES, 7)], ids=["one", "equal"])
+def test_one_particle_and_equal_particles(moves, num_particles):
+    posed = problem()
+    step = jax.jit(tempered_filter(posed.model, num_particles, moves=moves).step)
+    weights = jnp.full(num_particles, -jnp.log(num_particles))
+    for value in (0.0, 50.0):
+        state = TemperedState(jnp.full((num_particles, 2), value), weights, jnp.zeros(()))
+        found = step(jax.random.key(1), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+        assert all(np.isfinite(np.asarray(leaf, float)).all() for leaf in jax.tree.leaves(found))
+
+
+def test_learning_from_the_particles_biases_the_evidence_little():
+    posed = problem()
+    _, _, increments = replicate(tempered_filter(posed.model, 300), posed, 40)
+    ratio = np.exp(increments.sum(1) - posed.exact.log_evidence.sum())
+    assert abs(z_scores(ratio, 1.0)) < 5
+    assert ratio.std() < 0.5
+
+
+def test_precise_data_in_ten_dimensions():
+    """Where the particle filter has a handful of particles left, the tempered one has the log-evidence to about one."""
+    model = linear_gaussian(10, R=0.01 * np.eye(10)).compile()
+    observation = model.observe({"y": np.full((1, 10), 1.5)})
+    one = frame(observation, 0)
+    init = jax.jit(partial(tempered_filter(model, 500).init, inputs=None))
+    found = [float(init(jax.random.key(seed), one)[1].log_evidence) for seed in range(10)]
+    exact = 10 * (-0.5 * 1.5**2 / 1.01 - 0.5 * np.log(2 * np.pi * 1.01))
+    assert abs(np.mean(found) - exact) < 5 * np.std(found, ddof=1) / np.sqrt(10) + 0.2
+    assert np.std(found) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"num_particles": 0}, "num_particles"),
+        ({"target": "marginal"}, "target"),
+        ({"ess_target": 1.0}, "ess_target"),
+        ({"max_temperatures": 0}, "max_temperatures"),
+        ({"temperatures": (0.5, 0.2, 1.0)}, "temperatures"),
+        ({"temperatures": (0.5,)}, "temperatures"),
+        ({"temperatures": ()}, "temperatures"),
+        ({"chain_length": 3}, "chain_length"),
+        ({"resampling": "sistematic"}, "sistematic"),
+        ({"moves": HMC_MOVES._replace(kernel="nuts")}, "kernel"),
+        ({"moves": HMC_MOVES._replace(num_moves=0)}, "num_moves"),
+        ({"moves": HMC_MOVES._replace(step_size=0.0)}, "step_size"),
+        ({"moves": HMC_MOVES._replace(target_acceptance=1.0)}, "target_acceptance"),
+        ({"moves": HMC_MOVES._replace(jitter=1.0)}, "jitter"),
+    ],
+    ids=str,
+)
+def test_settings_out_of_range_are_refused(settings, word):
+    with pytest.raises(ValueError, match=word):
+        tempered_filter(problem().model, **{"num_particles": 100, **settings})
