@@ -16,7 +16,7 @@ from poseppl.filters import (
 )
 from poseppl.kernels import RANDOM_WALK_MOVES, HMCSettings, MoveSettings
 from poseppl.program import CompiledModel
-from poseppl.smoothers import Smoother
+from poseppl.smoothers import Smoother, trajectory_smoother
 
 
 class FilterRow(NamedTuple):
@@ -138,7 +138,22 @@ class SmootherRow(NamedTuple):
     num_particles: int = 500
 
 
-SMOOTHERS: list[SmootherRow] = []
+SMOOTHERS: list[SmootherRow] = [
+    SmootherRow(
+        "trajectory-nuts",
+        trajectory_smoother,
+        lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
+        num_particles=100,
+    ),
+    SmootherRow(
+        "trajectory-hmc",
+        trajectory_smoother,
+        lambda model: trajectory_smoother(
+            model, num_chains=2, num_draws=100, num_warmup=50, kernel="hmc", num_leapfrog=8, num_curvatures=8
+        ),
+        num_particles=100,
+    ),
+]
 
 
 def row_id(row: Any) -> str:

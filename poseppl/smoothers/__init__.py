@@ -5,3 +5,6 @@ from poseppl.smoothers.base import Smoothed as Smoothed
 from poseppl.smoothers.base import Smoother as Smoother
 from poseppl.smoothers.base import SmoothingInfo as SmoothingInfo
 from poseppl.smoothers.base import collect_history as collect_history
+from poseppl.smoothers.rauch_tung_striebel import rauch_tung_striebel_smoother as rauch_tung_striebel_smoother
+from poseppl.smoothers.rauch_tung_striebel import smoothed_moments as smoothed_moments
+from poseppl.smoothers.trajectory import trajectory_smoother as trajectory_smoother

@@ -1,0 +1,142 @@
+r"""The curvature of a whole trajectory's posterior, and its mode.
+
+The joint density of all frames, log p(x_0) + sum_t log p(x_t | x_(t-1)) + sum_t log p(z_t | x_t), has a negative Hessian whose
+only blocks lie on the diagonal and next to it. Its Gauss-Newton form is built from parts that are never negative:
+
+* the data of frame t add I_t, `CompiledModel.observation_information`, to block (t, t);
+* a transition with Gaussian moments m(x), Q adds (-J, 1)^T Q^(-1) (-J, 1), J = dm / dx, to the blocks of t - 1 and t;
+* any other transition adds |H|, the Hessian H of log p(x_t | x_(t-1)) with its eigenvalues made positive, so that heavy tails,
+  where they are not negative, still tell a scale (Betancourt 2013, doi:10.1007/978-3-642-40020-9_35);
+* the first frame adds its precision, or |H|, to block (0, 0).
+
+A Gauss-Newton step x + P(x)^(-1) grad log p(x, z) over all frames is a pass of the iterated Kalman smoother (Bell 1994,
+doi:10.1137/0804035); shortened until the density does not fall, such steps climb to a mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
+from poseppl.program import CompiledModel, Observation
+
+_SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
+"""Fractions of a step that are tried; the best is taken, so that the density never falls."""
+_RIDGE = 1e-6
+"""On the diagonal of the matrix scaled to a unit diagonal, for float32."""
+_FLOOR = 1e-6
+"""Least curvature of a coordinate, as a fraction of its largest over the frames."""
+
+
+def trajectory_precision(model: CompiledModel, xs: jax.Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
+    """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
+
+    Args:
+        model: The compiled model; its sites need no Gaussian moments.
+        xs: Flat states (T, d).
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, or None.
+    """
+    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    diagonal = jax.vmap(model.observation_information)(xs, observations, inputs)
+    diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], jax.tree.map(lambda leaf: leaf[0], inputs)))
+    before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
+    diagonal = diagonal.at[:-1].add(before).at[1:].add(after)
+    return BlockTridiagonal(_floored(diagonal), below)
+
+
+def average_precision(
+    model: CompiledModel, trajectories: jax.Array, observations: Observation, inputs: Any
+) -> BlockTridiagonal:
+    """Mean of `trajectory_precision` over trajectories (S, T, d)."""
+    each = jax.vmap(lambda xs: trajectory_precision(model, xs, observations, inputs))(trajectories)
+    mean: BlockTridiagonal = jax.tree.map(lambda leaf: jnp.mean(leaf, 0), each)
+    return mean
+
+
+def safe_cholesky(precision: BlockTridiagonal) -> BlockCholesky:
+    """Cholesky factor of a precision; the identity where that is not positive definite or not finite."""
+    factor = block_cholesky(precision, ridge=_RIDGE)
+    sound = jnp.all(jnp.isfinite(factor.inverses)) & jnp.all(jnp.isfinite(factor.gains))
+    eye = jnp.eye(factor.inverses.shape[1], dtype=factor.inverses.dtype)
+    return BlockCholesky(jnp.where(sound, factor.inverses, eye), jnp.where(sound, factor.gains, 0.0))
+
+
+def climb(model: CompiledModel, xs: jax.Array, observations: Observation, inputs: Any, num_steps: int) -> jax.Array:
+    """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
+
+    def log_density(xs: jax.Array) -> jax.Array:
+        return model.log_joint(xs, observations, inputs)
+
+    def step(xs: jax.Array, _: None) -> tuple[jax.Array, None]:
+        move = solve(safe_cholesky(trajectory_precision(model, xs, observations, inputs)), jax.grad(log_density)(xs))
+        move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
+        trials = xs + jnp.asarray(_SHORTER, xs.dtype)[:, None, None] * move
+        values = jax.vmap(log_density)(trials)
+        return trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))], None
+
+    return jax.lax.scan(step, xs, None, length=num_steps)[0]
+
+
+def _initial_precision(model: CompiledModel, x: jax.Array, inputs: Any) -> jax.Array:
+    if _has_moments(lambda: model.initial_moments(inputs)):
+        return _inverse(model.initial_moments(inputs)[1])
+    return _absolute_hessian(lambda x: model.log_initial(x, inputs), x)
+
+
+def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[jax.Array, jax.Array, jax.Array]]:
+    """`(previous, x, inputs) -> blocks (t-1, t-1), (t, t-1), (t, t)`, each (d, d)."""
+    d = model.dimension
+    first = jax.tree.map(lambda leaf: leaf[0], inputs)
+
+    def gaussian(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+        jacobian = jax.jacrev(lambda state: model.transition_moments(state, inputs)[0])(previous)
+        precision = _inverse(model.transition_moments(previous, inputs)[1])
+        pulled = precision @ jacobian
+        return jacobian.T @ pulled, -pulled, precision
+
+    def other(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+        def log_density(pair: jax.Array) -> jax.Array:
+            return model.log_transition(pair[d:], pair[:d], inputs)
+
+        whole = _absolute_hessian(log_density, jnp.concatenate([previous, x]))
+        return whole[:d, :d], whole[d:, :d], whole[d:, d:]
+
+    return gaussian if _has_moments(lambda: model.transition_moments(jnp.zeros(d), first)) else other
+
+
+def _has_moments(moments: Callable[[], Any]) -> bool:
+    """Whether a program's moments can be read off; nothing is computed."""
+    try:
+        jax.eval_shape(moments)
+    except ValueError:
+        return False
+    return True
+
+
+def _inverse(covariance: jax.Array) -> jax.Array:
+    """Inverse of a covariance, scaled to a unit diagonal on the way."""
+    unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
+    inverse: jax.Array = jnp.linalg.inv(covariance * unit[:, None] * unit)
+    return inverse * unit[:, None] * unit
+
+
+def _absolute_hessian(log_density: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:
+    hessian = jax.jacrev(jax.grad(log_density))(x)
+    hessian = jnp.where(jnp.isfinite(hessian), hessian, 0.0)
+    values, vectors = jnp.linalg.eigh((hessian + hessian.T) / 2)
+    absolute: jax.Array = (vectors * jnp.abs(values)) @ vectors.T
+    return absolute
+
+
+def _floored(diagonal: jax.Array) -> jax.Array:
+    """Blocks (T, d, d) without a coordinate of no curvature at all."""
+    curvature = jnp.diagonal(diagonal, axis1=1, axis2=2)
+    largest = jnp.max(curvature, 0)
+    floor = jnp.where(largest > 0, _FLOOR * largest, 1.0)
+    missing = jnp.maximum(floor - curvature, 0.0)
+    return diagonal + missing[:, :, None] * jnp.eye(diagonal.shape[1], dtype=diagonal.dtype)

@@ -1,0 +1,67 @@
+"""Trajectories drawn from a filter's history: where the smoothers that run Markov chains start.
+
+Backward simulation (Godsill, Doucet and West 2004, doi:10.1198/016214504000000151): a particle of the last frame by its weight,
+then at each frame before it one by
+
+    w_t^i p(x_(t+1) | x_t^i),
+
+which joins what belongs together, whatever filter left the particles, and keeps the modes that the filter had. Of a frame with
+many particles a few hundred are drawn first, by their weights: a start need not be exact.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel
+from poseppl.resampling import systematic
+from poseppl.smoothers.base import History
+
+_MOST = 512
+"""Particles of a frame that are looked at."""
+
+
+def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History, inputs: Any, num: int) -> jax.Array:
+    """Draw trajectories (num, T, d).
+
+    Args:
+        model: The compiled model.
+        rng_key: PRNG key.
+        history: What the filter left.
+        inputs: Inputs with a leading T, or None.
+        num: How many.
+    """
+    key_thin, key_last, key_back = jax.random.split(rng_key, 3)
+    particles, log_weights = _thin(key_thin, history)
+    num_frames = particles.shape[0]
+    last = particles[-1][jax.random.categorical(key_last, log_weights[-1], shape=(num,))]
+
+    def back(following: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
+        key, candidates, log_weights, inputs = row
+
+        def join(x: jax.Array) -> jax.Array:
+            log_transition = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(candidates)
+            joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
+            return jnp.where(jnp.any(joint > -jnp.inf), joint, log_weights)
+
+        chosen = candidates[jax.random.categorical(key, jax.vmap(join)(following))]
+        return chosen, chosen
+
+    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    rows = (jax.random.split(key_back, num_frames - 1), particles[:-1], log_weights[:-1], later)
+    _, earlier = jax.lax.scan(back, last, rows, reverse=True)
+    return jnp.swapaxes(jnp.concatenate([earlier, last[None]]), 0, 1)
+
+
+def _thin(rng_key: jax.Array, history: History) -> tuple[jax.Array, jax.Array]:
+    """At most a few hundred particles a frame, with their log-weights."""
+    num_frames, num_particles, _ = history.particles.shape
+    if num_particles <= _MOST:
+        return history.particles, history.log_weights
+    keys = jax.random.split(rng_key, num_frames)
+    kept = jax.vmap(lambda key, weights: systematic(key, weights, _MOST))(keys, history.log_weights)
+    chosen = jnp.take_along_axis(history.particles, kept[:, :, None], 1)
+    return chosen, jnp.zeros((num_frames, _MOST), history.log_weights.dtype)
