@@ -33,3 +33,4 @@ from poseppl.program.clamped import ClampedModel as ClampedModel
 from poseppl.program.compiled import CompiledModel as CompiledModel
 from poseppl.program.model import StateSpaceModel as StateSpaceModel
 from poseppl.program.observation import Observation as Observation
+from poseppl.program.proposal import Proposal as Proposal

@@ -142,6 +142,10 @@ class ClampedModel(CompiledModel):
         mean, covariance = self.full.transition_moments(previous, inputs.inputs)
         return self._keep(mean), self._keep(self._keep(covariance), axis=1)
 
+    def observation_moments(self, x: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+        """Mean and covariance of a frame's data."""
+        return self.full.observation_moments(self.fill(x, _required(inputs).values), inputs.inputs)
+
     def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """The block of the full curvature that belongs to the free coordinates."""
         state = self.fill(x, _required(inputs).values)

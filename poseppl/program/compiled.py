@@ -13,7 +13,13 @@ import jax.numpy as jnp
 from poseppl.program import chart
 from poseppl.program.chart import Site
 from poseppl.program.execution import draw, log_density, trace_program
-from poseppl.program.gaussian import moments_obstacle, observation_information, transition_moments
+from poseppl.program.gaussian import (
+    flat_observation,
+    moments_obstacle,
+    observation_information,
+    observation_moments,
+    transition_moments,
+)
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.schema import Declared
 
@@ -174,6 +180,21 @@ class CompiledModel:
     def _moments_check(self) -> dict[str, str | None]:
         """For each program the finding of its first check."""
         return {}
+
+    def observation_moments(self, x: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+        """Mean (k,) and covariance (k, k) of a frame's data given `x`, in the order of `flat_observation`.
+
+        Raises:
+            ValueError: A site that is not Gaussian, or a factor.
+        """
+        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
+        trace = trace_program(self.programs.observation, arguments, values=values)
+        return observation_moments(self.observation_sites, trace)
+
+    def flat_observation(self, observation: Observation) -> tuple[jax.Array, jax.Array]:
+        """Data (k,) of a frame as one vector, and whether each entry was seen (k,)."""
+        return flat_observation(self.observation_sites, observation.values, observation.mask)
 
     def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite."""

@@ -100,6 +100,35 @@ def transition_moments(
     return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
 
 
+def flat_observation(
+    sites: Mapping[str, Any], values: Mapping[str, jax.Array], mask: Mapping[str, jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    """Data (k,) of all sites in order, and whether each entry was seen (k,)."""
+    dtype = jnp.result_type(float)
+    flat = jnp.concatenate([jnp.ravel(values[name]).astype(dtype) for name in sites])
+    return flat, jnp.concatenate([jnp.ravel(mask[name]) for name in sites])
+
+
+def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> tuple[jax.Array, jax.Array]:
+    """Mean (k,) and covariance (k, k) of the data of a frame, all sites in order.
+
+    Raises:
+        ValueError: A site that is not Gaussian, is scaled, or is a factor.
+    """
+    parts = []
+    for name, site in trace.items():
+        if site["type"] != "sample":
+            continue
+        gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
+        if name not in sites or not gaussian or site.get("scale") is not None:
+            raise ValueError(
+                f"The observation program has no Gaussian moments: site {name!r} is no plain Normal or MultivariateNormal. Use "
+                "an algorithm that evaluates the likelihood (particle, tempered or HMC filters)."
+            )
+        parts.append(moments(site["fn"]))
+    return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
+
+
 def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x: jax.Array) -> jax.Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 

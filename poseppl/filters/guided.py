@@ -1,0 +1,160 @@
+r"""The guided and the auxiliary particle filter: proposals that have seen the frame's data.
+
+States are drawn from q(x_t | x_(t-1), z_t) and weighted by p(z_t | x_t) p(x_t | x_(t-1)) / q (Doucet, Godsill and Andrieu 2000,
+doi:10.1023/A:1008935410038). The auxiliary filter (Pitt and Shephard 1999, doi:10.1080/01621459.1999.10474153) also resamples
+by what the data say of each ancestor, an estimate \lambda_i of p(z_t | x_(t-1)^(i)), and divides by it afterwards:
+
+    a_i ~ w_j \lambda_j,    w_i = p(z_t | x_i) p(x_i | x_(t-1)^(a_i)) / (q(x_i) \lambda_(a_i)) sum_j w_j \lambda_j / N.
+
+The ready-made proposal, and \lambda, are from a local linearisation of the model (:mod:`poseppl.filters.local_proposal`),
+optimal for linear Gaussian programs; a user's own is a NumPyro program (:class:`~poseppl.program.proposal.Proposal`). The
+estimate of the evidence is unbiased with any proposal that is positive where the posterior is; how much it varies is another
+matter: a proposal with lighter tails than the posterior makes rare, huge weights.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.filters.local_proposal import LocalProposal, local_proposal
+from poseppl.filters.particle import ParticleState
+from poseppl.particle_keys import particle_keys
+from poseppl.program import CompiledModel, Observation, Proposal
+from poseppl.program.proposal import propose_initial, propose_transition
+from poseppl.resampling import resampling_scheme
+from poseppl.weights import effective_sample_size, normalise
+
+
+class _Ancestry(NamedTuple):
+    """Ancestors (N,) and the log-weights (N,) that their children start with, which sum to one in expectation."""
+
+    ancestors: jax.Array
+    log_weights: jax.Array
+
+
+def guided_filter(
+    model: CompiledModel,
+    num_particles: int,
+    *,
+    proposal: Proposal | None = None,
+    auxiliary: bool = False,
+    resampling: str = "systematic",
+    ess_threshold: float = 1.0,
+) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model; without a `proposal`, or with `auxiliary`, its sites over the real line and its initial and
+            transition programs with Gaussian moments.
+        num_particles: N, at least 1.
+        proposal: Programs to draw from; a local linearisation of the model if None.
+        auxiliary: Whether ancestors are chosen by what the data say of them.
+        resampling: One of systematic, stratified, residual, multinomial.
+        ess_threshold: Resample when ESS <= threshold * N: 1 at every frame, 0 never.
+
+    Returns:
+        The filter; its state is :class:`~poseppl.filters.particle.ParticleState`.
+
+    Raises:
+        ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
+    """
+    if num_particles < 1:
+        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
+    if not 0 <= ess_threshold <= 1:
+        raise ValueError(f"ess_threshold is {ess_threshold}. Expected a fraction of num_particles in [0, 1].")
+    scheme = resampling_scheme(resampling)
+    identity = jnp.arange(num_particles, dtype=jnp.int32)
+
+    def choose(rng_key: jax.Array, log_weights: jax.Array, log_first: jax.Array) -> _Ancestry:
+        staged = normalise(log_weights + log_first)
+        # resampled by w lambda, a child starts with the total over N lambda
+        log_total = staged.log_mean
+        start = log_total - log_first
+        if ess_threshold == 0:
+            return _Ancestry(identity, log_weights)
+
+        def resampled() -> _Ancestry:
+            ancestors = scheme(rng_key, staged.log_weights, num_particles)
+            return _Ancestry(ancestors, start[ancestors])
+
+        if ess_threshold == 1:
+            return resampled()
+        needed = effective_sample_size(staged.log_weights) <= ess_threshold * num_particles
+        chosen: _Ancestry = jax.lax.cond(needed, resampled, lambda: _Ancestry(identity, log_weights))
+        return chosen
+
+    def weigh(
+        particles: jax.Array,
+        log_ratio: jax.Array,
+        ancestry: _Ancestry,
+        observation: Observation,
+        inputs: Any,
+        num_gradient: int,
+    ) -> tuple[ParticleState, Info]:
+        """Weights from log p(x | x') - log q(x) (N,) and the likelihood."""
+        log_likelihood = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles)
+        updated = normalise(ancestry.log_weights + log_ratio + log_likelihood)
+        # after impossible data the particles count as draws of the prediction, by their importance without the likelihood
+        predicted = normalise(ancestry.log_weights + log_ratio)
+        log_weights = jnp.where(updated.degenerate, predicted.log_weights, updated.log_weights)
+        info = Info(
+            log_evidence=updated.log_mean + jnp.log(jnp.asarray(num_particles, log_weights.dtype)),
+            ess=jnp.where(updated.degenerate, jnp.maximum(predicted.ess, 1.0), updated.ess),
+            ancestors=ancestry.ancestors,
+            acceptance=jnp.ones((), log_weights.dtype),
+            divergences=jnp.zeros((), jnp.int32),
+            num_likelihood=jnp.asarray(num_particles, jnp.int32),
+            num_gradient=jnp.asarray(num_gradient, jnp.int32),
+            failed=updated.degenerate,
+            step_size=jnp.full((), jnp.nan, log_weights.dtype),
+        )
+        return ParticleState(particles, log_weights), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+        if proposal is None:
+            nowhere = jnp.zeros((num_particles, model.dimension), jnp.result_type(float))
+            local = local_proposal(model, lambda x: model.initial_moments(inputs), nowhere, observation, inputs)
+            particles, log_proposal = local.draw(rng_key, identity)
+        else:
+            proposing = propose_initial(model, proposal, observation, inputs)
+            particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles))
+            log_proposal = jax.vmap(proposing.log_density)(particles)
+        log_ratio = jax.vmap(lambda x: model.log_initial(x, inputs))(particles) - log_proposal
+        uniform = _Ancestry(identity, jnp.full(num_particles, -jnp.log(num_particles), particles.dtype))
+        return weigh(particles, log_ratio, uniform, observation, inputs, num_particles if proposal is None else 0)
+
+    def step(
+        rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
+    ) -> tuple[ParticleState, Info]:
+        key_resample, key_predict = jax.random.split(rng_key)
+        local = None
+        if proposal is None or auxiliary:
+            local = local_proposal(model, lambda x: model.transition_moments(x, inputs), state.particles, observation, inputs)
+        log_first = local.log_predictive if local is not None and auxiliary else jnp.zeros_like(state.log_weights)
+        ancestry = choose(key_resample, state.log_weights, log_first)
+        previous = state.particles[ancestry.ancestors]
+        particles, log_proposal = propose(key_predict, local, previous, ancestry.ancestors, observation, inputs)
+        log_prior = jax.vmap(lambda x, before: model.log_transition(x, before, inputs))(particles, previous)
+        num_gradient = 0 if local is None else num_particles
+        return weigh(particles, log_prior - log_proposal, ancestry, observation, inputs, num_gradient)
+
+    def propose(
+        rng_key: jax.Array,
+        local: LocalProposal | None,
+        previous: jax.Array,
+        ancestors: jax.Array,
+        observation: Observation,
+        inputs: Any,
+    ) -> tuple[jax.Array, jax.Array]:
+        if proposal is None and local is not None:
+            return local.draw(rng_key, ancestors)
+        assert proposal is not None
+        proposing = propose_transition(model, proposal, observation, inputs)
+        particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles), previous)
+        return particles, jax.vmap(proposing.log_density)(particles, previous)
+
+    return Filter(init, step)

@@ -1,0 +1,108 @@
+"""The Kalman filter, and for programs that are not linear the extended and the unscented one.
+
+The posterior of each frame is kept as a Gaussian; transition and observation are linearised around it, by a first-order
+expansion (the extended Kalman filter) or over sigma points (the unscented one); see :mod:`poseppl.linearisation`. Exact for
+linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is a
+baseline and an oracle.
+
+The particles of its state are independent draws from the Gaussian, for whatever reads particles; the Gaussian stands beside
+them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.linearisation import Gaussian, Method, condition, linearise, propagate
+from poseppl.program import CompiledModel, Observation
+
+
+class KalmanState(NamedTuple):
+    """The Gaussian and draws from it.
+
+    Attributes:
+        particles: Draws (N, d).
+        log_weights: Log-weights (N,), all -log N.
+        posterior: Mean (d,) and covariance (d, d).
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    posterior: Gaussian
+
+
+def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order") -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
+        num_particles: N, draws from each frame's Gaussian.
+        linearisation: "first-order" (extended Kalman filter) or "unscented".
+
+    Returns:
+        The filter; its state is :class:`KalmanState`.
+
+    Raises:
+        ValueError: A number below 1 or an unknown linearisation; a program without Gaussian moments when the filter is traced.
+    """
+    if num_particles < 1:
+        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
+    check_method(linearisation)
+
+    def update(rng_key: jax.Array, predicted: Gaussian, observation: Observation, inputs: Any) -> tuple[KalmanState, Info]:
+        posterior, log_evidence, failed = assimilate(model, predicted, observation, inputs, linearisation)
+        dtype = predicted.mean.dtype
+        noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
+        draws = posterior.mean + noise @ jnp.linalg.cholesky(posterior.covariance).T
+        info = Info(
+            log_evidence=log_evidence,
+            ess=jnp.asarray(num_particles, dtype),
+            ancestors=jnp.arange(num_particles, dtype=jnp.int32),
+            acceptance=jnp.ones((), dtype),
+            divergences=jnp.zeros((), jnp.int32),
+            num_likelihood=jnp.ones((), jnp.int32),
+            num_gradient=jnp.ones((), jnp.int32),
+            failed=failed,
+            step_size=jnp.full((), jnp.nan, dtype),
+        )
+        return KalmanState(draws, jnp.full(num_particles, -jnp.log(num_particles), dtype), posterior), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+        return update(rng_key, Gaussian(*model.initial_moments(inputs)), observation, inputs)
+
+    def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+        linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
+        return update(rng_key, propagate(state.posterior, linear), observation, inputs)
+
+    return Filter(init, step)
+
+
+def check_method(method: str) -> None:
+    """Refuse an unknown linearisation.
+
+    Raises:
+        ValueError: It is none of the known ones.
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"linearisation is {method!r}. Expected one of {', '.join(get_args(Method))}.")
+
+
+def assimilate(
+    model: CompiledModel, predicted: Gaussian, observation: Observation, inputs: Any, method: Method
+) -> tuple[Gaussian, jax.Array, jax.Array]:
+    """Condition a prediction on a frame's data.
+
+    Returns:
+        The posterior, the log-evidence (-inf if it failed), and whether the data were impossible: the posterior is then the
+        prediction.
+    """
+    linear = linearise(lambda x: model.observation_moments(x, inputs), predicted, method)
+    data, seen = model.flat_observation(observation)
+    posterior, log_evidence = condition(predicted, linear, data, seen)
+    failed = ~(jnp.isfinite(log_evidence) & jnp.all(jnp.isfinite(posterior.mean)))
+    kept = jax.tree.map(lambda new, old: jnp.where(failed, old, new), posterior, predicted)
+    return kept, jnp.where(failed, -jnp.inf, log_evidence), failed

@@ -1,0 +1,113 @@
+"""The Rauch-Tung-Striebel smoother on a Kalman filter's forward pass (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
+
+With the filtered N(m_t, P_t), the transition linearised there with slope A and predicted N(m', P') at t + 1,
+
+    G = P_t A^T P'^-1,    m^s_t = m_t + G (m^s_(t+1) - m'),    P^s_t = P_t + G (P^s_(t+1) - P') G^T.
+
+Exact for linear Gaussian programs. The forward pass is made anew from the data, as a history of particles does not hold the
+Gaussians; draws are whole trajectories, drawn backwards, x_t ~ N(m_t + G (x_(t+1) - m'), P_t - G P' G^T).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import cho_factor, cho_solve
+
+from poseppl.filters.kalman import assimilate, check_method
+from poseppl.linearisation import Gaussian, Method, linearise, propagate
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+
+
+def rauch_tung_striebel_smoother(
+    model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order"
+) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
+        num_draws: Trajectories to draw.
+        linearisation: "first-order" or "unscented".
+
+    Raises:
+        ValueError: A number below 1 or an unknown linearisation.
+    """
+    if num_draws < 1:
+        raise ValueError(f"num_draws is {num_draws}. Expected at least 1.")
+    check_method(linearisation)
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
+        num_frames = filtered.mean.shape[0]
+        keys = jax.random.split(rng_key, num_frames)
+        last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+        start = _draw(keys[-1], jnp.broadcast_to(last.mean, (num_draws, model.dimension)), last.covariance)
+
+        def back(later: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
+            key, (mean, covariance), ahead, gain = row
+            draws = _draw(key, mean + (later - ahead.mean) @ gain.T, covariance - gain @ ahead.covariance @ gain.T)
+            return draws, draws
+
+        earlier, ahead = jax.tree.map(lambda leaf: leaf[:-1], filtered), jax.tree.map(lambda leaf: leaf[1:], predicted)
+        _, draws = jax.lax.scan(back, start, (keys[:-1], earlier, ahead, gains[1:]), reverse=True)
+        info = smoothing_info(
+            num_frames, jnp.asarray(num_draws), num_transition=float(num_frames), num_gradient=2.0 * num_frames
+        )
+        particles = jnp.concatenate([draws, start[None]])
+        return Smoothed(particles, jnp.full(particles.shape[:-1], -jnp.log(num_draws), particles.dtype), info)
+
+    return Smoother(smooth, joint=True)
+
+
+def smoothed_moments(
+    model: CompiledModel, observations: Observation, inputs: Any = None, *, linearisation: Method = "first-order"
+) -> Gaussian:
+    """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
+    filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
+    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+
+    def back(later: Gaussian, row: Any) -> tuple[Gaussian, Gaussian]:
+        (mean, covariance), ahead, gain = row
+        smoothed = Gaussian(
+            mean + gain @ (later.mean - ahead.mean), covariance + gain @ (later.covariance - ahead.covariance) @ gain.T
+        )
+        return smoothed, smoothed
+
+    earlier, ahead = jax.tree.map(lambda leaf: leaf[:-1], filtered), jax.tree.map(lambda leaf: leaf[1:], predicted)
+    _, rest = jax.lax.scan(back, last, (earlier, ahead, gains[1:]), reverse=True)
+    smoothed: Gaussian = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), rest, last)
+    return smoothed
+
+
+def _forward(
+    model: CompiledModel, observations: Observation, inputs: Any, method: Method
+) -> tuple[Gaussian, Gaussian, jax.Array]:
+    """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
+    first = jax.tree.map(lambda leaf: leaf[0], (observations, inputs))
+    predicted = Gaussian(*model.initial_moments(first[1]))
+    filtered = assimilate(model, predicted, first[0], first[1], method)[0]
+
+    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, Gaussian, jax.Array]]:
+        observation, inputs = row
+        linear = linearise(lambda x: model.transition_moments(x, inputs), filtered, method)
+        predicted = propagate(filtered, linear)
+        gain = cho_solve(cho_factor(predicted.covariance), linear.slope @ filtered.covariance).T
+        new = assimilate(model, predicted, observation, inputs, method)[0]
+        return new, (new, predicted, gain)
+
+    rows = jax.tree.map(lambda leaf: leaf[1:], (observations, inputs))
+    _, rest = jax.lax.scan(advance, filtered, rows)
+    start = (filtered, predicted, jnp.zeros_like(filtered.covariance))
+    frames: tuple[Gaussian, Gaussian, jax.Array] = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, rest)
+    return frames
+
+
+def _draw(rng_key: jax.Array, means: jax.Array, covariance: jax.Array) -> jax.Array:
+    """Draws around means (N, d); directions in which rounding left no variance stay where they are."""
+    values, vectors = jnp.linalg.eigh((covariance + covariance.T) / 2)
+    noise = jax.random.normal(rng_key, means.shape, means.dtype)
+    draws: jax.Array = means + (noise * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
+    return draws

@@ -1,0 +1,55 @@
+"""The exact filter of finite states against the forward-backward oracle."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from oracles.forward_backward import forward_backward
+from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.growth import growth
+
+from poseppl.filters import hidden_markov_filter
+from poseppl.filters.hidden_markov import state_values
+from poseppl.program import StateSpaceModel
+from poseppl.run import run_filter
+from poseppl.smoothers import collect_history
+
+RNG = np.random.default_rng(5)
+FIVE = (RNG.dirichlet(np.ones(5)), RNG.dirichlet(np.ones(5), 5), RNG.dirichlet(np.ones(3), 5))
+TWO = ([0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]])
+
+
+@pytest.mark.parametrize("matrices", [TWO, FIVE], ids=["two", "five"])
+def test_equal_to_forward_filtering(matrices):
+    model = finite_hmm(*matrices).compile()
+    symbols = RNG.integers(0, 3, 12)
+    seen = np.arange(12) != 4
+    observations = model.observe({"y": symbols.astype(np.int32)}, {"y": seen})
+    run = run_filter(hidden_markov_filter(model), jax.random.key(0), observations, collect=collect_history)
+    filtered, _, increments = forward_backward(*matrices, np.where(seen, symbols, -1))
+    np.testing.assert_allclose(np.exp(run.outputs.log_weights), filtered, atol=1e-6)
+    np.testing.assert_allclose(run.info.log_evidence, increments, atol=1e-5)
+
+
+def test_values_of_several_sites():
+    def start(params, inputs):
+        numpyro.sample("gait", dist.Categorical(probs=np.full(3, 1 / 3)))
+        numpyro.sample("contact", dist.Bernoulli(0.5).expand((2,)).to_event(1))
+
+    def move(params, state, inputs):
+        start(params, inputs)
+
+    def observe(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["gait"] * 1.0, 1.0))
+
+    values = state_values(StateSpaceModel(start, move, observe).compile())
+    assert values.shape == (12, 3)
+    assert len({tuple(row) for row in values}) == 12
+
+
+def test_continuous_states_are_refused():
+    with pytest.raises(ValueError, match="'x'.*particle filter"):
+        hidden_markov_filter(growth().compile(1.0))

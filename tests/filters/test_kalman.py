@@ -1,0 +1,116 @@
+"""Kalman's filter and the Rauch-Tung-Striebel smoother: exact where they should be, approximate where they must be."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from law_problems import problem, run
+from poseppl_models.growth import growth
+
+from poseppl.filters import kalman_filter
+from poseppl.linearisation import Gaussian, linearise, propagate
+from poseppl.program import StateSpaceModel
+from poseppl.smoothers import rauch_tung_striebel_smoother, smoothed_moments
+
+POSED = problem()
+both = pytest.mark.parametrize("linearisation", ["first-order", "unscented"])
+
+
+@both
+def test_filter_is_exact_for_linear_gaussian_programs(linearisation):
+    filter = kalman_filter(POSED.model, 10, linearisation=linearisation)
+    states, infos = jax.jit(lambda key: run(filter, key, POSED.observations, POSED.inputs))(jax.random.key(0))
+    np.testing.assert_allclose(states.posterior.mean, POSED.exact.means, atol=2e-6)
+    np.testing.assert_allclose(states.posterior.covariance, POSED.exact.covariances, atol=2e-6)
+    np.testing.assert_allclose(infos.log_evidence, POSED.exact.log_evidence, atol=5e-6)
+
+
+def dense_posterior():
+    """Mean (T, d) and covariances of the smoothing distribution, from the joint density's Hessian, all frames at once."""
+    shape = POSED.exact.means.shape
+
+    def log_joint(flat):
+        return POSED.model.log_joint(flat.reshape(shape), POSED.observations, POSED.inputs)
+
+    zero = jnp.zeros(shape[0] * shape[1])
+    precision = -jax.hessian(log_joint)(zero)
+    covariance = jnp.linalg.inv(precision)
+    mean = (covariance @ jax.grad(log_joint)(zero)).reshape(shape)
+    blocks = covariance.reshape(*shape, *shape)
+    return mean, jnp.stack([blocks[t, :, t] for t in range(shape[0])])
+
+
+@both
+def test_smoother_is_exact_for_linear_gaussian_programs(linearisation):
+    mean, covariances = dense_posterior()
+    found = smoothed_moments(POSED.model, POSED.observations, POSED.inputs, linearisation=linearisation)
+    np.testing.assert_allclose(found.mean, mean, atol=5e-6)
+    np.testing.assert_allclose(found.covariance, covariances, atol=5e-6)
+
+
+def test_drawn_trajectories_have_the_smoothed_moments():
+    mean, covariances = dense_posterior()
+    smoother = rauch_tung_striebel_smoother(POSED.model, num_draws=20_000)
+    draws = smoother.smooth(jax.random.key(0), None, POSED.observations, POSED.inputs).particles
+    error = np.sqrt(np.asarray(jnp.diagonal(covariances, axis1=1, axis2=2)) / 20_000)
+    assert np.abs((draws.mean(1) - mean) / error).max() < 5
+    spread = jax.vmap(lambda x: jnp.cov(x.T))(draws)
+    assert np.abs(spread - covariances).max() < 5 * np.sqrt(2 / 20_000) * np.abs(covariances).max()
+
+
+def test_one_frame_and_no_data():
+    observations = jax.tree.map(lambda leaf: leaf[2:3], POSED.observations)
+    found = smoothed_moments(POSED.model, observations, POSED.inputs[2:3])
+    mean, covariance = POSED.model.initial_moments(POSED.inputs[2])
+    np.testing.assert_allclose(found.mean[0], mean, atol=1e-6)
+    np.testing.assert_allclose(found.covariance[0], covariance, atol=1e-6)
+
+
+def test_sigma_points_see_what_a_tangent_does_not():
+    """E[x^2] of x ~ N(0, 4) is 4; the tangent at 0 is flat."""
+    start = Gaussian(jnp.zeros(1), 4.0 * jnp.eye(1))
+
+    def squared(x):
+        return x**2, jnp.eye(1)
+
+    assert propagate(start, linearise(squared, start, "first-order")).mean[0] == 0
+    unscented = propagate(start, linearise(squared, start, "unscented"))
+    np.testing.assert_allclose(unscented.mean, [4.0], rtol=1e-5)
+    np.testing.assert_allclose(unscented.covariance, [[2 * 16.0 + 1.0]], rtol=1e-5)
+
+
+@both
+def test_nonlinear_programs_run(linearisation):
+    model = growth().compile(jnp.float32(1.0))
+    filter = kalman_filter(model, 5, linearisation=linearisation)
+    observations = model.observe({"y": np.array([4.0, np.nan, 1.0])})
+    states, infos = run(filter, jax.random.key(0), observations, jnp.arange(1.0, 4.0))
+    assert np.isfinite(np.asarray(states.particles)).all()
+    assert not np.asarray(infos.failed).any()
+
+
+def test_a_likelihood_without_moments_is_refused():
+    def heavy(params, state, inputs):
+        numpyro.sample("y", dist.StudentT(3.0, state["x"], 1.0))
+
+    def start(params, inputs):
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def move(params, state, inputs):
+        numpyro.sample("x", dist.Normal(state["x"], 1.0))
+
+    model = StateSpaceModel(start, move, heavy).compile()
+    observations = model.observe({"y": 0.3})
+    with pytest.raises(ValueError, match="site 'y'"):
+        kalman_filter(model, 5).init(jax.random.key(0), observations)
+
+
+def test_settings_are_checked():
+    with pytest.raises(ValueError, match="linearisation is 'third'"):
+        kalman_filter(POSED.model, linearisation="third")
+    with pytest.raises(ValueError, match="num_draws is 0"):
+        rauch_tung_striebel_smoother(POSED.model, num_draws=0)
