@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from poseppl.filters import (
     Filter,
+    annealed_filter,
     assumed_density_filter,
     guided_filter,
     hmc_filter,
@@ -16,7 +17,15 @@ from poseppl.filters import (
 )
 from poseppl.kernels import RANDOM_WALK_MOVES, HMCSettings, MoveSettings
 from poseppl.program import CompiledModel
-from poseppl.smoothers import Smoother, trajectory_smoother
+from poseppl.smoothers import (
+    Smoother,
+    backward_simulation_smoother,
+    fixed_lag_smoother,
+    forward_backward_smoother,
+    genealogy_smoother,
+    trajectory_smoother,
+    viterbi_smoother,
+)
 
 
 class FilterRow(NamedTuple):
@@ -30,6 +39,7 @@ class FilterRow(NamedTuple):
         consistent: Whether means and variances converge to the exact ones at every frame, with more particles or draws.
         evidence_tolerance: How far from 0 log_evidence may be at a frame without data.
         num_replicates: Independent runs that the statistical laws make, at least 40.
+        posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
     """
 
     name: str
@@ -39,6 +49,7 @@ class FilterRow(NamedTuple):
     consistent: bool = True
     evidence_tolerance: float = 1e-5
     num_replicates: int = 200
+    posterior: bool = True
 
 
 FILTERS: list[FilterRow] = [
@@ -113,6 +124,14 @@ FILTERS: list[FilterRow] = [
         lambda model: tempered_filter(model, 600, moves=RANDOM_WALK_MOVES, chain_length=10, resampling="stratified"),
         num_replicates=40,
     ),
+    FilterRow(
+        "annealed",
+        annealed_filter,
+        lambda model: annealed_filter(model, 200, num_layers=5, crossover=[[0], [1]]),
+        consistent=False,
+        num_replicates=40,
+        posterior=False,
+    ),
 ]
 
 
@@ -139,6 +158,30 @@ class SmootherRow(NamedTuple):
 
 
 SMOOTHERS: list[SmootherRow] = [
+    SmootherRow("forward-backward", forward_backward_smoother, forward_backward_smoother, discrete=True),
+    SmootherRow(
+        "forward-backward-tiles",
+        forward_backward_smoother,
+        lambda model: forward_backward_smoother(model, tile=64),
+        discrete=True,
+    ),
+    SmootherRow(
+        "backward-simulation",
+        backward_simulation_smoother,
+        lambda model: backward_simulation_smoother(model, 300, tile=128),
+        discrete=True,
+    ),
+    SmootherRow(
+        "backward-simulation-metropolis",
+        backward_simulation_smoother,
+        lambda model: backward_simulation_smoother(model, 300, method="metropolis", num_moves=2),
+        discrete=True,
+    ),
+    SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True),
+    SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True),
+    SmootherRow(
+        "fixed-lag", fixed_lag_smoother, lambda model: fixed_lag_smoother(model, lag=2), consistent=False, discrete=True
+    ),
     SmootherRow(
         "trajectory-nuts",
         trajectory_smoother,

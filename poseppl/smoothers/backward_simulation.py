@@ -1,19 +1,20 @@
 r"""Backward simulation: trajectories drawn from the filter's particles, from the last frame to the first.
 
-Godsill, Doucet and West 2004 (doi:10.1198/016214504000000151). The last state of a trajectory is drawn by the filter's weights;
-given its state x_(t+1), particle i of frame t is drawn with probability proportional to
+Godsill, Doucet and West 2004 (doi:10.1198/016214504000000151). The last state of a trajectory is drawn by the filter's
+weights; given its state x_(t+1), particle i of frame t is drawn with probability proportional to
 
     w_t^i p(x_(t+1) | x_t^i).
 
 * exact: all N probabilities are made, a tile of trajectories at a time: O(N M) a frame.
 * metropolis: the index starts at the ancestor of the particle of frame t + 1 and makes `num_moves` Metropolis moves, each
-  proposed by the weights w_t, so that it is accepted with probability min(1, p(x_(t+1) | x_t^new) / p(x_(t+1) | x_t^old)): O(M)
-  a frame (Bunch and Godsill 2013, doi:10.1109/TSP.2012.2227480). With a bootstrap filter's ancestors the start is already a draw
-  from the right distribution, and one move is enough for trajectories that do not degenerate (Dau and Chopin 2023,
-  doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are needed.
+  proposed by the weights w_t, so that it is accepted with probability min(1, p(x_(t+1) | x_t^new) / p(x_(t+1) | x_t^old)):
+  O(M) a frame (Bunch and Godsill 2013, doi:10.1109/TSP.2012.2227480). With a bootstrap filter's ancestors the start is
+  already a draw from the right distribution, and one move is enough for trajectories that do not degenerate (Dau and Chopin
+  2023, doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are
+  needed.
 
-Proposals come from one systematic resampling for all trajectories, dealt out by a permutation that is drawn once and turned by
-a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all
+Proposals come from one systematic resampling for all trajectories, dealt out by a permutation that is drawn once and turned
+by a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all
 of them together cover the weights evenly.
 """
 
@@ -84,7 +85,8 @@ def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Arra
         history: The filter's history.
         inputs: Inputs of all frames, or None.
         last: Indices (M,) of particles of the last frame.
-        step: `(rng_key, chosen (M,), (particles, log_weights, later particles, ancestors, inputs)) -> (earlier (M,), acceptance)`.
+        step: `(rng_key, chosen (M,), frame) -> (earlier (M,), acceptance)`; a frame is its particles and log-weights, with
+            the particles, ancestors and inputs of the next.
         cost: Transition densities that a step evaluates.
     """
     num_frames = history.particles.shape[0]
@@ -136,7 +138,8 @@ def _exact_step(
         def invert(densities: jax.Array, sums: jax.Array) -> jax.Array:
             which, rest = _invert(sums, heights * jnp.sum(sums, 1))
             inside = (densities * weights).reshape(heights.shape[0], -1, block)[jnp.arange(heights.shape[0]), which]
-            return which * block + _invert(inside, rest)[0]
+            drawn: jax.Array = which * block + _invert(inside, rest)[0]
+            return drawn
 
         drawn: jax.Array = with_densities(
             lambda: log_transitions(model, xs, columns, inputs),
@@ -155,7 +158,7 @@ def _invert(masses: jax.Array, heights: jax.Array) -> tuple[jax.Array, jax.Array
     """For each row of masses (B, n), the first entry whose cumulative sum reaches the height (B,), and what is left there."""
     sums = jnp.cumsum(masses, 1)
     reached = jnp.minimum(heights, sums[:, -1])
-    which = jnp.sum(sums < reached[:, None], 1)
+    which: jax.Array = jnp.sum(sums < reached[:, None], 1)
     before = jnp.take_along_axis(jnp.pad(sums, ((0, 0), (1, 0))), which[:, None], axis=1)[:, 0]
     return which, reached - before
 
@@ -181,9 +184,7 @@ def _metropolis_step(
         kept = jnp.where(accepted, proposed, indices), jnp.where(accepted, proposed_values, values)
         return kept, jnp.mean(accepted, dtype=values.dtype)
 
-    if ancestors.shape == log_weights.shape:
-        start = ancestors[chosen]
-    else:
-        start = _draw_by_weight(key_start, log_weights, deal)
+    has_genealogy = ancestors.shape == log_weights.shape
+    start = ancestors[chosen] if has_genealogy else _draw_by_weight(key_start, log_weights, deal)
     (indices, _), acceptance = jax.lax.scan(move, (start, log_densities(start)), jax.random.split(key_moves, num_moves))
     return indices, jnp.mean(acceptance)

@@ -1,12 +1,13 @@
-r"""Forward-backward smoothing by reweighting the filter's particles (Doucet, Godsill and Andrieu 2000, doi:10.1023/A:1008935410038).
+r"""Forward-backward smoothing: new weights for the filter's particles.
 
-Section 4.2 of Peursum, Venkatesh and West 2010 (doi:10.1007/s11263-009-0205-5), who call it FBS. With the filter's particles and
-weights w_t^i, and the last frame's smoothed weights equal to the filter's, for t = T - 2, ..., 0
+Doucet, Godsill and Andrieu 2000 (doi:10.1023/A:1008935410038); section 4.2 of Peursum, Venkatesh and West 2010
+(doi:10.1007/s11263-009-0205-5), who call it FBS. With the filter's particles and weights w_t^i, and the last frame's smoothed
+weights equal to the filter's, for t = T - 2, ..., 0
 
     w_(t|T)^i = w_t^i sum_j w_(t+1|T)^j p(x_(t+1)^j | x_t^i) / sum_k w_t^k p(x_(t+1)^j | x_t^k).
 
-Each step needs the N x N densities p(x_(t+1)^j | x_t^i), which are made a tile of rows at a time; a tile is used twice while it is
-in the cache: by K w_t for the denominators and by (w_(t+1|T) / K w_t) K for the sums. Time is O(N^2 T), memory O(N T).
+Each step needs the N x N densities p(x_(t+1)^j | x_t^i), which are made a tile of rows at a time; a tile is used twice while
+it is in the cache: by K w_t for the denominators and by (w_(t+1|T) / K w_t) K for the sums. Time is O(N^2 T), memory O(N T).
 
 Particles stay where the filter put them: what the filter does not cover, smoothing cannot mend. A later particle that can be
 reached from no earlier one says nothing about them, and its weight is shared out as the filter's.

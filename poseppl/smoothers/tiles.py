@@ -1,12 +1,12 @@
 r"""Transition densities between two sets of particles, a tile of rows at a time.
 
-The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never held whole: rows j, the later particles, go through in tiles, so
-that memory grows with N and not with N^2. What is wanted of a tile is the same when each of its rows is multiplied by a number of
-its own, and that number keeps the row within the range of floating point.
+The matrix K_ji = p(x_t^j | x_(t-1)^i) of N x N entries is never held whole: rows j, the later particles, go through in tiles,
+so that memory grows with N and not with N^2. What is wanted of a tile is the same when each of its rows is multiplied by a
+number of its own, and that number keeps the row within the range of floating point.
 
-Most often exp(log p) is in range as it stands, and a subtraction before the exponential would cost a third of the time. So a tile
-is tried as it stands; its row totals tell whether a row overflowed, or sank so low that its entries lost digits, and only then
-is the tile made a second time with each row's largest entry brought to 1.
+Most often exp(log p) is in range as it stands, and a subtraction before the exponential would cost a third of the time. So a
+tile is tried as it stands; its row totals tell whether a row overflowed, or sank so low that its entries lost digits, and
+only then is the tile made a second time with each row's largest entry brought to 1.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from poseppl.program import CompiledModel
 
@@ -75,10 +76,11 @@ def with_densities(
     """Give a tile of densities to `consume`, each row scaled by a number of its own where the range makes it necessary.
 
     Args:
-        log_densities: Makes the tile of log-densities (B, N), NaN where a density is not defined (taken as zero). A row that is
-            zero in all possible columns says nothing: it is taken as constant.
+        log_densities: Makes the tile of log-densities (B, N), NaN where a density is not defined (taken as zero). A row that
+            is zero in all possible columns says nothing: it is taken as constant.
         measure: `densities (B, N) -> sums`, (B,) or (B, ...), the sums by which rows are divided.
-        consume: `(densities, sums) -> result`, which does not depend on the scales of the rows; those not needed may have sums of 0.
+        consume: `(densities, sums) -> result`, which does not depend on the scales of the rows; those not needed may have
+            sums of 0.
         needed: Which rows matter (B,).
         possible: Which columns have weight at all (N,); the largest entry is sought among them.
 
@@ -96,6 +98,6 @@ def with_densities(
     densities = jnp.exp(log_densities())
     sums = measure(densities)
     totals = jnp.sum(sums.reshape(sums.shape[0], -1), 1)
-    limits = jnp.finfo(totals.dtype)
+    limits = np.finfo(totals.dtype)
     kept = jnp.all((totals < limits.max**0.5) & ((totals > limits.tiny**0.5) | ~needed))
     return jax.lax.cond(kept, lambda: consume(densities, sums), scaled)

@@ -1,0 +1,88 @@
+r"""The most probable trajectory through a filter's particles (Godsill, Doucet and West 2001, doi:10.1023/A:1017968404964).
+
+Viterbi's algorithm on the trellis of particles. With delta the log-density of the best path that ends in a particle,
+
+    delta_0(j) = log p(x_0^j) + log p(z_0 | x_0^j),
+    delta_t(j) = log p(z_t | x_t^j) + max_i [delta_(t-1)(i) + log p(x_t^j | x_(t-1)^i)],
+
+and the path is read backwards from the best last particle. Only the particles' places matter, not their weights. The N x N
+densities of a frame are made a tile of rows at a time: time O(N^2 T), memory O(N T). The path approximates the mode of
+p(x_0..T-1 | z_0..T-1) among N^T combinations; it is one trajectory and says nothing about its uncertainty.
+
+Data that no particle can explain are left out, as the filter does, and so is a transition that no pair of particles can make.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
+
+
+def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model.
+        tile: Rows of the N x N matrix that are held at a time; None holds about a million entries.
+
+    Returns:
+        The smoother; its result is one trajectory, (T, 1, d).
+
+    Raises:
+        ValueError: A tile below 1.
+    """
+    check_tile(tile)
+
+    def log_observations(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+        return _usable(jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles))
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        particles = history.particles
+        num_frames, num_particles, _ = particles.shape
+        seen = jax.vmap(log_observations)(particles, observations, inputs)
+        first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], inputs) for rows in (0, slice(1, None)))
+        start = _usable(jax.vmap(lambda x: model.log_initial(x, first))(particles[0])) + seen[0]
+        frames = (particles[:-1], particles[1:], seen[1:], later)
+        best, predecessors = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
+        last = jnp.argmax(best)
+        _, path = jax.lax.scan(lambda index, row: (row[index], row[index]), last, predecessors, reverse=True)
+        trajectory = jnp.take_along_axis(particles, jnp.append(path, last)[:, None, None], axis=1)
+        cost = float(num_frames - 1) * float(num_particles) ** 2
+        info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost)
+        return Smoothed(trajectory, jnp.zeros((num_frames, 1), trajectory.dtype), info)
+
+    return Smoother(smooth, joint=True)
+
+
+def _forward(model: CompiledModel, tile: int | None, best: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+    """Log-densities delta (N,) of one frame from that of the frame before, and each particle's best predecessor (N,)."""
+    earlier, later, seen, inputs = frame
+    rows = tile_rows(tile, later.shape[0], earlier.shape[0])
+
+    def maximise(xs: jax.Array) -> tuple[jax.Array, jax.Array]:
+        paths = log_transitions(model, xs, earlier, inputs) + best
+        paths = jnp.where(jnp.isnan(paths), -jnp.inf, paths)
+        return jnp.max(paths, 1), jnp.argmax(paths, 1)
+
+    heights, predecessors = jax.lax.map(maximise, split_rows(later, rows))
+    reached = _usable(join_rows(heights, later.shape[0]))
+    return _levelled(reached + seen), join_rows(predecessors, later.shape[0])
+
+
+def _usable(log_densities: jax.Array) -> jax.Array:
+    """Log-densities (N,) with NaN as -inf; all zero when none is finite, as if the factor did not exist."""
+    clean = jnp.where(jnp.isfinite(log_densities), log_densities, -jnp.inf)
+    return jnp.where(jnp.any(jnp.isfinite(clean)), clean, 0.0)
+
+
+def _levelled(best: jax.Array) -> jax.Array:
+    """Log-densities (N,) with their maximum at 0, so that long sequences keep their digits; all 0 where no path is possible."""
+    usable = _usable(best)
+    return usable - jnp.max(usable)
