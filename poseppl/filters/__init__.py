@@ -1,5 +1,7 @@
 """Filters: one algorithm a file, each a pair of pure functions `init` and `step`."""
 
+from poseppl.filters.annealed import AnnealedState as AnnealedState
+from poseppl.filters.annealed import annealed_filter as annealed_filter
 from poseppl.filters.assumed_density import assumed_density_filter as assumed_density_filter
 from poseppl.filters.base import Filter as Filter
 from poseppl.filters.base import FilterState as FilterState

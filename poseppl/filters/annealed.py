@@ -1,0 +1,228 @@
+r"""The annealed particle filter (Deutscher and Reid 2005, doi:10.1023/B:VISI.0000043757.18370.9c): a seeker of modes.
+
+In the form of section 6 of Darby, Li and Costen 2008 and section 3.2 of Peursum, Venkatesh and West 2010
+(doi:10.1007/s11263-009-0205-5). A frame has R layers, r = R, ..., 1:
+
+1. particles are resampled by the last layer's weights and dispersed: by the transition in the first layer of a frame, then by
+   Gaussian noise of the diagonal covariance P_r = tau^(R - r) P (Eq. 10), which shrinks as the layers go on;
+2. they are weighted by p(z | x)^beta_r (Eq. 6), with the beta_r at which a fraction tau of the particles survives (Eq. 7):
+   the survival diagnostic 1 / sum w_i^2 is tau N, found by bisection.
+
+P is the variance of the transition, from pairs of draws with a common ancestor, unless given. With crossover (Deutscher,
+Davison and Reid 2001, doi:10.1109/CVPR.2001.991028), a particle has two parents, and groups of coordinates come from either.
+
+What it is not: a sampler of the posterior. Each layer weighs by the likelihood anew, so that after R layers the particles have
+gathered where the likelihood is highest within reach of the prediction; their spread says how far the layers have come, not how
+much is known, and more particles do not change that. `log_evidence` is that of the particles as predicted, from such a set.
+:mod:`poseppl.filters.tempered` anneals with the weights that make it a sampler.
+
+Where a layer's likelihoods are all equal, as in a frame without data, there is nothing to seek and no noise is added. If no
+particle can explain a frame, it is reported as failed and the particles stay as predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.filters.base import Filter, Info
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import resampling_scheme
+from poseppl.weights import Normalised, effective_sample_size, normalise
+
+_BISECTIONS = 50
+_WIDTH = 25.0
+"""Half-width of the bracket of log beta, around the inverse of the spread of the log-likelihoods."""
+
+
+class AnnealedState(NamedTuple):
+    """Particles of the last layer.
+
+    Attributes:
+        particles: Flat states (N, d).
+        log_weights: Normalised log-weights of the last layer (N,).
+        best: The particle of the highest likelihood (d,); the other estimate is the weighted mean.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    best: jax.Array
+
+
+class _Layer(NamedTuple):
+    """Particles (N, d), their log-likelihoods (N,), -inf where impossible, and their ancestors (N,)."""
+
+    particles: jax.Array
+    values: jax.Array
+    ancestors: jax.Array
+
+
+def annealed_filter(
+    model: CompiledModel,
+    num_particles: int,
+    *,
+    num_layers: int = 10,
+    survival: float = 0.5,
+    diffusion: jax.Array | None = None,
+    crossover: Sequence[Sequence[int | str]] | None = None,
+    resampling: str = "multinomial",
+) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model.
+        num_particles: N in each layer, at least 1.
+        num_layers: R, at least 1.
+        survival: tau, the fraction of particles that survives a layer, between 0 and 1.
+        diffusion: Diagonal of P (d,), variances; by default the transition's (in the first frame the initial state's).
+        crossover: Groups of coordinates, by index or name, that stay together when two parents are crossed; coordinates of no
+            group come from the first parent. None makes no crossover.
+        resampling: One of systematic, stratified, residual, multinomial.
+
+    Returns:
+        The filter; its state is :class:`AnnealedState`. `Info.ess` is that of the last layer.
+
+    Raises:
+        ValueError: A number out of its range, an unknown coordinate, or one in two groups.
+    """
+    if num_particles < 1 or num_layers < 1:
+        raise ValueError(f"num_particles is {num_particles} and num_layers {num_layers}. Expected at least 1.")
+    if not 0 < survival < 1:
+        raise ValueError(f"survival is {survival}. Expected a fraction of num_particles between 0 and 1.")
+    if diffusion is not None and (np.shape(diffusion) != (model.dimension,) or np.any(np.asarray(diffusion) < 0)):
+        raise ValueError(f"diffusion has shape {np.shape(diffusion)}. Expected variances of shape ({model.dimension},).")
+    scheme = resampling_scheme(resampling)
+    groups = None if crossover is None else _group_numbers(model, crossover)
+
+    def values_of(particles: jax.Array, data: tuple[Observation, Any]) -> jax.Array:
+        values = jax.vmap(lambda x: model.log_observation(x, *data))(particles)
+        return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
+
+    def anneal(
+        rng_key: jax.Array, predicted: jax.Array, other: jax.Array, ancestors: jax.Array, data: tuple[Observation, Any]
+    ) -> tuple[AnnealedState, Info]:
+        values = values_of(predicted, data)
+        first = normalise(values)
+        variance = 0.5 * jnp.mean((predicted - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
+
+        def refine(layer: _Layer, item: tuple[jax.Array, jax.Array]) -> tuple[_Layer, None]:
+            key_resample, key_cross, key_noise = jax.random.split(item[0], 3)
+            log_weights = _layer_weights(layer.values, survival)
+            chosen = scheme(key_resample, log_weights, num_particles)
+            centres = layer.particles[chosen]
+            if groups is not None:
+                centres = _cross(key_cross, centres, layer.particles, log_weights, groups)
+            noise = jax.random.normal(key_noise, centres.shape, centres.dtype)
+            particles = centres + jnp.sqrt(survival ** item[1] * variance) * noise
+            after = _Layer(particles, values_of(particles, data), layer.ancestors[chosen])
+            flat = jnp.min(layer.values) == jnp.max(layer.values)
+            keep = flat | ~jnp.any(jnp.isfinite(after.values))
+            return jax.tree.map(lambda old, new: jnp.where(keep, old, new), layer, after), None
+
+        keys = jax.random.split(rng_key, num_layers - 1)
+        layer = _Layer(predicted, values, ancestors)
+        layer, _ = jax.lax.scan(refine, layer, (keys, jnp.arange(1, num_layers)))
+        log_weights = _layer_weights(layer.values, survival)
+        state = AnnealedState(layer.particles, log_weights, layer.particles[jnp.argmax(layer.values)])
+        return state, _info(first, log_weights, layer.ancestors, num_layers)
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
+        key_draw, key_other, key_layers = jax.random.split(rng_key, 3)
+
+        def draw(rng_key: jax.Array) -> jax.Array:
+            return jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_particles))
+
+        ancestors = jnp.arange(num_particles, dtype=jnp.int32)
+        return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
+
+    def step(
+        rng_key: jax.Array, state: AnnealedState, observation: Observation, inputs: Any = None
+    ) -> tuple[AnnealedState, Info]:
+        key_resample, key_draw, key_other, key_layers = jax.random.split(rng_key, 4)
+        ancestors = scheme(key_resample, state.log_weights, num_particles)
+        previous = state.particles[ancestors]
+
+        def draw(rng_key: jax.Array) -> jax.Array:
+            keys = jax.random.split(rng_key, num_particles)
+            return jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
+
+        return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
+
+    return Filter(init, step)
+
+
+def _cross(
+    rng_key: jax.Array, first: jax.Array, particles: jax.Array, log_weights: jax.Array, groups: np.ndarray[Any, Any]
+) -> jax.Array:
+    """Cross parents (N, d) with other ones that are drawn by the weights, group by group."""
+    key_parent, key_choice = jax.random.split(rng_key)
+    second = particles[jax.random.categorical(key_parent, log_weights, shape=first.shape[:1])]
+    swap = jax.random.bernoulli(key_choice, 0.5, (first.shape[0], groups.max() + 1)).at[:, 0].set(False)
+    return jnp.where(swap[:, groups], second, first)
+
+
+def _info(predicted: Normalised, log_weights: jax.Array, ancestors: jax.Array, num_layers: int) -> Info:
+    dtype = log_weights.dtype
+    return Info(
+        log_evidence=predicted.log_mean,
+        ess=effective_sample_size(log_weights),
+        ancestors=ancestors,
+        acceptance=jnp.ones((), dtype),
+        divergences=jnp.int32(0),
+        num_likelihood=jnp.int32(log_weights.shape[0] * num_layers),
+        num_gradient=jnp.int32(0),
+        failed=predicted.degenerate,
+        step_size=jnp.full((), jnp.nan, dtype),
+    )
+
+
+def annealing_exponent(log_likelihoods: jax.Array, survival: float) -> jax.Array:
+    """The beta at which a fraction `survival` of the particles of positive likelihood survives.
+
+    Args:
+        log_likelihoods: Shape (N,), none NaN or +inf.
+        survival: tau; the survival diagnostic 1 / sum w_i^2 of the weights exp(beta * log_likelihoods) becomes tau N.
+
+    Returns:
+        A positive scalar; very large where more than tau N particles share the highest likelihood.
+    """
+    finite = jnp.isfinite(log_likelihoods)
+    goal = survival * jnp.sum(finite)
+    peak = jnp.max(jnp.where(finite, log_likelihoods, -jnp.inf))
+    below = jnp.where(finite, log_likelihoods - peak, -jnp.inf)
+    spread = jnp.sum(jnp.where(finite, -below, 0.0)) / jnp.maximum(jnp.sum(finite), 1)
+    centre = -jnp.log(jnp.where(spread > 0, spread, 1.0))
+
+    def halve(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        enough = effective_sample_size(jnp.exp(middle) * below) >= goal
+        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
+
+    low, _ = jax.lax.fori_loop(0, _BISECTIONS, halve, (centre - _WIDTH, centre + _WIDTH))
+    return jnp.exp(low)
+
+
+def _layer_weights(values: jax.Array, survival: float) -> jax.Array:
+    """Normalised log-weights (N,) of a layer: uniform where all values are equal or impossible."""
+    peak = jnp.max(values)
+    return normalise(annealing_exponent(values, survival) * (values - jnp.where(jnp.isfinite(peak), peak, 0.0))).log_weights
+
+
+def _group_numbers(model: CompiledModel, crossover: Sequence[Sequence[int | str]]) -> np.ndarray[Any, Any]:
+    """For each coordinate the number of its group from 1 on, 0 where it has none (d,)."""
+    names = {name: index for index, name in enumerate(model.coordinate_names)}
+    numbers = np.zeros(model.dimension, int)
+    for number, group in enumerate(crossover, 1):
+        for coordinate in group:
+            index = names.get(coordinate, -1) if isinstance(coordinate, str) else coordinate
+            if not 0 <= index < model.dimension:
+                raise ValueError(f"crossover names {coordinate!r}. Expected coordinates among {', '.join(names)}.")
+            if numbers[index]:
+                raise ValueError(f"crossover names {coordinate!r} twice. Expected groups that do not overlap.")
+            numbers[index] = number
+    return numbers

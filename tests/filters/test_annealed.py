@@ -1,0 +1,139 @@
+"""The annealed particle filter seeks the mode of the likelihood, and is no sampler of the posterior."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from law_problems import MASKED, frame, problem, replicate, z_scores
+
+from poseppl.filters import AnnealedState, annealed_filter
+from poseppl.filters.annealed import _cross, annealing_exponent
+from poseppl.weights import effective_sample_size
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("survival", [0.2, 0.5, 0.9])
+def test_the_fraction_asked_survives(survival, scale):
+    values = scale * (3.0 - jax.random.normal(jax.random.key(0), (1000,)) ** 2).at[7].set(-jnp.inf)
+    exponent = annealing_exponent(values, survival)
+    ess = effective_sample_size(exponent * (values - values.max()))
+    np.testing.assert_allclose(ess, survival * 999, rtol=1e-3)
+
+
+def test_the_exponent_of_equal_values_is_finite():
+    for values in ([-1.0] * 5, [-jnp.inf] * 5, [-jnp.inf, 2.0], [0.0]):
+        assert np.isfinite(annealing_exponent(jnp.array(values), 0.5))
+
+
+@cache
+def first_frame(num_layers, num_particles=400, **settings):
+    """Weighted means (K, d), second moments about the posterior's mean and best particles at the first frame."""
+    posed = problem()
+    init = annealed_filter(posed.model, num_particles, num_layers=num_layers, **settings).init
+
+    def one(key):
+        state, _ = init(key, frame(posed.observations, 0), frame(posed.inputs, 0))
+        weights = jnp.exp(state.log_weights)
+        mean = weights @ state.particles
+        return mean, weights @ (state.particles - mean) ** 2, state.best
+
+    keys = jax.random.split(jax.random.key(0), 40)
+    found = jax.jit(lambda keys: jax.lax.map(one, keys))(keys)
+    return tuple(np.asarray(a, float) for a in found)
+
+
+def likeliest():
+    posed = problem()
+    return np.linalg.solve(posed.matrices.H, np.asarray(posed.observations.values["y"][0], float))
+
+
+def test_particles_gather_at_the_mode_of_the_likelihood():
+    distances, spreads = [], []
+    for num_layers in (1, 10):
+        means, variances, best = first_frame(num_layers)
+        distances.append(np.abs(means.mean(0) - likeliest()).max())
+        spreads.append(np.sqrt(variances.mean(0)).max())
+    assert distances[0] > 0.1 and distances[1] < 0.02
+    # the noise of the layers is what is left: its standard deviation falls by sqrt(tau) a layer
+    assert spreads[0] > 5 * spreads[1]
+    assert np.abs(best - likeliest()).max() < 0.2
+
+
+def test_it_is_not_the_posterior():
+    """Means are off and variances too small by far, which no number of particles mends."""
+    posed = problem()
+    for num_particles in (400, 2000):
+        means, variances, _ = first_frame(10, num_particles)
+        assert np.abs(z_scores(means, posed.exact.means[0])).max() > 20
+        assert (variances.mean(0) < 0.3 * np.diag(posed.exact.covariances[0])).all()
+
+
+def test_a_frame_without_data_is_predicted():
+    """No noise is added to the transition's: the variance grows by Q about the predicted means."""
+    posed = problem()
+    built = annealed_filter(posed.model, 1000, num_layers=6)
+    means, seconds, increments = replicate(built, posed, 20)
+    A, Q = posed.matrices.A, posed.matrices.Q
+    centre = means.mean(0)
+    covariance = seconds.mean(0) - np.einsum("ti,tj->tij", *(2 * [centre - posed.exact.means]))
+    predicted = A @ covariance[MASKED - 1] @ A.T + Q
+    np.testing.assert_allclose(covariance[MASKED], predicted, atol=0.03)
+    assert (increments[:, MASKED] == 0).all()
+
+
+def test_crossover_takes_whole_groups_from_either_parent():
+    particles = jnp.arange(50.0)[:, None] + jnp.array([0.0, 100.0, 200.0, 300.0, 400.0])
+    groups = np.array([1, 0, 1, 2, 2])
+    log_weights = jnp.full(50, -jnp.log(50.0)).at[0].set(-jnp.inf)
+    children = np.asarray(_cross(jax.random.key(0), particles, particles, log_weights, groups)) % 100
+    own = np.arange(50)
+    assert (children[:, 1] == own).all()
+    assert (children[:, 0] == children[:, 2]).all() and (children[:, 3] == children[:, 4]).all()
+    assert (children[:, 0] != children[:, 3]).any()
+    for column in (0, 3):
+        share = np.mean(children[:, column] != own)
+        assert abs(share - 0.5) < 5 * 0.5 / np.sqrt(50)
+        assert not (children[1:, column] == 0).any()
+
+
+def test_crossover_joins_what_different_particles_found():
+    means, _, best = first_frame(6, 30, crossover=(("x[0]",), ("x[1]",)))
+    assert np.abs(best.mean(0) - likeliest()).max() < 0.1
+    assert np.isfinite(means).all()
+
+
+@pytest.mark.parametrize("num_particles", [1, 5])
+def test_one_particle_and_equal_particles(num_particles):
+    posed = problem()
+    step = jax.jit(annealed_filter(posed.model, num_particles, num_layers=3, diffusion=np.zeros(2)).step)
+    weights = jnp.full(num_particles, -jnp.log(num_particles))
+    state = AnnealedState(jnp.zeros((num_particles, 2)), weights, jnp.zeros(2))
+    state, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    assert np.isfinite(state.particles).all() and np.isfinite(state.log_weights).all()
+    assert np.isfinite(info.log_evidence) and not info.failed
+    # without noise between the layers, particles are copies of those predicted
+    assert len(np.unique(np.asarray(state.particles), axis=0)) <= max(1, num_particles - 1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"num_particles": 0}, "num_particles"),
+        ({"num_layers": 0}, "num_layers"),
+        ({"survival": 1.0}, "survival"),
+        ({"diffusion": np.ones(3)}, "diffusion"),
+        ({"diffusion": -np.ones(2)}, "diffusion"),
+        ({"crossover": [[0, 2]]}, "crossover"),
+        ({"crossover": [["hip"]]}, "crossover"),
+        ({"crossover": [[0], ["x[0]"]]}, "twice"),
+        ({"resampling": "sistematic"}, "sistematic"),
+    ],
+    ids=str,
+)
+def test_settings_out_of_range_are_refused(settings, word):
+    with pytest.raises(ValueError, match=word):
+        annealed_filter(problem().model, **{"num_particles": 10, **settings})
