@@ -23,6 +23,7 @@ from poseppl.smoothers import (
     fixed_lag_smoother,
     forward_backward_smoother,
     genealogy_smoother,
+    particle_gibbs_smoother,
     trajectory_smoother,
     viterbi_smoother,
 )
@@ -158,11 +159,26 @@ class SmootherRow(NamedTuple):
 
 
 SMOOTHERS: list[SmootherRow] = [
-    SmootherRow("forward-backward", forward_backward_smoother, forward_backward_smoother, discrete=True),
     SmootherRow(
-        "forward-backward-tiles",
+        "particle-gibbs-ancestor",
+        particle_gibbs_smoother,
+        lambda model: particle_gibbs_smoother(model, num_particles=20, num_chains=2, num_draws=100, num_warmup=20),
+        discrete=True,
+        num_particles=100,
+    ),
+    SmootherRow(
+        "particle-gibbs-backward",
+        particle_gibbs_smoother,
+        lambda model: particle_gibbs_smoother(
+            model, num_particles=20, num_chains=2, num_draws=100, num_warmup=20, method="backward"
+        ),
+        discrete=True,
+        num_particles=100,
+    ),
+    SmootherRow(
+        "forward-backward",
         forward_backward_smoother,
-        lambda model: forward_backward_smoother(model, tile=64),
+        lambda model: forward_backward_smoother(model, tile=128),
         discrete=True,
     ),
     SmootherRow(

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import blackjax
 import jax
 import jax.numpy as jnp
 
@@ -35,6 +34,7 @@ from poseppl.kernels.block_tridiagonal import solve_upper
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
+from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 
 
@@ -114,14 +114,3 @@ def trajectory_smoother(
         return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)
 
     return Smoother(smooth, joint=True)
-
-
-def effective_draws_by_frame(particles: jax.Array) -> jax.Array:
-    """Effective number of draws (T,) of chains (T, M, R, d): that of the worst coordinate's mean, from 1 to M R."""
-    num_frames, num_chains, num_draws, dimension = particles.shape
-    if num_draws < 4:
-        return jnp.full(num_frames, float(num_chains), particles.dtype)
-    chains = jnp.moveaxis(particles, 0, 2).reshape(num_chains, num_draws, -1)
-    ess = blackjax.diagnostics.effective_sample_size(chains).reshape(num_frames, dimension)
-    worst = jnp.min(jnp.where(jnp.isnan(ess), 1.0, ess), 1)
-    return jnp.clip(worst, 1.0, num_chains * num_draws)

@@ -16,8 +16,9 @@ from precision import precision
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers.base import History
 from poseppl.smoothers.curvature import climb, trajectory_precision
+from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
-from poseppl.smoothers.trajectory import effective_draws_by_frame, trajectory_smoother
+from poseppl.smoothers.trajectory import trajectory_smoother
 
 
 def positive_model():

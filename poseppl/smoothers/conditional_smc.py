@@ -1,0 +1,166 @@
+r"""Conditional sequential Monte Carlo: a move between trajectories that leaves their smoothing distribution invariant.
+
+Andrieu, Doucet and Holenstein 2010 (doi:10.1111/j.1467-9868.2009.00736.x), section 4.3. A bootstrap filter of N particles runs
+with one slot, the first, held by the reference trajectory x'. The other N - 1 draw their ancestors independently by the weights
+and are moved by the transition; all are weighed by the likelihood. A trajectory is then drawn. As it stands the reference's
+early frames hardly ever change, and one of two changes mends that:
+
+* ancestor sampling (Lindsten, Jordan and Schoen 2014, algorithm 2, https://jmlr.org/papers/v15/lindsten14a.html): at each frame
+  the reference's past is drawn anew, with probability proportional to w_(t-1)^i p(x'_t | x_(t-1)^i), and the trajectory is
+  traced back along the ancestors from a particle of the last frame, drawn by its weight;
+* backward simulation (Whiteley 2010, in the discussion of Andrieu et al.): the trajectory is drawn from the last frame to the
+  first, each state with probability proportional to w_t^i p(x_(t+1) | x_t^i).
+
+Both are exact for any N >= 2. Ancestors are multinomial: other schemes are biased here unless they are conditioned too (Chopin
+and Singh 2015, doi:10.3150/14-BEJ629).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.particle_keys import particle_keys
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import multinomial
+
+Method = Literal["ancestor", "backward"]
+
+
+class _Sweep(NamedTuple):
+    """Particles (T, N, d), log-weights (T, N) and the ancestors of frames 1 to T - 1 (T - 1, N)."""
+
+    particles: jax.Array
+    log_weights: jax.Array
+    ancestors: jax.Array
+
+
+def check_method(method: str) -> None:
+    """Raise ``ValueError`` unless the method is one of the two."""
+    if method not in ("ancestor", "backward"):
+        raise ValueError(f"method is {method!r}. Expected 'ancestor' or 'backward'.")
+
+
+def conditional_smc(
+    model: CompiledModel,
+    rng_key: jax.Array,
+    reference: jax.Array,
+    observations: Observation,
+    inputs: Any,
+    num_particles: int,
+    method: Method,
+) -> jax.Array:
+    """Move from a trajectory (T, d) to another.
+
+    Args:
+        model: The compiled model; its params may be tracers.
+        rng_key: PRNG key.
+        reference: The trajectory x' (T, d).
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, or None.
+        num_particles: N, the reference included.
+        method: "ancestor" or "backward".
+    """
+    key_sweep, key_trace = jax.random.split(rng_key)
+    sweep = _run(model, key_sweep, reference, observations, inputs, num_particles, method)
+    if method == "ancestor":
+        return _trace_back(key_trace, sweep)
+    return _draw_back(model, key_trace, sweep, inputs)
+
+
+def _run(
+    model: CompiledModel,
+    rng_key: jax.Array,
+    reference: jax.Array,
+    observations: Observation,
+    inputs: Any,
+    num_particles: int,
+    method: Method,
+) -> _Sweep:
+    """The filter, with the reference in slot 0."""
+    num_free = num_particles - 1
+
+    def weigh(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+        log_weights = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles)
+        return jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+
+    def advance(carry: tuple[jax.Array, jax.Array], row: Any) -> tuple[Any, Any]:
+        particles, log_weights = carry
+        key, kept, observation, inputs = row
+        key_resample, key_move, key_past = jax.random.split(key, 3)
+        chosen = multinomial(key_resample, log_weights, num_free)
+        moved = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(
+            particle_keys(key_move, num_free), particles[chosen]
+        )
+        past = jnp.zeros((), jnp.int32)
+        if method == "ancestor":
+            past = _draw_past(model, key_past, kept, particles, log_weights, inputs, past)
+        particles = jnp.concatenate([kept[None], moved])
+        log_weights = weigh(particles, observation, inputs)
+        return (particles, log_weights), (particles, log_weights, jnp.concatenate([past[None], chosen]))
+
+    key_first, key_later = jax.random.split(rng_key)
+    first, later = (
+        jax.tree.map(lambda leaf, rows=rows: leaf[rows], (reference, observations, inputs)) for rows in (0, slice(1, None))
+    )
+    drawn = jax.vmap(lambda k: model.sample_initial(k, first[2]))(particle_keys(key_first, num_free))
+    particles = jnp.concatenate([first[0][None], drawn])
+    log_weights = weigh(particles, *first[1:])
+    keys = jax.random.split(key_later, reference.shape[0] - 1)
+    _, rest = jax.lax.scan(advance, (particles, log_weights), (keys, *later))
+    return _Sweep(jnp.concatenate([particles[None], rest[0]]), jnp.concatenate([log_weights[None], rest[1]]), rest[2])
+
+
+def _draw_past(
+    model: CompiledModel,
+    rng_key: jax.Array,
+    x: jax.Array,
+    particles: jax.Array,
+    log_weights: jax.Array,
+    inputs: Any,
+    otherwise: jax.Array,
+) -> jax.Array:
+    """A particle of the frame before, drawn by w^i p(x | x^i), int32; `otherwise` if none has any probability."""
+    log_transition = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(particles)
+    joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
+    possible = jnp.any(joint > -jnp.inf)
+    drawn = jax.random.categorical(rng_key, jnp.where(possible, joint, 0.0)).astype(jnp.int32)
+    return jnp.where(possible, drawn, otherwise)
+
+
+def _draw_last(rng_key: jax.Array, log_weights: jax.Array) -> jax.Array:
+    """A particle drawn by weight, int32; the reference if none has any."""
+    possible = jnp.any(log_weights > -jnp.inf)
+    drawn = jax.random.categorical(rng_key, jnp.where(possible, log_weights, 0.0)).astype(jnp.int32)
+    return jnp.where(possible, drawn, 0)
+
+
+def _trace_back(rng_key: jax.Array, sweep: _Sweep) -> jax.Array:
+    last = _draw_last(rng_key, sweep.log_weights[-1])
+
+    def back(index: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return ancestors[index], ancestors[index]
+
+    _, earlier = jax.lax.scan(back, last, sweep.ancestors, reverse=True)
+    path = jnp.append(earlier, last)
+    return sweep.particles[jnp.arange(path.shape[0]), path]
+
+
+def _draw_back(model: CompiledModel, rng_key: jax.Array, sweep: _Sweep, inputs: Any) -> jax.Array:
+    key_last, key_earlier = jax.random.split(rng_key)
+    last = _draw_last(key_last, sweep.log_weights[-1])
+
+    def back(following: tuple[jax.Array, jax.Array], row: Any) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        key, particles, log_weights, ancestors, inputs = row
+        index, x = following
+        index = _draw_past(model, key, x, particles, log_weights, inputs, ancestors[index])
+        return (index, particles[index]), particles[index]
+
+    keys = jax.random.split(key_earlier, sweep.ancestors.shape[0])
+    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    rows = (keys, sweep.particles[:-1], sweep.log_weights[:-1], sweep.ancestors, later)
+    x = sweep.particles[-1, last]
+    _, earlier = jax.lax.scan(back, (last, x), rows, reverse=True)
+    return jnp.concatenate([earlier, x[None]])

@@ -1,0 +1,18 @@
+"""How many independent draws the Markov chains of a smoother amount to, frame by frame, inside jit."""
+
+from __future__ import annotations
+
+import blackjax
+import jax
+import jax.numpy as jnp
+
+
+def effective_draws_by_frame(particles: jax.Array) -> jax.Array:
+    """Effective number of draws (T,) of chains (T, M, R, d): that of the worst coordinate's mean, from 1 to M R."""
+    num_frames, num_chains, num_draws, dimension = particles.shape
+    if num_draws < 4:
+        return jnp.full(num_frames, float(num_chains), particles.dtype)
+    chains = jnp.moveaxis(particles, 0, 2).reshape(num_chains, num_draws, -1)
+    ess = blackjax.diagnostics.effective_sample_size(chains).reshape(num_frames, dimension)
+    worst = jnp.min(jnp.where(jnp.isnan(ess), 1.0, ess), 1)
+    return jnp.clip(worst, 1.0, num_chains * num_draws)

@@ -1,0 +1,83 @@
+"""Particle Gibbs smoothing: a Markov chain of whole trajectories, moved by conditional sequential Monte Carlo.
+
+Each move of :mod:`poseppl.smoothers.conditional_smc` leaves the joint smoothing distribution invariant for any number of
+particles; more particles make the chain mix faster, not more exact. It needs no gradient and no Gaussian, and takes discrete
+states. Chains start from trajectories drawn from the filter's history (:mod:`poseppl.smoothers.starts`).
+
+Static parameters are learned with it by :func:`poseppl.smoothers.static_parameters.particle_gibbs`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.conditional_smc import Method, check_method, conditional_smc
+from poseppl.smoothers.effective import effective_draws_by_frame
+from poseppl.smoothers.starts import draw_trajectories
+
+
+def particle_gibbs_smoother(
+    model: CompiledModel,
+    *,
+    num_particles: int = 100,
+    num_chains: int = 4,
+    num_draws: int = 250,
+    num_warmup: int = 25,
+    method: Method = "ancestor",
+) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model.
+        num_particles: N of each move, the reference included.
+        num_chains: M, chains side by side.
+        num_draws: R, draws of each chain that count.
+        num_warmup: Moves of each chain before them.
+        method: "ancestor" sampling or "backward" simulation.
+
+    Returns:
+        The smoother; its particles are (T, M, R, d), and the draw of one index is a whole trajectory. `acceptance` is the share
+        of the moves that changed a frame's state.
+
+    Raises:
+        ValueError: A number out of range, or an unknown method.
+    """
+    for name, number, least in (
+        ("num_particles", num_particles, 2),
+        ("num_chains", num_chains, 1),
+        ("num_draws", num_draws, 1),
+        ("num_warmup", num_warmup, 0),
+    ):
+        if number < least:
+            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_method(method)
+    num_moves = num_warmup + num_draws
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        key_start, key_moves = jax.random.split(rng_key)
+        starts = draw_trajectories(model, key_start, history, inputs, num_chains)
+
+        def move(key: jax.Array, xs: jax.Array) -> jax.Array:
+            return conditional_smc(model, key, xs, observations, inputs, num_particles, method)
+
+        def advance(xs: jax.Array, key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+            moved = jax.vmap(move)(jax.random.split(key, num_chains), xs)
+            return moved, (moved, jnp.mean(jnp.any(moved != xs, -1), 0))
+
+        _, (draws, changed) = jax.lax.scan(advance, starts, jax.random.split(key_moves, num_moves))
+        particles = jnp.transpose(draws[num_warmup:], (2, 1, 0, 3))
+        num_frames = particles.shape[0]
+        info = smoothing_info(
+            num_frames,
+            effective_draws_by_frame(particles),
+            acceptance=jnp.mean(changed[num_warmup:], 0),
+            num_transition=float(num_moves * num_chains * (num_frames - 1) * num_particles),
+        )
+        return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)
+
+    return Smoother(smooth, joint=True)
