@@ -172,47 +172,61 @@ def gibbs_chains(
     if blocked:
         prior = quadratic_prior(linear_transitions(model, starts[0], inputs), starts[0])
 
-    def step(x: jax.Array, rng_key: jax.Array) -> tuple[jax.Array, jax.Array]:
-        if blocked:
-            return _blocked_round(rng_key, mixture, prior, starts[0], x), jnp.ones(x.shape[0], x.dtype)
-        return _round(model, settings, frames, rng_key, x)
-
     def advance(xs: jax.Array, rng_key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        xs, acceptance = jax.vmap(step)(xs, jax.random.split(rng_key, xs.shape[0]))
-        return xs, (xs, jnp.mean(acceptance, 0))
+        if blocked:
+            xs, acceptance = _blocked_round(rng_key, mixture, prior, starts[0], xs), jnp.ones(xs.shape[1], xs.dtype)
+        else:
+            xs, acceptance = _round(model, settings, frames, rng_key, xs)
+        return xs, (xs, acceptance)
 
     _, (draws, acceptance) = jax.lax.scan(advance, starts, jax.random.split(rng_key, num_rounds))
     return GibbsChains(jnp.swapaxes(draws[burn_in:], 0, 1), jnp.mean(acceptance[burn_in:], 0))
 
 
 def _round(
-    model: CompiledModel, settings: Settings, frames: Frames, rng_key: jax.Array, x: jax.Array
+    model: CompiledModel, settings: Settings, frames: Frames, rng_key: jax.Array, xs: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Move all even frames of a trajectory (T, d), then all odd ones; returns it and the acceptance (T,)."""
-    num_frames = x.shape[0]
-    keys = jax.random.split(rng_key, 2)
-    acceptance = jnp.zeros(num_frames, x.dtype)
-    for parity in range(min(2, num_frames)):
-        place = jnp.arange(parity, num_frames, 2)
-        before, after = x[jnp.maximum(place - 1, 0)], x[jnp.minimum(place + 1, num_frames - 1)]
-        rows = jax.tree.map(lambda a, place=place: a[place], frames)
-        frame_keys = jax.random.split(keys[parity], place.shape[0])
-        moved, accepted = jax.vmap(lambda *row: move_frame(model, settings, *row))(frame_keys, x[place], before, after, rows)
-        x, acceptance = x.at[place].set(moved), acceptance.at[place].set(accepted)
-    return x, acceptance
+    """Move all even frames of trajectories (M, T, d), then all odd ones; returns them and the mean acceptance (T,)."""
+    num_chains, num_frames, _ = xs.shape
+    kinds, size = min(2, num_frames), -(-num_frames // 2)
+    # of an odd number of frames the last place of the odd ones lies beyond the end: it reads the last frame, writes nowhere
+    places = jnp.arange(kinds)[:, None] + 2 * jnp.arange(size)
+
+    def move(state: tuple[jax.Array, jax.Array], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, jax.Array], None]:
+        xs, acceptance = state
+        rng_key, place = row
+        end = num_frames - 1
+        here = jnp.minimum(place, end)
+        rows = jax.tree.map(lambda a: a[here], frames)
+
+        def move_chain(keys: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+            befores, afters = x[jnp.maximum(here - 1, 0)], x[jnp.minimum(here + 1, end)]
+            return jax.vmap(lambda *row: move_frame(model, settings, *row))(keys, x[here], befores, afters, rows)
+
+        moved, accepted = jax.vmap(move_chain)(jax.random.split(rng_key, (num_chains, size)), xs)
+        xs = xs.at[:, place].set(moved, mode="drop")
+        return (xs, acceptance.at[place].set(jnp.mean(accepted, 0), mode="drop")), None
+
+    start = xs, jnp.zeros(num_frames, xs.dtype)
+    (xs, acceptance), _ = jax.lax.scan(move, start, (jax.random.split(rng_key, kinds), places))
+    return xs, acceptance
 
 
-def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, origin: jax.Array, x: jax.Array) -> jax.Array:
-    """Draw components given the trajectory (T, d), then the trajectory given them."""
-    key_components, key_noise = jax.random.split(rng_key)
-    chosen = jax.random.categorical(key_components, jax.vmap(log_components)(mixture, x))
-    place = jnp.arange(x.shape[0])
-    bends = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
-    pull = mixture.slopes[place, chosen] - jnp.einsum("tij,tj->ti", bends, origin - mixture.anchors[place, chosen])
+def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, origin: jax.Array, xs: jax.Array) -> jax.Array:
+    """Draw components given the trajectories (M, T, d), then the trajectories given them."""
     precision, slope = prior
-    factor = block_cholesky(precision._replace(diagonal=precision.diagonal + bends))
-    noise = jax.random.normal(key_noise, x.shape, x.dtype)
-    return origin + solve(factor, slope + pull) + solve_upper(factor, noise)
+    place = jnp.arange(xs.shape[1])
+
+    def draw(key_components: jax.Array, noise: jax.Array, x: jax.Array) -> jax.Array:
+        chosen = jax.random.categorical(key_components, jax.vmap(log_components)(mixture, x))
+        bends = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
+        pull = mixture.slopes[place, chosen] - jnp.einsum("tij,tj->ti", bends, origin - mixture.anchors[place, chosen])
+        factor = block_cholesky(precision._replace(diagonal=precision.diagonal + bends))
+        return origin + solve(factor, slope + pull) + solve_upper(factor, noise)
+
+    key_components, key_noise = jax.random.split(rng_key)
+    noise = jax.random.normal(key_noise, xs.shape, xs.dtype)
+    return jax.vmap(draw)(jax.random.split(key_components, xs.shape[0]), noise, xs)
 
 
 def _rounded(x: jax.Array, pitch: Any) -> jax.Array:

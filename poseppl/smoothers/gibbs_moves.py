@@ -146,7 +146,8 @@ def move_frame(
     def rest(x: jax.Array) -> jax.Array:
         return _left_out(model, settings, x, before, after, mean, precision, frame, proposal)
 
-    log_ratio = rest(moved) - rest(x)
+    new, old = jax.vmap(rest)(jnp.stack([moved, x]))
+    log_ratio = new - old
     log_ratio = jnp.where(jnp.isnan(log_ratio), -jnp.inf, log_ratio)
     accepted = jnp.log(jax.random.uniform(key_accept, dtype=x.dtype)) < log_ratio
     return jnp.where(accepted, moved, x), jnp.exp(jnp.minimum(log_ratio, 0.0))

@@ -160,7 +160,7 @@ def fit_variational(
     linear = transition_structure(model, inputs).linear
     fractions = jnp.asarray(_FRACTIONS[:1] if linear else _FRACTIONS, history.particles.dtype)
     parity = jnp.arange(history.particles.shape[0]) % 2
-    parts = [parity == 0, parity == 1] if factorised else [jnp.ones_like(parity, bool)]
+    parts = jnp.stack([parity == 0, parity == 1] if factorised else [parity >= 0])
 
     def energy_of(q: _Gaussian) -> jax.Array:
         return _free_energy(model, mixture, inputs, q)
@@ -181,9 +181,8 @@ def fit_variational(
         return jax.tree.map(lambda a: a[best], tried), energies[best]
 
     def update(q: _Gaussian, _: None) -> tuple[_Gaussian, jax.Array]:
-        for chosen in parts:
-            q, energy = move(q, chosen)
-        return q, energy
+        q, energies = jax.lax.scan(move, q, parts)
+        return q, energies[-1]
 
     start = _start(model, history, inputs)
     q, energies = jax.lax.scan(update, start, None, length=num_rounds)

@@ -1,0 +1,187 @@
+"""Mixtures of a likelihood: the algebra exactly, and what each correction for the density of particles comes to."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.stats
+from law_problems import MASKED, problem, run
+from precision import DTYPES, precision
+
+from poseppl.filters import particle_filter
+from poseppl.smoothers import History
+from poseppl.smoothers.likelihood_mixture import (
+    MixtureSettings,
+    fit_likelihood_mixture,
+    log_components,
+    mixture_of_gaussians,
+)
+from poseppl.smoothers.weighted_em import choose_seeds, fit_fixed, fit_free
+
+POSED = problem()
+
+
+def weighted_points(count=200, dimension=2, seed=0):
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([rng.normal(-2, 0.5, (count // 2, dimension)), rng.normal(1, 1.0, (count // 2, dimension))])
+    weights = rng.gamma(1.0, size=count)
+    return jnp.asarray(points), jnp.asarray(weights / weights.sum())
+
+
+def test_components_of_a_known_mixture():
+    weights, means = np.array([[0.3, 0.7]]), np.array([[[1.0, 2.0], [-1.0, 0.5]]])
+    covariances = np.array([[[[1.0, 0.3], [0.3, 2.0]], [[0.5, 0.0], [0.0, 0.1]]]])
+    mixture = jax.tree.map(lambda a: a[0], mixture_of_gaussians(np.log(weights), means, covariances))
+    x = np.array([0.2, -0.4])
+    expected = [
+        np.log(w) + scipy.stats.multivariate_normal.logpdf(x, m, c)
+        for w, m, c in zip(weights[0], means[0], covariances[0], strict=True)
+    ]
+    np.testing.assert_allclose(log_components(mixture, jnp.asarray(x)), expected, rtol=1e-4)
+
+
+def test_seeds_are_at_or_above_the_average():
+    weights = jnp.asarray([0.05, 0.3, 0.15, 0.25, 0.25])
+    index, alive = choose_seeds(jax.random.key(0), jnp.log(weights), 4)
+    assert alive.tolist() == [True, True, True, False]
+    assert set(np.asarray(index)[:3].tolist()) == {1, 3, 4}
+    uniform = jnp.full(5, jnp.log(0.2))
+    assert bool(choose_seeds(jax.random.key(0), uniform, 5)[1].all())
+    index, alive = choose_seeds(jax.random.key(0), uniform, 7)
+    assert index.shape == (7,)
+    assert int(alive.sum()) == 5
+
+
+def test_one_free_component_is_the_weighted_mean_and_covariance():
+    points, weights = weighted_points()
+    fitted = fit_free(points, weights, jnp.array([3]), jnp.array([True]), 3, jnp.zeros(2))
+    mean = np.asarray(weights) @ np.asarray(points)
+    np.testing.assert_allclose(fitted.means[0], mean, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(fitted.covariances[0], np.cov(points.T, aweights=weights, ddof=0), rtol=1e-4)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_expectation_maximisation_never_lowers_the_likelihood_of_the_points(free):
+    """Free covariances are shrunk, so that only the first rounds are sure to gain."""
+    points, weights = weighted_points()
+    seeds, alive = jnp.array([10, 150, 60, 0]), jnp.array([True, True, True, False])
+    gained = []
+    for num_steps in (1, 2, 4, 8):
+        if free:
+            fitted = fit_free(points, weights, seeds, alive, num_steps, jnp.zeros(2))
+        else:
+            fitted = fit_fixed(points, weights, seeds, alive, jnp.array([0.5, 0.7]), num_steps)
+        terms = [
+            np.asarray(fitted.log_weights)[k]
+            + scipy.stats.multivariate_normal.logpdf(points, fitted.means[k], fitted.covariances[k if free else 0])
+            for k in range(3)
+        ]
+        gained.append(np.asarray(weights) @ np.logaddexp.reduce(terms))
+        assert fitted.log_weights[3] == -np.inf
+        assert np.isfinite(np.asarray(fitted.means)).all()
+    assert (np.diff(gained) > -1e-6).all()
+
+
+@cache
+def mixtures(correction, num_components=1, covariance="free", num_replicates=40):
+    """Natural parameters of the normalised mixtures' Gaussians, of independent filters."""
+    settings = MixtureSettings(num_components, covariance, correction=correction)
+    built = particle_filter(POSED.model, 1000)
+
+    def one(rng_key):
+        key_filter, key_fit = jax.random.split(rng_key)
+        states, infos = run(built, key_filter, POSED.observations, POSED.inputs)
+        history = History(states.particles, states.log_weights, infos.ancestors, infos.failed)
+        return fit_likelihood_mixture(key_fit, POSED.model, history, POSED.observations, POSED.inputs, settings)
+
+    return jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), num_replicates))
+
+
+def information_of_the_data():
+    """H^T R^-1 H and H^T R^-1 y of every frame."""
+    values, mask = np.asarray(POSED.observations.values["y"], float), np.asarray(POSED.observations.mask["y"])
+    precisions, slopes = [], []
+    for y, seen in zip(values, mask, strict=True):
+        H = POSED.matrices.H[seen]
+        gain = H.T @ np.linalg.inv(POSED.matrices.R[np.ix_(seen, seen)])
+        precisions.append(gain @ H)
+        slopes.append(gain @ y[seen])
+    return np.array(precisions), np.array(slopes)
+
+
+def information_scores(correction):
+    """z-scores of precisions and slopes at 0 against those of the data, at frames with data."""
+    fitted = mixtures(correction)
+    bends = np.asarray(fitted.precisions[:, :, 0], float)
+    slopes = np.asarray(fitted.slopes[:, :, 0], float)
+    slopes = slopes + np.einsum("rtij,rtj->rti", bends, np.asarray(fitted.anchors[:, :, 0], float))
+    seen = np.arange(5) != MASKED
+    scores = []
+    for found, expected in zip((bends, slopes), information_of_the_data(), strict=True):
+        found, expected = found[:, seen], expected[seen]
+        error = found.std(0, ddof=1) / np.sqrt(len(found))
+        scores.append(np.abs((found.mean(0) - expected) / error).max())
+    return scores
+
+
+def test_one_component_without_the_prediction_is_the_likelihood():
+    """N = 1000 and 40 replicates: the bias of an inverse variance, about 2 / ESS, is below two of the standard errors."""
+    assert max(information_scores("moments")) < 5
+
+
+def test_density_of_particles_that_is_left_in_is_noticed():
+    assert min(information_scores("none")) > 20
+
+
+def test_weights_over_density_stand_for_the_likelihood():
+    """Where the likelihood has an end in all directions: the first frame, whose mean is that of both data."""
+    fitted = mixtures("weights")
+    expected = np.linalg.solve(*(a[0] for a in information_of_the_data()))
+    found = np.asarray(fitted.anchors[:, 0, 0], float)
+    error = found.std(0, ddof=1) / np.sqrt(len(found))
+    assert np.abs((found.mean(0) - expected) / error).max() < 5
+    paper = np.asarray(mixtures("none").anchors[:, 0, 0], float)
+    assert np.abs((paper.mean(0) - expected) / (paper.std(0, ddof=1) / np.sqrt(len(paper)))).max() > 10
+
+
+@pytest.mark.parametrize("correction", ["none", "moments", "weights"])
+def test_frame_without_data_is_flat(correction):
+    fitted = mixtures(correction)
+    assert (np.asarray(fitted.precisions[:, MASKED]) == 0).all()
+    assert (np.asarray(fitted.slopes[:, MASKED]) == 0).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("covariance", ["fixed", "free"])
+@pytest.mark.parametrize("num_particles", [1, 3])
+def test_particles_that_are_all_equal_leave_no_nan(dtype, covariance, num_particles):
+    with precision(dtype):
+        posed = problem()
+        particles = jnp.broadcast_to(jnp.array([0.3, -0.2]), (5, num_particles, 2))
+        log_weights = jnp.full((5, num_particles), -jnp.log(float(num_particles)))
+        history = History(particles, log_weights, jnp.zeros((5, num_particles), jnp.int32), jnp.zeros(5, bool))
+        settings = MixtureSettings(4, covariance)
+        fit = jax.jit(lambda key: fit_likelihood_mixture(key, posed.model, history, posed.observations, posed.inputs, settings))
+        fitted = fit(jax.random.key(0))
+        values = jax.vmap(log_components)(fitted, particles[:, 0])
+    assert not any(np.isnan(np.asarray(leaf)).any() for leaf in fitted)
+    assert all(leaf.dtype == dtype for leaf in fitted)
+    assert np.isfinite(np.asarray(values).max(1)).all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "match"),
+    [
+        ({"num_components": 0}, "num_components is 0"),
+        ({"num_steps": 0}, "num_steps is 0"),
+        ({"covariance": "full"}, "fixed or free"),
+        ({"correction": "all"}, "none, weights, moments"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, match):
+    with pytest.raises(ValueError, match=match):
+        MixtureSettings(**settings).check()
