@@ -3,7 +3,7 @@
 `jax.vmap` over `jax.random.split(rng_key, N)` hashes twice for each number: once for the particle's key, once for its number.
 The keys here belong to a generator (JAX's own Threefry) that knows about batches. A key is three words: a key that all
 particles share, and the particle's number. Under `jax.vmap` the bits of all N particles are drawn at once from the shared key,
-so that N normals cost what `jax.random.normal(rng_key, (N,))` costs; a key on its own, as in a loop over particles, draws from
+so that N normals cost no more than `jax.random.normal(rng_key, (N,))`; a key on its own, as in a loop over particles, draws from
 the shared key folded with its number. Programs see ordinary scalar keys, may split them and draw anything, and particles are
 independent.
 
@@ -13,6 +13,7 @@ them, all determined by the key of the first replicate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -62,7 +63,12 @@ def _bits_of_batch(data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.A
 
     @jax.custom_batching.custom_vmap
     def draw(data: jax.Array) -> jax.Array:
-        return jax.random.bits(_shared(data), shape, dtype)
+        if dtype != jnp.uint32:
+            return jax.random.bits(_shared(data), shape, dtype)
+        # both words of each block of the cipher, of which JAX's own, which can be sharded, adds up one
+        numbers = jax.lax.iota(jnp.uint32, math.prod(shape))
+        bits: jax.Array = jax.extend.random.threefry_2x32(data[:2], numbers)
+        return bits.reshape(shape)
 
     @draw.def_vmap
     def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:

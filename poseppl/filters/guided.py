@@ -116,9 +116,9 @@ def guided_filter(
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         if proposal is None:
-            nowhere = jnp.zeros((num_particles, model.dimension), jnp.result_type(float))
+            nowhere = jnp.zeros((1, model.dimension), jnp.result_type(float))
             local = local_proposal(model, lambda x: model.initial_moments(inputs), nowhere, observation, inputs)
-            particles, log_proposal = local.draw(rng_key, identity)
+            particles, log_proposal = local.draw(rng_key, jnp.zeros_like(identity))
         else:
             proposing = propose_initial(model, proposal, observation, inputs)
             particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles))

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 
+from poseppl.particle_keys import particle_keys
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.dependence import output_dependence
 
@@ -44,7 +45,8 @@ class LocalProposal(NamedTuple):
     def draw(self, rng_key: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Draw states (N, d) around the means of the ancestors (N,), and their log-densities (N,)."""
         means = self.means[ancestors]
-        noise = jax.random.normal(rng_key, means.shape, means.dtype)
+        keys = particle_keys(rng_key, means.shape[0])
+        noise = jax.vmap(lambda key: jax.random.normal(key, means.shape[1:], means.dtype))(keys)
         if self.scales.ndim == 2:
             offset, log_det = noise @ self.scales.T, self.log_det
         else:
@@ -61,7 +63,7 @@ def local_proposal(
     Args:
         model: The compiled model, its sites over the real line.
         moments: Mean (d,) and covariance (d, d) of the state given the one before.
-        previous: States before (N, d); any at the first frame, whose moments do not depend on them.
+        previous: States before (N, d); a single one, of any value, at the first frame, whose moments do not depend on it.
         observation: The frame's data.
         inputs: The frame's inputs.
     """
@@ -75,14 +77,12 @@ def local_proposal(
 
     if _is_constant(lambda x: (moments(x)[1], model.observation_information(x, observation, inputs)), means[0]):
         scales, log_det, half_log_ratio = scale_of(previous[0], means[0])
-        white = slopes @ scales
-        means = means + white @ scales.T
+        shifts = slopes @ (scales @ scales.T)
     else:
         scales, log_det, half_log_ratio = jax.vmap(scale_of)(previous, means)
-        white = jnp.einsum("nij,ni->nj", scales, slopes)
-        means = means + jnp.einsum("nij,nj->ni", scales, white)
-    log_predictive = log_likelihood + 0.5 * jnp.sum(white**2, 1) - half_log_ratio
-    return LocalProposal(means, scales, _finite(jnp.where(usable, log_predictive, -jnp.inf)), log_det)
+        shifts = jnp.einsum("nij,nj->ni", scales, jnp.einsum("nij,ni->nj", scales, slopes))
+    log_predictive = log_likelihood + 0.5 * jnp.sum(slopes * shifts, 1) - half_log_ratio
+    return LocalProposal(means + shifts, scales, _finite(jnp.where(usable, log_predictive, -jnp.inf)), log_det)
 
 
 def _scale(covariance: jax.Array, information: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
