@@ -18,13 +18,16 @@ from poseppl.filters import (
 from poseppl.kernels import RANDOM_WALK_MOVES, HMCSettings, MoveSettings
 from poseppl.program import CompiledModel
 from poseppl.smoothers import (
+    MixtureSettings,
     Smoother,
     backward_simulation_smoother,
     fixed_lag_smoother,
     forward_backward_smoother,
     genealogy_smoother,
+    gibbs_smoother,
     particle_gibbs_smoother,
     trajectory_smoother,
+    variational_smoother,
     viterbi_smoother,
 )
 
@@ -211,6 +214,33 @@ SMOOTHERS: list[SmootherRow] = [
             model, num_chains=2, num_draws=100, num_warmup=50, kernel="hmc", num_leapfrog=8, num_curvatures=8
         ),
         num_particles=100,
+    ),
+    SmootherRow(
+        "gibbs",
+        gibbs_smoother,
+        lambda model: gibbs_smoother(model, num_components=20, num_draws=200, num_chains=2, burn_in=0.1),
+        consistent=False,
+    ),
+    SmootherRow(
+        "gibbs-model",
+        gibbs_smoother,
+        lambda model: gibbs_smoother(
+            model, num_components=20, num_draws=600, num_chains=2, burn_in=0.1, target="model", collapsed=False
+        ),
+    ),
+    SmootherRow(
+        "variational",
+        variational_smoother,
+        lambda model: variational_smoother(model, num_components=1, num_rounds=2, mixture=MixtureSettings(covariance="free")),
+        num_particles=2000,
+    ),
+    SmootherRow(
+        "variational-frames",
+        variational_smoother,
+        lambda model: variational_smoother(
+            model, num_components=20, num_draws=200, factorised=True, mixture=MixtureSettings(correction="none")
+        ),
+        consistent=False,
     ),
 ]
 

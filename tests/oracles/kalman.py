@@ -73,3 +73,14 @@ def _log_normal(x, mean, covariance):
     residual = x - mean
     quadratic = residual @ np.linalg.solve(covariance, residual)
     return -0.5 * (quadratic + np.linalg.slogdet(covariance)[1] + len(x) * np.log(2 * np.pi))
+
+
+def rauch_tung_striebel(matrices, filtered):
+    """Smoothed means (T, d) and covariances (T, d, d) from what `kalman_filter` returned."""
+    means, covariances = [filtered.means[-1]], [filtered.covariances[-1]]
+    for t in range(len(filtered.means) - 2, -1, -1):
+        P, P_predicted = filtered.covariances[t], filtered.predicted_covariances[t + 1]
+        J = np.linalg.solve(P_predicted, matrices.A @ P).T
+        means.append(filtered.means[t] + J @ (means[-1] - filtered.predicted_means[t + 1]))
+        covariances.append(P + J @ (covariances[-1] - P_predicted) @ J.T)
+    return np.array(means[::-1]), np.array(covariances[::-1])

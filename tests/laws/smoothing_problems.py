@@ -1,0 +1,146 @@
+"""The problems that the laws pose to every smoother, and how they run it behind a particle filter."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from law_problems import Problem, frame, moments, problem, run
+from oracles.forward_backward import forward_backward
+from oracles.kalman import kalman_filter, rauch_tung_striebel, simulate
+from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+
+from poseppl.filters import particle_filter
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers import History, collect_history
+
+
+class Smoothing(NamedTuple):
+    """A problem with known answer.
+
+    Attributes:
+        model: The compiled model.
+        observations: Stacked data (T,).
+        inputs: Stacked inputs, or None.
+        means: Exact smoothed means (T, d).
+        covariances: Exact smoothed covariances (T, d, d).
+    """
+
+    model: CompiledModel
+    observations: Observation
+    inputs: Any
+    means: np.ndarray
+    covariances: np.ndarray
+
+
+def linear_problem() -> Smoothing:
+    """The problem of the filters' laws."""
+    posed: Problem = problem()
+    exact = rauch_tung_striebel(posed.matrices, posed.exact)
+    return Smoothing(posed.model, posed.observations, posed.inputs, *exact)
+
+
+def linear_problem_of_dimension(dimension: int) -> Smoothing:
+    """A damped chain of coordinates, of which at most two are seen, so that a small particle filter can follow."""
+    matrices = linear_gaussian_matrices(dimension, min(dimension, 2))
+    _, ys = simulate(matrices, 4, seed=dimension)
+    model = linear_gaussian_model(matrices).compile()
+    exact = rauch_tung_striebel(matrices, kalman_filter(matrices, ys))
+    return Smoothing(model, model.observe({"y": ys}), None, *exact)
+
+
+def markov_problem(num_states: int) -> Smoothing:
+    """A hidden Markov chain of sticky states, told apart by one of four symbols each; a symbol in the middle is missing."""
+    if num_states == 2:
+        initial, transition, emission = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
+    else:
+        rng = np.random.default_rng(num_states)
+        initial, transition, emission = (rng.dirichlet(np.ones(k), n) for n, k in ((1, 5), (5, 5), (5, 4)))
+        initial, transition = initial[0], 0.5 * transition + 0.5 * np.eye(5)
+    ys = np.array([0, 1, 2, -1, 0, 2])
+    model = finite_hmm(initial, transition, emission).compile()
+    probabilities = forward_backward(initial, transition, emission, ys)[1]
+    states = np.arange(len(initial))
+    means = probabilities @ states
+    variances = ((states - means[:, None]) ** 2 * probabilities).sum(1)
+    values = np.where(ys < 0, np.nan, ys)
+    return Smoothing(model, model.observe({"y": values}), None, means[:, None], variances[:, None, None])
+
+
+def filtered_history(rng_key, posed, num_particles):
+    """What a particle filter leaves: `History` of all frames, its data as the driver hands them to a smoother."""
+    filter_ = particle_filter(posed.model, num_particles)
+    num_frames = posed.means.shape[0]
+    inputs = jnp.zeros(num_frames) if posed.inputs is None else posed.inputs
+    states, infos = run(filter_, rng_key, posed.observations, inputs)
+    history = jax.vmap(lambda state, info: collect_history(None, state, info, None))(states, infos)
+    return history, without_failed(posed.model, posed.observations, history.failed)
+
+
+def without_failed(model, observations, failed):
+    """Take away the data of failed frames."""
+    nothing = model.unobserved()
+    hide = jax.vmap(lambda seen, failed: jax.tree.map(lambda a, b: jnp.where(failed, a, b), nothing, seen))
+    return hide(observations, failed)
+
+
+@cache
+def replicator(row, posed_by, *arguments):
+    """A problem, and a function that runs filter and smoother again and again, compiled once for right and wrong variants."""
+    posed = posed_by(*arguments)
+    smoother, centres = row.build(posed.model), jnp.asarray(posed.means)
+
+    def one(rng_key, late_weights, late_inputs):
+        key_filter, key_smooth = jax.random.split(rng_key)
+        history, observations = filtered_history(key_filter, posed, row.num_particles)
+        history = history._replace(log_weights=jnp.roll(history.log_weights, late_weights, axis=0))
+        inputs = jax.tree.map(lambda leaf: jnp.roll(leaf, late_inputs, axis=0), posed.inputs)
+        smoothed = smoother.smooth(key_smooth, history, observations, inputs)
+        return moments(History(smoothed.particles, smoothed.log_weights, None, None), centres)
+
+    run_all = jax.jit(lambda keys, *late: jax.lax.map(lambda key: one(key, *late), keys))
+
+    def replicate(late_weights=0, late_inputs=0):
+        """Means (K, T, d) and second moments about the exact means (K, T, d, d), of runs given weights or inputs too late."""
+        keys = jax.random.split(jax.random.key(1), row.num_replicates)
+        return tuple(np.asarray(a, float) for a in run_all(keys, late_weights, late_inputs))
+
+    return posed, replicate
+
+
+@cache
+def history_for_conduct(num_particles=20, num_frames=5, impossible=None):
+    """A small history of the linear problem: `(history, observations, inputs)`, with impossible data at a frame if asked."""
+    posed = linear_problem()
+    values = posed.observations.values["y"]
+    if impossible is not None:
+        values = values.at[impossible].set(1e30)
+    observations = posed.observations._replace(values={"y": values})
+    few = slice(0, num_frames)
+    history, observations = filter_for_conduct(num_particles, num_frames)(jax.random.key(3), frame(observations, few))
+    return history, observations, posed.inputs[few]
+
+
+@cache
+def filter_for_conduct(num_particles, num_frames):
+    """The jitted filter behind `history_for_conduct`."""
+    posed = linear_problem()
+    posed = posed._replace(inputs=posed.inputs[:num_frames], means=posed.means[:num_frames])
+    return jax.jit(lambda key, observations: filtered_history(key, posed._replace(observations=observations), num_particles))
+
+
+@cache
+def smoother_for_conduct(row):
+    """The jitted smoother of a row for the linear problem, and a list that grows by one whenever it is traced."""
+    built = row.build(linear_problem().model)
+    traces: list[int] = []
+
+    def smooth(*arguments):
+        traces.append(1)
+        return built.smooth(*arguments)
+
+    return jax.jit(smooth), traces

@@ -1,0 +1,168 @@
+"""Laws on every smoother: how it behaves as a program, and that it finds the exact smoothing distributions.
+
+Tolerances of statistics are 5 standard errors over independent replicates of filter and smoother; the wrong variants, fed
+with the weights or the inputs of another frame, show that the tests would notice.
+"""
+
+from __future__ import annotations
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import SMOOTHERS, row_id
+from law_problems import z_scores
+from smoothing_problems import (
+    history_for_conduct,
+    linear_problem,
+    linear_problem_of_dimension,
+    markov_problem,
+    replicator,
+    smoother_for_conduct,
+)
+
+from poseppl.smoothers import Smoother, SmoothingInfo
+
+ROWS = {row.name: row for row in SMOOTHERS}
+every_smoother = pytest.mark.parametrize("row", SMOOTHERS, ids=row_id)
+consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
+discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
+two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
+
+
+@every_smoother
+def test_parameters_have_the_common_names_and_order(row):
+    parameters = list(inspect.signature(row.function).parameters.values())
+    assert parameters[0].name == "model"
+    for parameter in parameters[1:]:
+        positional = parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
+        assert parameter.default is not inspect.Parameter.empty or parameter.name.startswith("num_"), parameter
+        assert not positional or parameter.name.startswith("num_"), parameter
+    assert "Args:" in inspect.getdoc(row.function)
+    built = row.build(linear_problem().model)
+    assert isinstance(built, Smoother)
+    assert list(inspect.signature(built.smooth).parameters) == ["rng_key", "history", "observations", "inputs"]
+
+
+@every_smoother
+@pytest.mark.parametrize("x64", [False, True])
+def test_result_has_the_common_form(row, x64):
+    with jax.enable_x64(x64):
+        dtype = jnp.float64 if x64 else jnp.float32
+        posed = linear_problem()
+
+        def as_default(leaf):
+            return jnp.asarray(leaf, dtype) if jnp.issubdtype(leaf.dtype, jnp.floating) else jnp.asarray(leaf)
+
+        history, observations, inputs = jax.tree.map(as_default, history_for_conduct())
+        smoothed = jax.eval_shape(row.build(posed.model).smooth, jax.random.key(0), history, observations, inputs)
+    assert smoothed.particles.shape[0] == 5
+    assert smoothed.particles.shape[-1] == posed.model.dimension
+    assert smoothed.particles.ndim in (3, 4)
+    assert smoothed.log_weights.shape == smoothed.particles.shape[:-1]
+    assert isinstance(smoothed.info, SmoothingInfo)
+    assert smoothed.info.ess.shape == smoothed.info.acceptance.shape == (5,)
+    assert smoothed.info.divergences.dtype == jnp.int32
+    for leaf in jax.tree.leaves(smoothed):
+        assert not jnp.issubdtype(leaf.dtype, jnp.floating) or leaf.dtype == dtype
+
+
+def check_usable(smoothed):
+    for leaf in jax.tree.leaves(smoothed):
+        assert not np.isnan(np.asarray(leaf)).any()
+    assert np.isfinite(np.asarray(smoothed.particles)).all()
+    log_weights = np.asarray(smoothed.log_weights, float).reshape(len(smoothed.log_weights), -1)
+    if smoothed.particles.ndim == 3:
+        np.testing.assert_allclose(np.exp(log_weights).sum(1), 1.0, rtol=1e-4)
+    else:
+        np.testing.assert_array_equal(log_weights, 0.0)
+    info = smoothed.info
+    assert (np.asarray(info.ess) > 0).all()
+    assert (np.asarray(info.ess) <= log_weights.shape[1] * (1 + 1e-4)).all()
+    assert ((np.asarray(info.acceptance) >= 0) & (np.asarray(info.acceptance) <= 1)).all()
+    assert info.divergences >= 0
+
+
+@every_smoother
+def test_no_key_is_used_twice(row):
+    with jax.debug_key_reuse(True):
+        smoothed = smoother_for_conduct(row)[0](jax.random.key(0), *history_for_conduct())
+    check_usable(smoothed)
+
+
+@every_smoother
+def test_compiled_once_for_data_of_one_length(row):
+    """Also survives a frame of impossible data, which the filter has reported, and particles that are all one."""
+    smooth, traces = smoother_for_conduct(row)
+    check_usable(smooth(jax.random.key(0), *history_for_conduct()))
+    before = len(traces)
+    for impossible in (0, 1, 4):
+        history, observations, inputs = history_for_conduct(impossible=impossible)
+        assert [bool(failed) for failed in history.failed] == [t == impossible for t in range(5)]
+        check_usable(smooth(jax.random.key(1), history, observations, inputs))
+    history, observations, inputs = history_for_conduct()
+    equal = history._replace(particles=jnp.broadcast_to(history.particles[:1, :1], history.particles.shape))
+    check_usable(smooth(jax.random.key(2), equal, observations, inputs))
+    assert len(traces) == before
+
+
+@every_smoother
+def test_data_that_are_not_seen_do_not_matter(row):
+    history, observations, inputs = history_for_conduct()
+    other = observations._replace(values={"y": observations.values["y"].at[2].set(77.0)})
+    smooth = smoother_for_conduct(row)[0]
+    one, two = (smooth(jax.random.key(0), history, data, inputs) for data in (observations, other))
+    jax.tree.map(np.testing.assert_array_equal, one, two)
+
+
+@every_smoother
+@pytest.mark.parametrize(("num_particles", "num_frames"), [(20, 1), (1, 3)])
+def test_one_frame_and_one_particle(row, num_particles, num_frames):
+    built = row.build(linear_problem().model)
+    check_usable(jax.jit(built.smooth)(jax.random.key(0), *history_for_conduct(num_particles, num_frames)))
+
+
+def check_exact(row, *posed_by):
+    posed, replicate = replicator(row, *posed_by)
+    means, seconds = replicate()
+    assert np.abs(z_scores(means, posed.means)).max() < 5
+    assert np.abs(z_scores(seconds, posed.covariances)).max() < 5
+
+
+@consistent_smoothers
+def test_means_and_covariances_are_those_of_rauch_tung_and_striebel(row):
+    """Also at a frame without data, whose smoothing distribution comes from both sides."""
+    check_exact(row, linear_problem)
+
+
+@discrete_smoothers
+@pytest.mark.parametrize("num_states", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_states):
+    check_exact(row, markov_problem, num_states)
+
+
+@two_kinds
+@pytest.mark.parametrize("dimension", [1, 10, pytest.param(28, marks=pytest.mark.slow)])
+def test_linear_models_of_other_dimensions(name, dimension):
+    check_exact(ROWS[name], linear_problem_of_dimension, dimension)
+
+
+@two_kinds
+@pytest.mark.parametrize("wrong", ["late_weights", "late_inputs"])
+def test_weights_and_inputs_of_the_wrong_frame_are_noticed(name, wrong):
+    posed, replicate = replicator(ROWS[name], linear_problem)
+    means, _ = replicate(**{wrong: 1})
+    assert np.abs(z_scores(means, posed.means)).max() > 20
+
+
+def test_filtered_means_are_not_smoothed_ones():
+    row = ROWS["genealogy"]._replace(build=lambda model: Smoother(as_filtered, False))
+    posed, replicate = replicator(row, linear_problem)
+    means, _ = replicate()
+    assert np.abs(z_scores(means, posed.means)).max() > 20
+
+
+def as_filtered(rng_key, history, observations, inputs):
+    return history
