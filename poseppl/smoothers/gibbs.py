@@ -10,7 +10,8 @@ moves are those of :mod:`poseppl.smoothers.gibbs_moves`. Given their neighbours,
 odd ones too: a round moves all even frames at once, then all odd ones, in several chains side by side. Where transitions are
 linear Gaussian, x may also be drawn as a whole given s (blocked; Carter and Kohn 1994, doi:10.1093/biomet/81.3.541).
 
-One chain starts at the most likely particle of every frame (section 5.2), the others at particles drawn by their weights.
+One chain starts at the most likely particle of every frame (section 5.2), the others at trajectories drawn from the filter. A
+chain moves frame by frame, and does not cross between modes of whole trajectories: these it has from its start.
 
 What is sampled is the model with the mixture for its likelihood; nothing makes up for the error of that (the mixture's own
 module says how large it is), except `target="model"`: the same moves are accepted against the likelihood itself, which is then
@@ -36,6 +37,7 @@ from poseppl.smoothers.likelihood_mixture import (
     fit_likelihood_mixture,
     log_components,
 )
+from poseppl.smoothers.starts import draw_trajectories
 
 TARGETS = ("mixture", "model")
 
@@ -97,7 +99,7 @@ def gibbs_smoother(
         key_fit, key_start, key_chains = jax.random.split(rng_key, 3)
         history = history._replace(particles=_rounded(history.particles, quantise))
         likelihood = fit_likelihood_mixture(key_fit, model, history, observations, inputs, settings)
-        starts = gibbs_starts(key_start, history, num_chains)
+        starts = gibbs_starts(model, key_start, history, inputs, num_chains)
         chains = gibbs_chains(
             key_chains,
             model,
@@ -124,12 +126,13 @@ def gibbs_smoother(
     return Smoother(smooth, joint=True)
 
 
-def gibbs_starts(rng_key: jax.Array, history: History, num_chains: int) -> jax.Array:
-    """Trajectories (M, T, d): the most likely particle of every frame, then particles drawn by their weights."""
-    num_frames = history.log_weights.shape[0]
-    drawn = jax.random.categorical(rng_key, history.log_weights, shape=(num_chains, num_frames))
-    chosen = drawn.at[0].set(jnp.argmax(history.log_weights, axis=1))
-    return history.particles[jnp.arange(num_frames), chosen]
+def gibbs_starts(model: CompiledModel, rng_key: jax.Array, history: History, inputs: Any, num_chains: int) -> jax.Array:
+    """Trajectories (M, T, d): the most likely particle of every frame, then trajectories drawn by backward simulation."""
+    place = jnp.arange(history.log_weights.shape[0])
+    best = history.particles[place, jnp.argmax(history.log_weights, axis=1)]
+    if num_chains == 1:
+        return best[None]
+    return jnp.concatenate([best[None], draw_trajectories(model, rng_key, history, inputs, num_chains - 1)])
 
 
 def gibbs_chains(

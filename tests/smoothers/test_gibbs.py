@@ -139,7 +139,7 @@ def history_around(num_frames, num_particles=40, dimension=2, seed=0):
 
 def test_first_chain_starts_at_the_most_likely_particles():
     history = history_around(3)
-    starts = gibbs_starts(jax.random.key(0), history, 4)
+    starts = jax.jit(lambda key: gibbs_starts(POSED.model, key, history, POSED.inputs, 4))(jax.random.key(0))
     best = np.argmax(history.log_weights, axis=1)
     np.testing.assert_array_equal(starts[0], np.asarray(history.particles)[range(3), best])
     for frame in range(3):
