@@ -1,5 +1,8 @@
 """Moves that leave a density invariant, and the local geometry that they are scaled by."""
 
+from poseppl.kernels.demc import DEMCChains as DEMCChains
+from poseppl.kernels.demc import DEMCSettings as DEMCSettings
+from poseppl.kernels.demc import demc_chains as demc_chains
 from poseppl.kernels.hmc import Chains as Chains
 from poseppl.kernels.hmc import HMCSettings as HMCSettings
 from poseppl.kernels.hmc import hmc_chains as hmc_chains
