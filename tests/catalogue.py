@@ -9,6 +9,7 @@ from poseppl.filters import (
     Filter,
     annealed_filter,
     assumed_density_filter,
+    demc_filter,
     guided_filter,
     hmc_filter,
     kalman_filter,
@@ -136,6 +137,20 @@ FILTERS: list[FilterRow] = [
         num_replicates=40,
         posterior=False,
     ),
+    FilterRow(
+        "demc",
+        demc_filter,
+        lambda model: demc_filter(model, 200, num_layers=3),
+        consistent=False,
+        num_replicates=40,
+        posterior=False,
+    ),
+    FilterRow(
+        "demc-posterior",
+        demc_filter,
+        lambda model: demc_filter(model, 300, target="posterior", num_layers=5, snooker=0.1),
+        num_replicates=40,
+    ),
 ]
 
 
@@ -231,8 +246,10 @@ SMOOTHERS: list[SmootherRow] = [
     SmootherRow(
         "variational",
         variational_smoother,
-        lambda model: variational_smoother(model, num_components=1, num_rounds=2, mixture=MixtureSettings(covariance="free")),
-        num_particles=2000,
+        lambda model: variational_smoother(
+            model, num_components=1, num_rounds=2, mixture=MixtureSettings(covariance="free", num_steps=2)
+        ),
+        num_particles=1000,
     ),
     SmootherRow(
         "variational-frames",

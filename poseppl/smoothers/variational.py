@@ -87,6 +87,13 @@ class _Gaussian(NamedTuple):
     precision: BlockTridiagonal
 
 
+class _State(NamedTuple):
+    """q(x), and the responsibilities (T, K) that are best for it."""
+
+    q: _Gaussian
+    shares: jax.Array
+
+
 def variational_smoother(
     model: CompiledModel,
     *,
@@ -162,33 +169,34 @@ def fit_variational(
     parity = jnp.arange(history.particles.shape[0]) % 2
     parts = jnp.stack([parity == 0, parity == 1] if factorised else [parity >= 0])
 
-    def energy_of(q: _Gaussian) -> jax.Array:
-        return _free_energy(model, mixture, inputs, q)
-
-    def move(q: _Gaussian, chosen: jax.Array) -> tuple[_Gaussian, jax.Array]:
-        target, slope = _target(model, mixture, inputs, q)
+    def move(state: _State, chosen: jax.Array, moves: jax.Array) -> tuple[_State, jax.Array]:
+        """Update q(x) at the chosen frames, and q(s); where it does not move, only the free energy is computed."""
+        q = state.q
+        target, slope = _target(model, mixture, inputs, state)
         if factorised:
             diagonal = jnp.where(chosen[:, None, None], target.diagonal, q.precision.diagonal)
             target, slope = BlockTridiagonal(diagonal, q.precision.below), jnp.where(chosen[:, None], slope, 0.0)
 
-        def towards(fraction: jax.Array) -> _Gaussian:
+        def towards(fraction: jax.Array) -> tuple[_State, jax.Array]:
             precision = jax.tree.map(lambda old, new: (1 - fraction) * old + fraction * new, q.precision, target)
-            return _Gaussian(q.means + solve(block_cholesky(precision), fraction * slope), precision)
+            factor = block_cholesky(precision)
+            means = q.means + solve(factor, fraction * slope)
+            energy, shares = _free_energy(model, mixture, inputs, means, factor)
+            return _State(_Gaussian(means, precision), shares), energy
 
-        tried = jax.vmap(towards)(fractions)
-        energies = jax.vmap(energy_of)(tried)
+        tried, energies = jax.vmap(towards)(fractions * moves)
         best = jnp.argmin(jnp.where(jnp.isnan(energies), jnp.inf, energies))
-        return jax.tree.map(lambda a: a[best], tried), energies[best]
+        least: tuple[_State, jax.Array] = jax.tree.map(lambda a: a[best], (tried, energies))
+        return least
 
-    def update(q: _Gaussian, _: None) -> tuple[_Gaussian, jax.Array]:
-        q, energies = jax.lax.scan(move, q, parts)
-        return q, energies[-1]
+    def update(state: _State, moves: jax.Array) -> tuple[_State, jax.Array]:
+        state, energies = jax.lax.scan(lambda state, chosen: move(state, chosen, moves), state, parts)
+        return state, energies[-1]
 
-    start = _start(model, history, inputs)
-    q, energies = jax.lax.scan(update, start, None, length=num_rounds)
-    factor = block_cholesky(q.precision)
-    shares = jax.nn.softmax(_expected_log_components(mixture, q.means, marginal_covariances(factor).own), axis=1)
-    return VariationalFit(q.means, factor, shares, jnp.concatenate([energy_of(start)[None], energies]))
+    start = _State(_start(model, history, inputs), jnp.zeros_like(mixture.log_heights))
+    # the first round stays where it is: it tells the free energy and the responsibilities at the start
+    state, energies = jax.lax.scan(update, start, (jnp.arange(num_rounds + 1) > 0).astype(fractions.dtype))
+    return VariationalFit(state.q.means, block_cholesky(state.q.precision), state.shares, energies)
 
 
 def _start(model: CompiledModel, history: History, inputs: Any) -> _Gaussian:
@@ -207,29 +215,28 @@ def _expected_log_components(mixture: LikelihoodMixture, means: jax.Array, covar
     return jax.vmap(log_components)(mixture, means) - 0.5 * spread
 
 
-def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, q: _Gaussian) -> tuple[BlockTridiagonal, jax.Array]:
-    """Precision of the optimal q(x) given the optimal q(s), and the slope (T, d) at the means."""
-    covariances = marginal_covariances(block_cholesky(q.precision)).own
-    shares = jax.nn.softmax(_expected_log_components(mixture, q.means, covariances), axis=1)
-    bent = jnp.einsum(
-        "tkij,tkj->tki",
-        jnp.broadcast_to(mixture.precisions, (*mixture.anchors.shape, q.means.shape[1])),
-        q.means[:, None] - mixture.anchors,
-    )
+def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, state: _State) -> tuple[BlockTridiagonal, jax.Array]:
+    """Precision of the optimal q(x) given q(s), and the slope (T, d) at the means."""
+    means, shares = state.q.means, state.shares
+    offset = means[:, None] - mixture.anchors
+    bent = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
     pull = jnp.einsum("tk,tki->ti", shares, mixture.slopes - bent)
     shared = mixture.precisions.shape[1] == 1
     added = mixture.precisions[:, 0] if shared else jnp.einsum("tk,tkij->tij", shares, mixture.precisions)
-    prior, slope = quadratic_prior(linear_transitions(model, q.means, inputs), q.means)
+    prior, slope = quadratic_prior(linear_transitions(model, means, inputs), means)
     return prior._replace(diagonal=prior.diagonal + added), slope + pull
 
 
-def _free_energy(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, q: _Gaussian) -> jax.Array:
-    """F of q(x) with its optimal q(s)."""
-    factor = block_cholesky(q.precision)
+def _free_energy(
+    model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, means: jax.Array, factor: BlockCholesky
+) -> tuple[jax.Array, jax.Array]:
+    """F of q(x) with its optimal q(s), and that, the responsibilities (T, K)."""
     covariances = marginal_covariances(factor).own
-    evidence = jnp.sum(jax.nn.logsumexp(_expected_log_components(mixture, q.means, covariances), axis=1))
-    entropy = 0.5 * q.means.size * (1.0 + jnp.log(2 * jnp.pi)) - 0.5 * factor.log_det
-    return _expected_prior(model, inputs, q.means, factor, covariances) - evidence - entropy
+    logits = _expected_log_components(mixture, means, covariances)
+    evidence = jnp.sum(jax.nn.logsumexp(logits, axis=1))
+    entropy = 0.5 * means.size * (1.0 + jnp.log(2 * jnp.pi)) - 0.5 * factor.log_det
+    energy = _expected_prior(model, inputs, means, factor, covariances) - evidence - entropy
+    return energy, jax.nn.softmax(logits, axis=1)
 
 
 def _expected_prior(
