@@ -1,0 +1,46 @@
+"""A filter run over all frames inside jit, for the algorithms that call one again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.program import Observation
+from poseppl.smoothers.base import History, collect_history
+
+Keep = Callable[[Any, Info], Any]
+
+
+def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any, keep: Keep) -> Any:
+    """Run a filter, and stack what `keep(state, info)` returns for each frame."""
+    key_first, key_later = jax.random.split(rng_key)
+    first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], (observations, inputs)) for rows in (0, slice(1, None)))
+    state, info = filter.init(key_first, *first)
+    num_later = jax.tree.leaves(observations)[0].shape[0] - 1
+
+    def advance(state: Any, row: Any) -> tuple[Any, Any]:
+        state, info = filter.step(row[0], state, *row[1])
+        return state, keep(state, info)
+
+    kept = keep(state, info)
+    _, rest = jax.lax.scan(advance, state, (jax.random.split(key_later, num_later), later))
+    return jax.tree.map(lambda one, many: jnp.concatenate([one[None], many]), kept, rest)
+
+
+def filter_history(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> History:
+    """What a filter leaves for a smoother."""
+    history: History = scan_filter(
+        filter, rng_key, observations, inputs, lambda state, info: collect_history(rng_key, state, info, None)
+    )
+    return history
+
+
+def filter_evidence(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> jax.Array:
+    """Log-evidence of all frames as a filter estimates it, a scalar; -inf when it cannot."""
+    increments = scan_filter(filter, rng_key, observations, inputs, lambda _, info: info.log_evidence)
+    total = jnp.sum(increments)
+    return jnp.where(jnp.isnan(total), -jnp.inf, total)

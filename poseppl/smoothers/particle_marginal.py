@@ -1,0 +1,167 @@
+r"""Particle marginal Metropolis-Hastings: static parameters by a random walk whose likelihood a filter estimates.
+
+Andrieu, Doucet and Holenstein 2010, section 4.4 (doi:10.1111/j.1467-9868.2009.00736.x). In unconstrained coordinates u, propose
+u' = u + lambda S^(1/2) N(0, 1) and accept with probability
+
+    min(1, Z'(u') p(u') / (Z(u) p(u))),
+
+where Z is the evidence of all frames as a filter estimates it. Where exp(log Z) is unbiased, as for particle filters, the law
+of the chain is exactly the posterior of u, whatever the number of particles, provided that Z(u) of the current point is kept,
+not estimated anew. Few particles make chains stick: the standard deviation of log Z should be about 1.
+
+S is learned from all chains during the warm-up (:mod:`poseppl.kernels.adaptive_covariance`), and lambda adapted to the rate of
+acceptance; both are frozen before the draws that count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter
+from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.smoothers.inner_filter import filter_evidence
+
+Evaluate = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+
+_TARGET_ACCEPTANCE = 0.25
+_PRIOR_DRAWS = 64
+
+
+class ParticleMarginal(NamedTuple):
+    """What PMMH returns.
+
+    Attributes:
+        params: Draws by name (M, R, ...), constrained.
+        unconstrained: The same draws (M, R, p).
+        log_evidence: The filter's estimate at each draw (M, R).
+        acceptance: Share of the proposals that were accepted, after the warm-up.
+        scale: The frozen lambda.
+        covariance: The frozen S (p, p).
+    """
+
+    params: dict[str, jax.Array]
+    unconstrained: jax.Array
+    log_evidence: jax.Array
+    acceptance: jax.Array
+    scale: jax.Array
+    covariance: jax.Array
+
+
+class _State(NamedTuple):
+    """Positions (M, p), their log-posteriors and log-evidences (M,), log lambda, and what is known of the target."""
+
+    positions: jax.Array
+    log_posterior: jax.Array
+    log_evidence: jax.Array
+    log_scale: jax.Array
+    known: AdaptiveCovariance
+
+
+def pmmh(
+    model: CompiledModel,
+    rng_key: jax.Array,
+    observations: Observation,
+    inputs: Any = None,
+    *,
+    build_filter: Callable[[CompiledModel], Filter],
+    num_chains: int = 4,
+    num_draws: int = 1000,
+    num_warmup: int = 500,
+    start: Mapping[str, Any] | None = None,
+) -> ParticleMarginal:
+    """Sample the posterior of a model's static parameters.
+
+    Args:
+        model: The compiled model, with a parameters program.
+        rng_key: PRNG key.
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, or None.
+        build_filter: `model -> filter`, say `lambda model: particle_filter(model, 500)`; its evidence should be unbiased.
+        num_chains: M, chains side by side.
+        num_draws: R, draws of each chain that count.
+        num_warmup: Updates of each chain before them.
+        start: Params by name that all chains start from; draws from the prior if None.
+
+    Returns:
+        The draws. The function can be jitted.
+
+    Raises:
+        ValueError: A number out of range, or a parameters program that cannot be learned.
+    """
+    for name, number, least in (("num_chains", num_chains, 1), ("num_draws", num_draws, 1), ("num_warmup", num_warmup, 0)):
+        if number < least:
+            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    chart = parameter_chart(model)
+
+    def evaluate(rng_key: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Log-posterior and log-evidence at u."""
+        built = build_filter(model.with_params(chart.to_params(u)))
+        log_evidence = filter_evidence(built, rng_key, observations, inputs)
+        log_posterior = log_evidence + chart.log_prior(model, u)
+        return jnp.where(jnp.isnan(log_posterior), -jnp.inf, log_posterior), log_evidence
+
+    key_start, key_first, key_updates = jax.random.split(rng_key, 3)
+    positions, known = starting_points(model, chart, key_start, num_chains, start)
+    log_posterior, log_evidence = jax.vmap(evaluate)(jax.random.split(key_first, num_chains), positions)
+    scale = jnp.asarray(jnp.log(2.38 / chart.dimension**0.5), positions.dtype)
+    first = _State(positions, log_posterior, log_evidence, scale, known)
+    rows = jax.random.split(key_updates, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
+    final, (draws, evidences, accepted) = jax.lax.scan(partial(_update, evaluate, num_warmup), first, rows)
+    unconstrained = jnp.swapaxes(draws[num_warmup:], 0, 1)
+    return ParticleMarginal(
+        params=jax.vmap(jax.vmap(chart.to_params))(unconstrained),
+        unconstrained=unconstrained,
+        log_evidence=evidences[num_warmup:].T,
+        acceptance=jnp.mean(accepted[num_warmup:]),
+        scale=jnp.exp(final.log_scale),
+        covariance=final.known.covariance,
+    )
+
+
+def starting_points(
+    model: CompiledModel, chart: ParameterChart, rng_key: jax.Array, num_chains: int, start: Mapping[str, Any] | None
+) -> tuple[jax.Array, AdaptiveCovariance]:
+    """Where chains start (M, p), and the prior's moments to begin learning from."""
+    keys = jax.random.split(rng_key, max(_PRIOR_DRAWS, num_chains))
+    drawn = jax.vmap(lambda key: chart.to_flat(model.sample_parameters(key)))(keys)
+    known = initial_covariance(drawn)
+    if start is None:
+        return drawn[:num_chains], known
+    return jnp.broadcast_to(chart.to_flat(start), (num_chains, chart.dimension)), known
+
+
+def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[jax.Array, jax.Array]) -> tuple[_State, Any]:
+    """One move of all chains."""
+    key, number = row
+    key_move, key_filter, key_accept = jax.random.split(key, 3)
+    lower = jnp.linalg.cholesky(ridged(state.known.covariance))
+    noise = jax.random.normal(key_move, state.positions.shape, state.positions.dtype)
+    proposed = state.positions + jnp.exp(state.log_scale) * noise @ lower.T
+    values, evidence = jax.vmap(evaluate)(jax.random.split(key_filter, proposed.shape[0]), proposed)
+    log_ratio = jnp.where(jnp.isneginf(values), -jnp.inf, values - state.log_posterior)
+    accepted = jnp.log(1.0 - jax.random.uniform(key_accept, values.shape, values.dtype)) < log_ratio
+    moved = state._replace(
+        positions=jnp.where(accepted[:, None], proposed, state.positions),
+        log_posterior=jnp.where(accepted, values, state.log_posterior),
+        log_evidence=jnp.where(accepted, evidence, state.log_evidence),
+    )
+    moved = _adapt(moved, jnp.mean(jnp.exp(jnp.minimum(log_ratio, 0.0))), number, num_warmup)
+    return moved, (moved.positions, moved.log_evidence, jnp.mean(accepted, dtype=values.dtype))
+
+
+def _adapt(state: _State, rate: jax.Array, number: jax.Array, num_warmup: int) -> _State:
+    """Learn from an update of the warm-up; later ones change nothing."""
+    gain = (number + 1.0) ** -0.6
+    learned = state._replace(
+        log_scale=state.log_scale + (gain * (rate - _TARGET_ACCEPTANCE)).astype(state.log_scale.dtype),
+        known=learn(state.known, state.positions, number),
+    )
+    adapted: _State = jax.tree.map(lambda new, old: jnp.where(number < num_warmup, new, old), learned, state)
+    return adapted

@@ -1,0 +1,205 @@
+r"""Particle Gibbs for static parameters: trajectories and params drawn in turn from each other's conditional.
+
+Andrieu, Doucet and Holenstein 2010, section 4.5 (doi:10.1111/j.1467-9868.2009.00736.x). Each sweep of each chain
+
+1. moves the trajectory, x | params, z, by conditional sequential Monte Carlo (:mod:`poseppl.smoothers.conditional_smc`);
+2. moves the params, u | x, z in unconstrained coordinates, by NUTS on
+
+       log p(x, z | params(u)) + log p(params(u)) + log |det d params / d u|,
+
+whose mass matrix is learned from all chains in the warm-up (:mod:`poseppl.kernels.adaptive_covariance`), and whose step size is
+adapted by dual averaging; both are then frozen. The draws of (x, params) have their joint posterior as law, for any number of
+particles.
+
+The chain mixes slowly where a param is nearly determined by the trajectory, as the scale of a random walk over many frames is:
+its conditional is then much narrower than its posterior. :func:`poseppl.smoothers.particle_marginal.pmmh` conditions on no trajectory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import blackjax
+import jax
+import jax.numpy as jnp
+from blackjax.adaptation.step_size import dual_averaging_adaptation
+
+from poseppl.filters.particle import particle_filter
+from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.smoothers.base import Smoothed, smoothing_info
+from poseppl.smoothers.conditional_smc import Method, check_method, conditional_smc
+from poseppl.smoothers.effective import effective_draws_by_frame
+from poseppl.smoothers.inner_filter import filter_history
+from poseppl.smoothers.particle_marginal import starting_points
+from poseppl.smoothers.starts import draw_trajectories
+
+_TARGET_ACCEPTANCE = 0.8
+_MAX_DOUBLINGS = 6
+
+
+class ParticleGibbs(NamedTuple):
+    """What particle Gibbs returns; the draws of one index belong together.
+
+    Attributes:
+        params: Draws by name (M, R, ...), constrained.
+        unconstrained: The same draws (M, R, p).
+        smoothed: The trajectories, particles (T, M, R, d).
+        acceptance: Mean acceptance rate of the params' moves, after the warm-up.
+        step_size: Their frozen step size.
+    """
+
+    params: dict[str, jax.Array]
+    unconstrained: jax.Array
+    smoothed: Smoothed
+    acceptance: jax.Array
+    step_size: jax.Array
+
+
+class _Setting(NamedTuple):
+    """What stays the same from sweep to sweep."""
+
+    model: CompiledModel
+    chart: ParameterChart
+    observations: Observation
+    inputs: Any
+    num_particles: int
+    method: Method
+    num_warmup: int
+
+    def bound(self, u: jax.Array) -> CompiledModel:
+        """The model with the params of u (p,)."""
+        return self.model.with_params(self.chart.to_params(u))
+
+
+class _State(NamedTuple):
+    """Trajectories (M, T, d), params (M, p), the step size's adaptation, and what is known of the params."""
+
+    trajectories: jax.Array
+    positions: jax.Array
+    adaptation: Any
+    known: AdaptiveCovariance
+
+
+def particle_gibbs(
+    model: CompiledModel,
+    rng_key: jax.Array,
+    observations: Observation,
+    inputs: Any = None,
+    *,
+    num_particles: int = 100,
+    num_chains: int = 4,
+    num_draws: int = 500,
+    num_warmup: int = 250,
+    method: Method = "ancestor",
+    start: Mapping[str, Any] | None = None,
+) -> ParticleGibbs:
+    """Sample the posterior of a model's trajectory and static parameters.
+
+    Args:
+        model: The compiled model, with a parameters program.
+        rng_key: PRNG key.
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, or None.
+        num_particles: N of each move of a trajectory.
+        num_chains: M, chains side by side.
+        num_draws: R, draws of each chain that count.
+        num_warmup: Sweeps of each chain before them.
+        method: How a trajectory is drawn, "ancestor" sampling or "backward" simulation.
+        start: Params by name that all chains start from; draws from the prior if None.
+
+    Returns:
+        The draws. The function can be jitted.
+
+    Raises:
+        ValueError: A number out of range, an unknown method, or a parameters program that cannot be learned.
+    """
+    counts = (("num_particles", num_particles, 2), ("num_chains", num_chains, 1), ("num_draws", num_draws, 1))
+    for name, number, least in (*counts, ("num_warmup", num_warmup, 0)):
+        if number < least:
+            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_method(method)
+    chart = parameter_chart(model)
+    setting = _Setting(model, chart, observations, inputs, num_particles, method, num_warmup)
+    key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)
+    positions, known = starting_points(model, chart, key_params, num_chains, start)
+    trajectories = jax.vmap(partial(_first_trajectory, setting))(jax.random.split(key_states, num_chains), positions)
+    adaptation: Any = dual_averaging_adaptation(_TARGET_ACCEPTANCE)[0](jnp.asarray(0.5, positions.dtype))
+    adaptation = jax.tree.map(lambda leaf: jnp.asarray(leaf, positions.dtype), adaptation)
+    adaptation = adaptation._replace(log_step_size_avg=adaptation.log_step_size)
+    rows = jax.random.split(key_sweeps, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
+    final, kept = jax.lax.scan(partial(_sweep, setting), _State(trajectories, positions, adaptation, known), rows)
+    draws, params, diagnosis = jax.tree.map(lambda leaf: leaf[num_warmup:], kept)
+    unconstrained = jnp.swapaxes(params, 0, 1)
+    return ParticleGibbs(
+        params=jax.vmap(jax.vmap(chart.to_params))(unconstrained),
+        unconstrained=unconstrained,
+        smoothed=_smoothed(jnp.transpose(draws, (2, 1, 0, 3)), diagnosis, len(rows[1]) * num_chains * num_particles),
+        acceptance=jnp.mean(diagnosis[0]),
+        step_size=jnp.exp(final.adaptation.log_step_size_avg),
+    )
+
+
+def _sweep(setting: _Setting, state: _State, row: tuple[jax.Array, jax.Array]) -> tuple[_State, Any]:
+    """Move the trajectory and then the params of every chain."""
+    key, number = row
+    early = number < setting.num_warmup
+    log_step_size = jnp.where(early, state.adaptation.log_step_size, state.adaptation.log_step_size_avg)
+    step_size, mass = jnp.exp(log_step_size), ridged(state.known.covariance)
+
+    def move(key: jax.Array, xs: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array, Any]:
+        key_states, key_params = jax.random.split(key)
+        xs = conditional_smc(
+            setting.bound(u), key_states, xs, setting.observations, setting.inputs, setting.num_particles, setting.method
+        )
+        return xs, *_move_params(setting, key_params, xs, u, step_size, mass)
+
+    keys = jax.random.split(key, state.positions.shape[0])
+    xs, positions, info = jax.vmap(move)(keys, state.trajectories, state.positions)
+    acceptance = jnp.mean(jnp.where(jnp.isnan(info.acceptance_rate), 0.0, info.acceptance_rate))
+    _, improve, _ = dual_averaging_adaptation(_TARGET_ACCEPTANCE)
+    learned = improve(state.adaptation, acceptance), learn(state.known, positions, number)
+    frozen = state.adaptation, state.known
+    adapted = jax.tree.map(lambda new, old: jnp.where(early, new, old).astype(old.dtype), learned, frozen)
+    changed = jnp.mean(jnp.any(xs != state.trajectories, -1), 0)
+    diagnosis = (acceptance, changed, jnp.sum(info.is_divergent), jnp.sum(info.num_integration_steps + 1))
+    return _State(xs, positions, *adapted), (xs, positions, diagnosis)
+
+
+def _move_params(
+    setting: _Setting, rng_key: jax.Array, xs: jax.Array, u: jax.Array, step_size: jax.Array, mass: jax.Array
+) -> tuple[jax.Array, Any]:
+    """A move of NUTS on the density of u given a trajectory and the data; NaN counts as -inf."""
+
+    def log_density(u: jax.Array) -> jax.Array:
+        joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
+        value = joint + setting.chart.log_prior(setting.model, u)
+        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+
+    kernel: Any = blackjax.nuts.build_kernel()
+    state, info = kernel(rng_key, blackjax.hmc.init(u, log_density), log_density, step_size, mass, _MAX_DOUBLINGS)
+    return state.position, info
+
+
+def _first_trajectory(setting: _Setting, rng_key: jax.Array, u: jax.Array) -> jax.Array:
+    key_filter, key_draw = jax.random.split(rng_key)
+    model = setting.bound(u)
+    history = filter_history(particle_filter(model, setting.num_particles), key_filter, setting.observations, setting.inputs)
+    return draw_trajectories(model, key_draw, history, setting.inputs, 1)[0]
+
+
+def _smoothed(particles: jax.Array, diagnosis: Any, num_moved: int) -> Smoothed:
+    _, changed, divergent, gradients = diagnosis
+    num_frames = particles.shape[0]
+    info = smoothing_info(
+        num_frames,
+        effective_draws_by_frame(particles),
+        acceptance=jnp.mean(changed, 0),
+        divergences=jnp.sum(divergent),
+        num_transition=float(num_moved * (num_frames - 1)),
+        num_gradient=num_frames * jnp.sum(gradients),
+    )
+    return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)

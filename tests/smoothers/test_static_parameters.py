@@ -1,0 +1,171 @@
+"""Learning static parameters: particle Gibbs and PMMH against a grid with Kalman's evidence; wrong ones are noticed."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from law_problems import z_scores
+from oracles.kalman import kalman_filter
+from poseppl_models.linear_gaussian import linear_gaussian_matrices
+
+from poseppl.filters import particle_filter
+from poseppl.program import StateSpaceModel
+from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.smoothers import particle_marginal
+from poseppl.smoothers.particle_marginal import pmmh
+from poseppl.smoothers.static_parameters import particle_gibbs
+
+YS = np.array([0.3, -1.1, 0.9, 2.0, 0.2, -0.6, 0.5, 1.8, 1.1, -0.4])
+CHAINS = 24
+
+
+def parameters():
+    numpyro.sample("noise", dist.LogNormal(-0.5, 0.7))
+
+
+def initial(params, inputs):
+    numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+
+def transition(params, state, inputs):
+    numpyro.sample("x", dist.Normal(0.8 * state["x"], 0.6))
+
+
+def observation(params, state, inputs):
+    numpyro.sample("y", dist.Normal(state["x"], params["noise"]))
+
+
+@cache
+def posed():
+    model = StateSpaceModel(initial, transition, observation, parameters).compile()
+    return model, model.observe({"y": YS})
+
+
+@cache
+def exact():
+    """Mean and second moment about it of the log-noise, and the mean of each state, on a grid of log-noises."""
+    grid = np.linspace(-5.0, 3.0, 401)
+    log_posterior = []
+    for u in grid:
+        matrices = linear_gaussian_matrices(1, A=[[0.8]], Q=[[0.36]], R=[[np.exp(2 * u)]])
+        log_posterior.append(kalman_filter(matrices, YS[:, None]).log_evidence.sum() - 0.5 * ((u + 0.5) / 0.7) ** 2)
+    weights = np.exp(np.array(log_posterior) - max(log_posterior))
+    weights /= weights.sum()
+    mean = weights @ grid
+    return np.array([mean, weights @ (grid - mean) ** 2])
+
+
+def scores(unconstrained):
+    """z-scores of the mean and the second moment; each chain is a replicate."""
+    u = np.asarray(unconstrained)[..., 0]
+    chains = np.stack([u.mean(1), ((u - exact()[0]) ** 2).mean(1)], 1)
+    return z_scores(chains, exact())
+
+
+def run_gibbs(**settings):
+    model, observations = posed()
+    settings = {"num_particles": 8, "num_chains": CHAINS, "num_draws": 300, "num_warmup": 100, **settings}
+    return jax.jit(lambda key: particle_gibbs(model, key, observations, **settings))(jax.random.key(0))
+
+
+def run_pmmh(num_particles=10, num_draws=1200, **settings):
+    model, observations = posed()
+
+    def run(key):
+        return pmmh(
+            model,
+            key,
+            observations,
+            build_filter=lambda bound: particle_filter(bound, num_particles),
+            num_chains=CHAINS,
+            num_draws=num_draws,
+            num_warmup=200,
+            **settings,
+        )
+
+    return jax.jit(run)(jax.random.key(1))
+
+
+@pytest.mark.parametrize("method", ["ancestor", "backward"])
+def test_particle_gibbs_has_the_posterior_of_the_grid(method):
+    result = run_gibbs(method=method)
+    assert np.abs(scores(result.unconstrained)).max() < 5
+    np.testing.assert_allclose(result.params["noise"], np.exp(result.unconstrained[..., 0]), rtol=1e-5)
+    assert result.smoothed.particles.shape == (10, CHAINS, 300, 1)
+    assert 0.6 < float(result.acceptance) < 0.99
+    assert float(result.smoothed.info.divergences) <= 0.01 * CHAINS * 300
+    assert (np.asarray(result.smoothed.info.acceptance) > 0.3).all()
+
+
+def test_pmmh_has_the_posterior_of_the_grid():
+    result = run_pmmh()
+    assert np.abs(scores(result.unconstrained)).max() < 5
+    assert 0.1 < float(result.acceptance) < 0.4
+    assert np.isfinite(result.log_evidence).all()
+
+
+def test_a_chart_without_its_determinant_is_noticed(monkeypatch):
+    monkeypatch.setattr(ParameterChart, "log_det", lambda chart, u: jnp.zeros(()))
+    assert np.abs(scores(run_gibbs().unconstrained)).max() > 7
+    assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
+
+
+def test_evidence_that_is_estimated_anew_is_noticed(monkeypatch):
+    right = particle_marginal._update
+
+    def wrong(evaluate, num_warmup, state, row):
+        key, key_again = jax.random.split(row[0])
+        log_posterior, _ = jax.vmap(evaluate)(jax.random.split(key_again, CHAINS), state.positions)
+        return right(evaluate, num_warmup, state._replace(log_posterior=log_posterior), (key, row[1]))
+
+    monkeypatch.setattr(particle_marginal, "_update", wrong)
+    assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
+
+
+def test_chains_start_where_they_are_told_to():
+    result = run_pmmh(num_draws=1, start={"noise": 0.5})
+    assert np.isfinite(result.unconstrained).all()
+
+
+def test_the_chart_of_params():
+    def program():
+        numpyro.sample("noise", dist.LogNormal(0.0, 1.0))
+        numpyro.sample("share", dist.Beta(2.0, 3.0).expand([2]).to_event(1))
+        numpyro.sample("shift", dist.Normal(0.0, 1.0))
+
+    model = StateSpaceModel(initial, transition, observation, program).compile()
+    chart = parameter_chart(model)
+    assert chart.coordinate_names == ("noise", "share[0]", "share[1]", "shift")
+    params = {"noise": 0.3, "share": jnp.array([0.2, 0.9]), "shift": -1.0}
+    u = chart.to_flat(params)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), chart.to_params(u), params)
+    share = np.array([0.2, 0.9])
+    assert float(chart.log_det(u)) == pytest.approx(np.log(0.3) + np.log(share * (1 - share)).sum(), rel=1e-5)
+    assert float(chart.log_prior(model, u)) == pytest.approx(float(model.log_parameters(params) + chart.log_det(u)), rel=1e-5)
+
+
+def test_what_cannot_be_learned_is_told():
+    def counts():
+        numpyro.sample("noise", dist.Poisson(3.0))
+
+    def nested():
+        top = numpyro.sample("top", dist.LogNormal(0.0, 1.0))
+        numpyro.sample("noise", dist.Uniform(0.0, top))
+
+    model, observations = posed()
+    with pytest.raises(ValueError, match="integer"):
+        parameter_chart(StateSpaceModel(initial, transition, observation, counts).compile())
+    with pytest.raises(ValueError, match="depends on another"):
+        parameter_chart(StateSpaceModel(initial, transition, observation, nested).compile())
+    with pytest.raises(ValueError, match="no parameters program"):
+        parameter_chart(StateSpaceModel(initial, transition, observation).compile(params={"noise": 0.1}))
+    with pytest.raises(ValueError, match="num_particles"):
+        particle_gibbs(model, jax.random.key(0), observations, num_particles=1)
+    with pytest.raises(ValueError, match="num_draws"):
+        pmmh(model, jax.random.key(0), observations, build_filter=lambda bound: particle_filter(bound, 10), num_draws=0)
