@@ -13,11 +13,10 @@ from poseppl.smoothers.forward_backward import forward_backward_smoother as forw
 from poseppl.smoothers.genealogy import genealogy_smoother as genealogy_smoother
 from poseppl.smoothers.gibbs import gibbs_smoother as gibbs_smoother
 from poseppl.smoothers.likelihood_mixture import MixtureSettings as MixtureSettings
-from poseppl.smoothers.particle_gibbs_smoothing import particle_gibbs_smoother as particle_gibbs_smoother
+from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh
 from poseppl.smoothers.rauch_tung_striebel import rauch_tung_striebel_smoother as rauch_tung_striebel_smoother
 from poseppl.smoothers.rauch_tung_striebel import smoothed_moments as smoothed_moments
-from poseppl.smoothers.static_parameters import particle_gibbs as particle_gibbs
 from poseppl.smoothers.trajectory import trajectory_smoother as trajectory_smoother
 from poseppl.smoothers.variational import variational_smoother as variational_smoother
 from poseppl.smoothers.viterbi import viterbi_smoother as viterbi_smoother

@@ -12,7 +12,8 @@ adapted by dual averaging; both are then frozen. The draws of (x, params) have t
 particles.
 
 The chain mixes slowly where a param is nearly determined by the trajectory, as the scale of a random walk over many frames is:
-its conditional is then much narrower than its posterior. :func:`poseppl.smoothers.particle_marginal.pmmh` conditions on no trajectory.
+its conditional is then much narrower than its posterior. PMMH (:mod:`poseppl.smoothers.particle_marginal`) conditions on no
+trajectory.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from poseppl_models.finite_hmm import finite_hmm
 from poseppl.program import CompiledModel
 from poseppl.smoothers.base import History
 from poseppl.smoothers.conditional_smc import conditional_smc
-from poseppl.smoothers.particle_gibbs_smoothing import particle_gibbs_smoother
+from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother
 
 METHODS = ("ancestor", "backward")
 INITIAL, TRANSITION, EMISSION = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
