@@ -31,6 +31,9 @@ import jax.numpy as jnp
 
 LogDensity = Callable[[jax.Array], jax.Array]
 
+_SNOOKER = (1.2, 2.2)
+"""Range of the snooker's gamma."""
+
 
 class DEMCSettings(NamedTuple):
     """Settings of a population.
@@ -204,15 +207,16 @@ def move_members(
     scale = (1.0 - settings.noise) * 2.38 / (2 * dimension) ** 0.5 if settings.scale is None else settings.scale
 
     def propose(rng_key: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        key_indices, key_noise, key_jump, key_snooker, key_gamma = jax.random.split(rng_key, 5)
-        first, second, third = pool[_three_indices(key_indices, num_pool)]
-        leap = jnp.where(jax.random.uniform(key_jump, (), x.dtype) < settings.jump, 1.0, scale)
+        key_choices, key_noise = jax.random.split(rng_key)
+        choices = jax.random.uniform(key_choices, (6,), x.dtype)
+        first, second, third = pool[_three_indices(choices[:3], num_pool)]
+        leap = jnp.where(choices[3] < settings.jump, 1.0, scale)
         straight = x + leap * (first - second) + symmetric_noise(key_noise, noise, x)
         if settings.snooker == 0:
             return straight, jnp.zeros((), x.dtype)
-        gamma = jax.random.uniform(key_gamma, (), x.dtype, 1.2, 2.2)
-        bent, log_factor = _snooker(x, third, gamma * (first - second))
-        chosen = jax.random.uniform(key_snooker, (), x.dtype) < settings.snooker
+        low, high = _SNOOKER
+        bent, log_factor = _snooker(x, third, (low + (high - low) * choices[4]) * (first - second))
+        chosen = choices[5] < settings.snooker
         return jnp.where(chosen, bent, straight), jnp.where(chosen, log_factor, 0.0)
 
     key_propose, key_accept = jax.random.split(rng_key)
@@ -236,13 +240,11 @@ def _values(positions: jax.Array, log_density: LogDensity) -> jax.Array:
     return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
 
 
-def _three_indices(rng_key: jax.Array, count: jax.Array | int) -> jax.Array:
-    """Three different indices below `count` (3,), as far as there are three."""
-    key_first, key_second, key_third = jax.random.split(rng_key, 3)
-    first = jax.random.randint(key_first, (), 0, count)
-    second = jax.random.randint(key_second, (), 0, jnp.maximum(count - 1, 1))
+def _three_indices(uniforms: jax.Array, count: jax.Array | int) -> jax.Array:
+    """Three different indices below `count` (3,), as far as there are three, from uniforms (3,) in [0, 1)."""
+    choices = jnp.maximum(count - jnp.arange(3), 1)
+    first, second, third = jnp.minimum((uniforms * choices).astype(jnp.int32), choices - 1)
     second = jnp.where(second >= first, second + 1, second)
-    third = jax.random.randint(key_third, (), 0, jnp.maximum(count - 2, 1))
     low, high = jnp.minimum(first, second), jnp.maximum(first, second)
     third = jnp.where(third >= low, third + 1, third)
     third = jnp.where(third >= high, third + 1, third)

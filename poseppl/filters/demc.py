@@ -1,0 +1,198 @@
+r"""The DE-MC particle filter (Du and Guan 2006, Monocular human motion tracking with the DE-MC particle filter, ICASSP).
+
+Section 2.3. With N particles of frame k - 1 and their weights w:
+
+1. selection: resample by w;
+2. prediction: x_i + V_(k-1), a constant velocity (or a draw from the model's transition), is the first population of T layers
+   of DE-MC (:mod:`poseppl.kernels.demc`), with lambda = (1 - c) 2.38 / sqrt(2 d) and noise U(-c sigma, c sigma);
+3. estimate: the particle of the largest weight, X_k, and V_k = X_k - X_(k-1). Beside it stands the weighted mean.
+
+The noise of layer t is multiplied by the survival diagnostic of the layer before, 1 / (N sum_i w_i^2) (Eq. 7, in which it grows
+with the diagnostic; the text below it says that it should shrink, which `noise_follows="degeneracy"` does: N sum_i w_i^2).
+
+What it targets, by `target`:
+
+* "likelihood", as published: the DE-MC's function and the weights are the likelihood alone. T layers lead from the prediction
+  towards the normalised likelihood, which the weights then square: a seeker of modes, not a sampler of the posterior.
+  Directions that a frame's data leave open are held by nothing, and widen by a factor (1 + 2 lambda^2)^(1/2) a layer. Where all
+  likelihoods are equal, as in a frame without data, the particles stay as predicted.
+* "posterior", ours: the predictions, drawn from the transition, are resampled by their likelihoods, and the T layers leave
+  p(z | x) 1/N sum_j p(x | x_(k-1)^j) invariant, as in the HMC filter, at a cost of O(N^2). It converges to the posterior with
+  N; particles count alike, and X_k has the largest posterior density. Eq. 7 is left out, to keep the moves exact.
+
+`log_evidence` is that of the predictions. If no particle can explain a frame, it is reported as failed and the particles stay
+as predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.base import Filter, Info
+from poseppl.kernels.demc import DEMCSettings, Members, demc_update
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import resampling_scheme
+from poseppl.weights import Normalised, normalise
+
+
+class DEMCState(NamedTuple):
+    """Particles after the last layer.
+
+    Attributes:
+        particles: Flat states (N, d).
+        log_weights: Normalised log-weights (N,).
+        best: X_k, the particle of the largest weight or density (d,); the other estimate is the weighted mean.
+        velocity: V_k, what `best` moved since the last frame (d,).
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    best: jax.Array
+    velocity: jax.Array
+
+
+class _Evolved(NamedTuple):
+    """The members after T layers, the weights of those predicted, each one's origin (N,), and the mean acceptance rate."""
+
+    members: Members
+    predicted: Normalised
+    origin: jax.Array
+    acceptance: jax.Array
+
+
+def demc_filter(
+    model: CompiledModel,
+    num_particles: int,
+    *,
+    num_layers: int = 7,
+    target: str = "likelihood",
+    prediction: str = "velocity",
+    noise: float = 0.1,
+    noise_follows: str = "survival",
+    snooker: float = 0.0,
+    resampling: str = "systematic",
+) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model.
+        num_particles: N, at least 1; differences need four or more.
+        num_layers: T, updates of each particle in a frame.
+        target: "likelihood", as published, or "posterior".
+        prediction: "velocity", as published, or "transition", draws from the model; "posterior" always takes these.
+        noise: c, half-width of the noise in standard deviations of the particles, in [0, 1).
+        noise_follows: "survival" (Eq. 7), "degeneracy" (its inverse) or "nothing".
+        snooker: Probability that a particle makes a snooker update instead.
+        resampling: One of systematic, stratified, residual, multinomial.
+
+    Returns:
+        The filter; its state is :class:`DEMCState`.
+
+    Raises:
+        ValueError: A setting out of its range.
+    """
+    settings = DEMCSettings(num_updates=num_layers, noise=noise, snooker=snooker).check()
+    _check(num_particles, target, prediction, noise_follows)
+    scheme = resampling_scheme(resampling)
+    posterior = target == "posterior"
+    identity = jnp.arange(num_particles, dtype=jnp.int32)
+
+    def evolve(
+        rng_key: jax.Array, predicted: jax.Array, log_prior: Callable[[jax.Array], jax.Array], data: tuple[Observation, Any]
+    ) -> _Evolved:
+        key_resample, key_layers = jax.random.split(rng_key)
+        values = jax.vmap(lambda x: model.log_observation(x, *data))(predicted)
+        weighted = normalise(values)
+        flat = weighted.degenerate | (jnp.min(values) == jnp.max(values))
+        chosen = scheme(key_resample, weighted.log_weights, num_particles) if posterior else identity
+        origin = jnp.where(weighted.degenerate, identity, chosen)
+
+        def log_density(x: jax.Array) -> jax.Array:
+            value = model.log_observation(x, *data)
+            return value + log_prior(x) if posterior else value
+
+        starts = predicted[origin]
+        members = Members(starts, jax.vmap(log_density)(starts) if posterior else _safe(values))
+
+        def layer(members: Members, rng_key: jax.Array) -> tuple[Members, jax.Array]:
+            factor = 1.0 if posterior else _noise_factor(members.values, noise_follows)
+            moved, rate = demc_update(rng_key, members, log_density, settings, noise_factor=factor)
+            keep = weighted.degenerate if posterior else flat
+            return jax.tree.map(lambda old, new: jnp.where(keep, old, new), members, moved), rate
+
+        members, rates = jax.lax.scan(layer, members, jax.random.split(key_layers, num_layers))
+        return _Evolved(members, weighted, origin, jnp.mean(rates))
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+        key_draw, key_evolve = jax.random.split(rng_key)
+        predicted = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_particles))
+        evolved = evolve(key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
+        return _conclude(evolved, identity, None, posterior, num_layers)
+
+    def step(rng_key: jax.Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+        key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
+        ancestors = identity if posterior else scheme(key_select, state.log_weights, num_particles)
+        previous = state.particles[ancestors]
+        if prediction == "velocity" and not posterior:
+            predicted = previous + state.velocity
+        else:
+            keys = jax.random.split(key_draw, num_particles)
+            predicted = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
+
+        def log_prior(x: jax.Array) -> jax.Array:
+            terms = jax.vmap(lambda p: model.log_transition(x, p, inputs))(previous)
+            return jax.nn.logsumexp(terms) - jnp.log(num_particles)
+
+        evolved = evolve(key_evolve, predicted, log_prior, (observation, inputs))
+        return _conclude(evolved, ancestors, state, posterior, num_layers)
+
+    return Filter(init, step)
+
+
+def _conclude(
+    evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool, num_layers: int
+) -> tuple[DEMCState, Info]:
+    members, predicted, origin, acceptance = evolved
+    count = members.values.shape[0]
+    last = normalise(jnp.zeros_like(members.values) if posterior else members.values)
+    best = members.positions[jnp.argmax(members.values)]
+    velocity = jnp.zeros_like(best)
+    if previous is not None:
+        velocity = jnp.where(predicted.degenerate, previous.velocity, best - previous.best)
+    info = Info(
+        log_evidence=predicted.log_mean,
+        ess=jnp.where(predicted.degenerate, count, predicted.ess if posterior else last.ess),
+        ancestors=ancestors[origin],
+        acceptance=acceptance,
+        divergences=jnp.int32(0),
+        num_likelihood=jnp.int32(count * (1 + num_layers)),
+        num_gradient=jnp.int32(0),
+        failed=predicted.degenerate,
+        step_size=jnp.full((), jnp.nan, acceptance.dtype),
+    )
+    return DEMCState(members.positions, last.log_weights, best, velocity), info
+
+
+def _noise_factor(values: jax.Array, follows: str) -> jax.Array:
+    survival = jnp.maximum(normalise(values).ess, 1.0) / values.shape[0]
+    return {"survival": survival, "degeneracy": 1.0 / survival, "nothing": jnp.ones_like(survival)}[follows]
+
+
+def _check(num_particles: int, target: str, prediction: str, noise_follows: str) -> None:
+    if num_particles < 1:
+        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
+    for name, value, known in (
+        ("target", target, ("likelihood", "posterior")),
+        ("prediction", prediction, ("velocity", "transition")),
+        ("noise_follows", noise_follows, ("survival", "degeneracy", "nothing")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} is {value!r}. Expected one of {', '.join(known)}.")
+
+
+def _safe(values: jax.Array) -> jax.Array:
+    return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)

@@ -1,0 +1,110 @@
+"""The DE-MC particle filter: what it targets as published, its estimates and velocity, and its noise."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from law_problems import MASKED, frame, problem, z_scores
+
+from poseppl.filters import DEMCState, demc_filter
+from poseppl.filters.demc import _noise_factor
+
+
+def likelihood_moments():
+    """Mean and covariance of the normalised likelihood of the first frame."""
+    posed = problem()
+    inverse = np.linalg.inv(posed.matrices.H)
+    y = np.asarray(posed.observations.values["y"][0], float)
+    return inverse @ y, inverse @ posed.matrices.R @ inverse.T
+
+
+def test_many_layers_lead_to_the_likelihood_not_to_the_posterior():
+    posed = problem()
+    init = demc_filter(posed.model, 100, num_layers=40, noise_follows="nothing").init
+    keys = jax.random.split(jax.random.key(0), 40)
+    run = jax.jit(lambda keys: jax.lax.map(lambda k: init(k, frame(posed.observations, 0), frame(posed.inputs, 0))[0], keys))
+    particles = np.asarray(run(keys).particles, float)
+    mean, covariance = likelihood_moments()
+    centred = particles - mean
+    seconds = np.einsum("kni,knj->kij", centred, centred) / 100
+    assert np.abs(z_scores(particles.mean(1), mean)).max() < 5
+    assert np.abs(z_scores(seconds, covariance)).max() < 5
+    assert np.abs(z_scores(particles.mean(1), posed.exact.means[0])).max() > 5
+    assert np.abs(z_scores(seconds, posed.exact.covariances[0])).max() > 10
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """States of a run as published, frame by frame."""
+    posed = problem()
+    built = demc_filter(posed.model, 60, num_layers=3)
+    init, step = jax.jit(built.init), jax.jit(built.step)
+    keys = jax.random.split(jax.random.key(0), 4)
+    found = [init(keys[0], frame(posed.observations, 0), frame(posed.inputs, 0))]
+    for t in (1, 2, 3):
+        found.append(step(keys[t], found[-1][0], frame(posed.observations, t), frame(posed.inputs, t)))
+    return posed, found
+
+
+def test_weights_are_likelihoods_and_the_best_has_the_largest(frames):
+    posed, found = frames
+    for t in (0, 1, 3):
+        state, info = found[t]
+        values = [posed.model.log_observation(x, frame(posed.observations, t), frame(posed.inputs, t)) for x in state.particles]
+        np.testing.assert_allclose(state.log_weights, np.array(values) - np.logaddexp.reduce(values), atol=1e-4)
+        np.testing.assert_array_equal(state.best, state.particles[np.argmax(values)])
+        assert 0.1 < info.acceptance < 1
+
+
+def test_velocity_is_what_the_estimate_moved(frames):
+    _, found = frames
+    assert (np.asarray(found[0][0].velocity) == 0).all()
+    for (before, _), (after, _) in zip(found[:-1], found[1:], strict=True):
+        np.testing.assert_allclose(after.velocity, after.best - before.best, atol=1e-6)
+
+
+def test_without_data_particles_move_by_the_velocity(frames):
+    _, found = frames
+    (before, _), (after, info) = found[MASKED - 1], found[MASKED]
+    expected = before.particles[info.ancestors] + before.velocity
+    np.testing.assert_allclose(after.particles, expected, atol=1e-6)
+
+
+def test_noise_follows_the_survival_diagnostic():
+    values = jnp.log(jnp.array([0.5, 0.5, 0.0, 0.0]))
+    assert abs(float(_noise_factor(values, "survival")) - 0.5) < 1e-6
+    assert abs(float(_noise_factor(values, "degeneracy")) - 2.0) < 1e-6
+    assert float(_noise_factor(values, "nothing")) == 1.0
+    assert float(_noise_factor(jnp.full(4, -jnp.inf), "survival")) == 0.25
+
+
+@pytest.mark.parametrize(("target", "num_particles"), [("likelihood", 1), ("posterior", 5)])
+def test_one_particle_and_equal_particles(target, num_particles):
+    posed = problem()
+    step = jax.jit(demc_filter(posed.model, num_particles, target=target, num_layers=2).step)
+    weights = jnp.full(num_particles, -jnp.log(num_particles))
+    state = DEMCState(jnp.zeros((num_particles, 2)), weights, jnp.zeros(2), jnp.zeros(2))
+    after, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    assert all(np.isfinite(np.asarray(leaf, float)).all() for leaf in after)
+    assert np.isfinite(info.log_evidence) and not info.failed
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"num_particles": 0}, "num_particles"),
+        ({"num_layers": 0}, "num_updates"),
+        ({"noise": 1.0}, "noise"),
+        ({"target": "mixture"}, "target"),
+        ({"prediction": "drift"}, "prediction"),
+        ({"noise_follows": "weights"}, "noise_follows"),
+        ({"snooker": 2.0}, "snooker"),
+        ({"resampling": "sistematic"}, "sistematic"),
+    ],
+    ids=str,
+)
+def test_settings_out_of_range_are_refused(settings, word):
+    with pytest.raises(ValueError, match=word):
+        demc_filter(problem().model, **{"num_particles": 10, **settings})
