@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.filters.base import Info
 from poseppl.program import CompiledModel
 from poseppl.resampling import systematic
 from poseppl.results import QUANTILES
@@ -109,7 +108,7 @@ def collect_draws(
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
         return Draws(kept.pop("state"), kept, summary)
 
-    def collect(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> Draws:
+    def collect(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Draws:
         return of_chains(state, inputs) if state.particles.ndim == 3 else of_particles(rng_key, state, inputs)
 
     return collect

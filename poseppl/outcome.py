@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.program import CompiledModel, Observation
 from poseppl.results import Names, Truth, build_result
 from poseppl.run import Run
+from poseppl.smoothing import SmoothingRun
 
 
 def parts_of_run(run: Run) -> dict[str, Any]:
@@ -79,6 +80,74 @@ def result_of_run(
             "failed_frames": list(run.failed),
         },
     )
+
+
+def parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """What a smoothing with :func:`poseppl.collect.collect_draws` knows, as arguments of :func:`poseppl.results.build_result`.
+
+    Args:
+        run: The smoothing.
+        filtered: The filter's ``sample_stats``, (frame,) each; its ``log_evidence`` and ``failed`` are kept.
+
+    Returns:
+        ``state``, ``extras``, ``sample_stats``, ``summary`` and ``num_particles``.
+    """
+    num_frames = len(run.info.ess)
+    moves = run.num_particles is None
+    stats: dict[str, Any] = {name: np.asarray(filtered[name]) for name in ("log_evidence", "failed") if name in filtered}
+    stats |= {
+        "ess": run.info.ess,
+        "acceptance_rate": run.info.acceptance if moves else np.full(num_frames, np.nan),
+        "num_transition": np.full(num_frames, run.info.num_transition / num_frames),
+        "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
+    }
+    return {
+        "state": _by_chain(run.outputs.state),
+        "extras": {name: _by_chain(values) for name, values in run.outputs.extras.items()},
+        "sample_stats": stats,
+        "summary": run.outputs.summary,
+        "num_particles": run.num_particles,
+    }
+
+
+def result_of_smoothing(
+    run: SmoothingRun,
+    model: CompiledModel,
+    observations: Observation | None = None,
+    *,
+    filtered: Mapping[str, ArrayLike] | None = None,
+    truth: ArrayLike | None = None,
+    frames: ArrayLike | None = None,
+    rate: float | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.DataTree:
+    """Assemble the result of a smoothing whose collector was :func:`poseppl.collect.collect_draws`.
+
+    Args:
+        run: The smoothing.
+        model: The compiled model; its coordinates give the names of ``dof``.
+        observations: The data with a leading T, kept as ``observed_data`` with NaN where masked.
+        filtered: The filter's ``sample_stats``, of which ``log_evidence`` and ``failed`` are kept.
+        truth: The true flat states (T, d), where known.
+        frames: Frame numbers (T,); 0, 1, ... if None.
+        rate: Frames a second.
+        attrs: Provenance: anything that JSON can hold.
+    """
+    return build_result(
+        **parts_of_smoothing(run, filtered or {}),
+        names=Names(model.coordinate_names),
+        observed=None if observations is None else _with_nan(observations),
+        truth=None if truth is None else Truth(state=truth),
+        frames=frames,
+        rate=rate,
+        attrs={**(attrs or {}), **timing_of_smoothing(run)},
+    )
+
+
+def timing_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
+    """What is told of a smoothing as a whole."""
+    seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
+    return {**seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
 
 
 def _by_chain(values: NDArray[Any]) -> NDArray[Any]:

@@ -13,6 +13,7 @@ group              variables
 ``truth``          where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``         the calibration, one row a camera
 ``body``           ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
+``inputs``         what else the model was given: noise, the start, clamped states
 ``diagnostics``    added by :func:`poseppl.diagnostics.diagnose`
 =================  =============================================================================================
 
@@ -77,6 +78,7 @@ def build_result(
     cameras: Mapping[str, ArrayLike | None] | None = None,
     edges: ArrayLike | None = None,
     root: str | None = None,
+    inputs: Mapping[str, ArrayLike] | None = None,
     frames: ArrayLike | None = None,
     rate: float | None = None,
     num_particles: int | None = None,
@@ -97,6 +99,7 @@ def build_result(
         cameras: Arrays with a leading axis of cameras, e.g. ``rotation``, ``centre`` (mm), ``focal``, ``principal``.
         edges: (edge, 2) indices into the markers.
         root: The marker that relative errors are measured from.
+        inputs: What else the model was given, by name, so that a smoother finds it again.
         frames: (frame,) frame numbers; 0, 1, ... if None.
         rate: Frames a second.
         num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
@@ -130,6 +133,11 @@ def build_result(
     if edges is not None:
         groups["body"] = xr.Dataset({"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))})
         groups["body"].attrs |= {"root": root} if root else {}
+    if inputs is not None:
+        arrays = {name: np.asarray(values) for name, values in inputs.items()}
+        groups["inputs"] = xr.Dataset(
+            {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
+        )
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree

@@ -32,8 +32,8 @@ from poseppl.frame_sequence import FrameSequence, Layout, frame_sequence
 from poseppl.frame_sequence import frame_inputs as frame_inputs
 from poseppl.program import Observation
 
-Collect = Callable[[jax.Array, Any, Info, Any], Any]
-"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame."""
+Collect = Callable[[jax.Array, Any, Any, Any], Any]
+"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LOGGER = logging.getLogger("poseppl")
 _LONGEST = 64

@@ -1,4 +1,4 @@
-"""The command line: track, simulate, report, fit-gait.
+"""The command line: track, smooth, simulate, report, fit-gait.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -14,6 +14,7 @@ import click
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.simulate import simulate as simulate_command
+from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
 from poseppl.errors import PosepplError
 
@@ -34,6 +35,7 @@ Exit status:
 Examples:
   poseppl track                              a built-in walk, seen by one camera
   poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
+  poseppl smooth poseppl-02_01.nc            every frame given all frames
   poseppl report poseppl-02_01.nc            its report, one HTML file
   poseppl track --help                       every option
 """,
@@ -44,7 +46,7 @@ def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
 
 
-for command in (track_command, simulate_command, report_command, gait_command):
+for command in (track_command, smooth_command, simulate_command, report_command, gait_command):
     cli.add_command(command)
 
 

@@ -137,7 +137,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         with progress.running():
             tree = _run(recording, observations, options, progress)
             progress.stage("drawing")
-            _write(tree, target, picture, inputs)
+            write_result(tree, target, picture, inputs)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
@@ -205,7 +205,7 @@ def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tupl
     return subject, *look_at_subject(subject, options)
 
 
-def _write(tree: Any, target: Any, picture: Any, inputs: list[str | None]) -> None:
+def write_result(tree: Any, target: Any, picture: Any, inputs: list[Any]) -> None:
     """Write result and picture; either both appear or neither."""
     from poseppl.io import atomic_path
     from poseppl.report import plot_track, save_picture
@@ -234,6 +234,7 @@ def summary(tree: Any) -> list[tuple[str, str]]:
         ("input", str(known["input"])),
         ("model", f"{known['model'].rpartition(':')[2]}, {sizes['dof']} coordinates"),
         ("filter", str(known["filter"])),
+        ("smoother", known.get("smoother")),
         ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),
         ("body's distance from the recording", shown(residual, "{:.1f} mm")),
         ("mean joint error", shown(numbers.joint_error, "{:.1f} mm")),

@@ -10,23 +10,19 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from poseppl.body import Body, BodyInputs
+from poseppl.body import Body
 from poseppl.checkpoint import Checkpoint
-from poseppl.collect import collect_draws
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters.registry import build_filter
-from poseppl.geometry import project
 from poseppl.outcome import parts_of_run
-from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.results import Names, Truth, build_result
-from poseppl.run import Constant, Progress, Run, frame_inputs, run_filter
+from poseppl.run import Progress, Run, run_filter
+from poseppl.tracking.problem import Problem, pose_problem
 from poseppl.tracking.scene import Scene
-from poseppl.tracking.start import Start, scales, seek_start
 from poseppl.tracking.subjects import DEFAULT_MODEL
 
 _ROOM = 2**28
@@ -60,13 +56,6 @@ class TrackSettings(NamedTuple):
     on_failure: Literal["continue", "stop"] = "continue"
 
 
-class _Problem(NamedTuple):
-    model: CompiledModel
-    observations: Observation
-    inputs: Any
-    free: tuple[int, ...]
-
-
 def track(
     scene: Scene,
     settings: TrackSettings | None = None,
@@ -98,15 +87,15 @@ def track(
     if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
     params = walk_params(scene.body, settings)
-    problem = _problem(scene, params)
+    problem = pose_problem(scene, params)
     built, options = build_filter(settings.filter, problem.model, settings.options)
-    max_draws = settings.max_draws or _affordable(scene, problem, options)
+    max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
     described = {
         "model": settings.model,
-        "model source": _source(settings.model),
+        "model source": source_of_model(settings.model),
         "filter": settings.filter,
         "settings": {**options, **params, "max_draws": max_draws},
-        "versions": _versions(),
+        "versions": versions(),
     }
     run = run_filter(
         built,
@@ -114,7 +103,7 @@ def track(
         problem.observations,
         problem.inputs,
         num_frames=len(scene.points),
-        collect=_collector(problem, max_draws),
+        collect=problem.collector(max_draws),
         chunk=settings.chunk,
         progress=progress,
         checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
@@ -145,57 +134,19 @@ def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
     return params
 
 
-def _problem(scene: Scene, params: dict[str, float]) -> _Problem:
-    body = scene.body
-    start = _start(scene, params)
-    varies = scene.noise.ndim == 3
-    noise = jnp.asarray(scene.noise, float)
-    fixed: Any = Constant
-    inputs = BodyInputs(
-        fixed(scene.cameras),
-        noise if varies else fixed(noise),
-        fixed(jnp.asarray(start.mean, float)),
-        fixed(jnp.asarray(start.scale, float)),
-    )
-    model = body.program.compile(frame_inputs(inputs, 0), params)
-    observations = model.observe({"points": scene.points})
-    free = body.free_coordinates
-    if body.free is None:
-        return _Problem(model, observations, inputs, free)
-    if scene.states is None:
-        raise InputError("the body clamps joints to a truth that is not known", field="--model")
-    states = jnp.asarray(scene.states, float)
-    previous = jnp.concatenate([states[:1], states[:-1]])
-    return _Problem(model.clamp(free), observations, Clamped(inputs, states, previous), free)
-
-
-def _start(scene: Scene, params: Mapping[str, float]) -> Start:
-    if scene.states is None:
-        return seek_start(scene.body, scene.cameras, scene.points, scene.noise)
-    return Start(scene.states[0], scales(scene.body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15)))
-
-
-def _affordable(scene: Scene, problem: _Problem, options: Mapping[str, Any]) -> int:
+def affordable_draws(problem: Problem, chains: int) -> int:
     """How many draws of a chain (or of all particles, at most 1000) fit into the room for results."""
-    frames, cameras, markers = scene.points.shape[:3]
+    frames, cameras, markers = problem.observations.values["points"].shape[:3]
     values = problem.model.dimension + markers * (3 + 2 * cameras)
-    draws = _ROOM // (4 * values * frames * int(options.get("chains", 1)))
+    draws = _ROOM // (4 * values * frames * chains)
     return int(max(2, min(draws, 1000)))
 
 
-def _collector(problem: _Problem, max_draws: int) -> Any:
-    def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
-        values = problem.model.extras(x, inputs)
-        seen: BodyInputs = inputs.inputs if isinstance(inputs, Clamped) else inputs
-        return {**values, "points": project(seen.cameras, values["markers"])} if "markers" in values else values
-
-    return collect_draws(problem.model, max_draws=max_draws, extras=extras)
-
-
-def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+def _result(scene: Scene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
     body, tree = scene.body, scene.body.tree
-    names = [tree.coordinate_names[index] for index in problem.free]
-    truth = None if scene.states is None else Truth(scene.states[:, list(problem.free)], scene.markers)
+    free = list(body.free_coordinates)
+    names = [tree.coordinate_names[index] for index in free]
+    truth = None if scene.states is None else Truth(scene.states[:, free], scene.markers)
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
     return build_result(
         **parts_of_run(run),
@@ -205,12 +156,13 @@ def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any])
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         edges=pairs,
         root=body.root,
+        inputs=problem.record(),
         frames=scene.frames,
         rate=scene.rate,
         attrs={
             **attrs,
             "input": scene.source,
-            "lengths": {name: round(float(value), 2) for name, value in body.lengths.items()},
+            "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
             "residual_mm": scene.residual,
             "wall_seconds": run.wall_seconds,
             "compile_seconds": run.compile_seconds,
@@ -220,11 +172,12 @@ def _result(scene: Scene, problem: _Problem, run: Run, attrs: Mapping[str, Any])
     )
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of what decides a result."""
     return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
 
 
-def _source(model: str) -> str | None:
+def source_of_model(model: str) -> str | None:
     """Hash of a user's own model file; None for a model of a package."""
     path = Path(model.rpartition(":")[0])
     if path.suffix != ".py" or not path.is_file():

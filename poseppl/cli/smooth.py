@@ -1,0 +1,104 @@
+"""The command `poseppl smooth`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.errors import InputError
+
+METHODS = (
+    "nuts",
+    "forward-backward",
+    "backward-simulation",
+    "two-filter",
+    "viterbi",
+    "genealogy",
+    "fixed-lag",
+    "rauch-tung-striebel",
+    "gibbs",
+    "variational",
+    "particle-gibbs",
+)
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl smooth poseppl-walk.nc
+      NUTS on all frames at once, started from the filter's draws.
+  poseppl smooth poseppl-walk.nc --method forward-backward
+      The filter's particles, weighted anew.
+  poseppl smooth poseppl-walk.nc --method nuts --set num_draws=500 --set num_chains=8
+
+\b
+Files written:
+  NAME-METHOD.nc   the smoothed result, like that of poseppl track; poseppl report draws its report
+  NAME-METHOD.png  a picture of it
+NAME is that of RESULT. Older ones of the same name are replaced; RESULT never is.
+
+\b
+Exit status: 0 done, 1 bad input or a smoothing that breaks down, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Smooth a result: every frame given all data.")
+@click.argument("result", type=click.Path())
+@click.option("--method", type=click.Choice(METHODS), default=METHODS[0], show_default=True, help="Which smoother.")
+@click.option(
+    "--set",
+    "assignments",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="A setting of the smoother; may be given several times. A wrong name lists those that it takes, with their defaults.",
+)
+@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the smoother.")
+@click.option(
+    "--max-draws",
+    metavar="N",
+    type=int,
+    default=None,
+    help="Draws kept of each chain, or of all particles. [default: as many as fit into 256 MiB]",
+)
+@click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: NAME-METHOD.nc, here]")
+@common_options
+def smooth(result: str, method: str, assignments: tuple[str, ...], **options: Any) -> None:
+    """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
+
+    RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
+    particles a smoother sees. Which smoother for what: see "Which filter, which smoother?" in the documentation.
+    """
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.track import summary, write_result
+    from poseppl.results import load_result
+    from poseppl.tracking import SmoothSettings
+    from poseppl.tracking import smooth as smooth_result
+
+    settings = dict(_assignment(word) for word in assignments)
+    if options["max_draws"] is not None and options["max_draws"] < 1:
+        raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
+    if not 0 <= options["seed"] < 2**32:
+        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    tree = load_result(result)
+    target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
+    picture = target.with_suffix(".png")
+    check_writable([target, picture], [result])
+    progress = ConsoleProgress(options["quiet"])
+    start_jax()
+    with progress.running():
+        progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
+        smoothed = smooth_result(tree, SmoothSettings(method, settings, options["seed"], options["max_draws"]))
+        progress.stage("drawing")
+        write_result(smoothed, target, picture, [result])
+    if not options["quiet"]:
+        print_table("poseppl smooth", [*summary(smoothed), ("result", str(target)), ("picture", str(picture))])
+
+
+def _assignment(word: str) -> tuple[str, str]:
+    name, equals, value = word.partition("=")
+    if not equals or not name or not value:
+        raise InputError(f"{word!r}", field="--set", expected="NAME=VALUE")
+    return name.strip(), value.strip()

@@ -1,0 +1,124 @@
+"""The inference problem of a scene: a compiled model, its data and its inputs, ready for any filter or smoother.
+
+Example:
+    A filter of one's own on a scene::
+
+        problem = pose_problem(scene)
+        collect = problem.collector(200)
+        run = run_filter(hmc_filter(problem.model), key, problem.observations, problem.inputs, collect=collect)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from poseppl.body import Body, BodyInputs, load_builder
+from poseppl.collect import collect_draws
+from poseppl.errors import InputError
+from poseppl.geometry import Cameras, project
+from poseppl.program import Clamped, CompiledModel, Observation
+from poseppl.results import provenance
+from poseppl.run import Collect, Constant, frame_inputs
+from poseppl.tracking.scene import Scene
+from poseppl.tracking.start import Start, scales, seek_start
+
+
+class Problem(NamedTuple):
+    """What a scene asks.
+
+    Attributes:
+        body: The body.
+        model: Its compiled model; of the free coordinates alone, where the others are clamped.
+        observations: The points with a leading T.
+        inputs: Cameras, noise and start, as :func:`poseppl.run.run_filter` takes them.
+    """
+
+    body: Body
+    model: CompiledModel
+    observations: Observation
+    inputs: Any
+
+    def collector(self, max_draws: int) -> Collect:
+        """Collector of draws, with the markers and their projections beside them."""
+
+        def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+            values = self.model.extras(x, inputs)
+            seen: BodyInputs = inputs.inputs if isinstance(inputs, Clamped) else inputs
+            return {**values, "points": project(seen.cameras, values["markers"])} if "markers" in values else values
+
+        return collect_draws(self.model, max_draws=max_draws, extras=extras)
+
+    def record(self) -> dict[str, Any]:
+        """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out."""
+        seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
+        noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise
+        record = {"noise": noise, "start": seen.start.value, "start_scale": seen.start_scale.value}
+        if isinstance(self.inputs, Clamped):
+            record["states"] = self.inputs.values
+        return {name: np.asarray(values) for name, values in record.items()}
+
+
+def pose_problem(scene: Scene, params: Mapping[str, float] | None = None) -> Problem:
+    """Pose the problem of a scene; the start is the truth where it is known, else it is sought in the first frames.
+
+    Args:
+        scene: The scene.
+        params: The programs' params; the body's own if None.
+
+    Raises:
+        InputError: The body clamps joints to a truth that is not known.
+    """
+    body = scene.body
+    params = dict(body.params if params is None else params)
+    if scene.states is None:
+        start = seek_start(body, scene.cameras, scene.points, scene.noise)
+    else:
+        spread = scales(body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15))
+        start = Start(scene.states[0], spread)
+    return _problem(body, params, scene.cameras, scene.points, scene.noise, start, scene.states)
+
+
+def problem_of_result(tree: xr.DataTree) -> Problem:
+    """Pose the problem of a tracking result anew, from what the result tells of it.
+
+    Raises:
+        InputError: The result does not come from `track`, or is of an older layout.
+    """
+    known = provenance(tree)
+    if "inputs" not in tree.children or "model" not in known or "camera" not in tree.children:
+        raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
+    inputs = {str(name): np.asarray(values) for name, values in tree["inputs"].dataset.data_vars.items()}
+    body = load_builder(known["model"])(known["lengths"])
+    params = {name: value for name, value in known["settings"].items() if name in body.params}
+    seen = {str(name): jnp.asarray(values, float) for name, values in tree["camera"].dataset.data_vars.items()}
+    cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
+    start = Start(inputs["start"], inputs["start_scale"])
+    points = np.asarray(tree["observed_data"].dataset["points"].values)
+    return _problem(body, {**body.params, **params}, cameras, points, inputs["noise"], start, inputs.get("states"))
+
+
+def _problem(
+    body: Body, params: Mapping[str, float], cameras: Cameras, points: Any, noise: Any, start: Start, states: Any
+) -> Problem:
+    spread: Any = jnp.asarray(noise, float)
+    fixed: Any = Constant
+    inputs = BodyInputs(
+        fixed(cameras),
+        spread if np.ndim(noise) == 3 else fixed(spread),
+        fixed(jnp.asarray(start.mean, float)),
+        fixed(jnp.asarray(start.scale, float)),
+    )
+    model = body.program.compile(frame_inputs(inputs, 0), dict(params))
+    observations = model.observe({"points": points})
+    if body.free is None:
+        return Problem(body, model, observations, inputs)
+    if states is None:
+        raise InputError("the body clamps joints to a truth that is not known", field="--model")
+    whole = Clamped.of_trajectory(jnp.asarray(states, float), inputs)
+    return Problem(body, model.clamp(body.free_coordinates), observations, whole)
