@@ -28,6 +28,7 @@ from poseppl.smoothers import (
     gibbs_smoother,
     particle_gibbs_smoother,
     trajectory_smoother,
+    two_filter_smoother,
     variational_smoother,
     viterbi_smoother,
 )
@@ -211,6 +212,8 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: backward_simulation_smoother(model, 300, method="metropolis", num_moves=2),
         discrete=True,
     ),
+    SmootherRow("two-filter", two_filter_smoother, lambda model: two_filter_smoother(model, tile=128)),
+    SmootherRow("two-filter-linear", two_filter_smoother, lambda model: two_filter_smoother(model, method="linear")),
     SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True),
     SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True),
     SmootherRow(

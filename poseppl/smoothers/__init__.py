@@ -18,5 +18,6 @@ from poseppl.smoothers.particle_marginal import pmmh as pmmh
 from poseppl.smoothers.rauch_tung_striebel import rauch_tung_striebel_smoother as rauch_tung_striebel_smoother
 from poseppl.smoothers.rauch_tung_striebel import smoothed_moments as smoothed_moments
 from poseppl.smoothers.trajectory import trajectory_smoother as trajectory_smoother
+from poseppl.smoothers.two_filter import two_filter_smoother as two_filter_smoother
 from poseppl.smoothers.variational import variational_smoother as variational_smoother
 from poseppl.smoothers.viterbi import viterbi_smoother as viterbi_smoother

@@ -112,7 +112,8 @@ def _draw_by_weight(rng_key: jax.Array, log_weights: jax.Array, deal: jax.Array)
     key_slots, key_turn = jax.random.split(rng_key)
     slots = systematic(key_slots, log_weights, deal.shape[0])
     turn = jax.random.randint(key_turn, (), 0, deal.shape[0])
-    return slots[(deal + turn) % deal.shape[0]]
+    turned = deal + turn
+    return slots[jnp.where(turned < deal.shape[0], turned, turned - deal.shape[0])]
 
 
 def _effective_number(num_particles: int, dtype: Any, indices: jax.Array) -> jax.Array:
