@@ -1,0 +1,107 @@
+r"""Gaussian summaries of a filter's history, from which an information filter takes its artificial priors and its proposals.
+
+For each frame t < T - 1 one successor y_i ~ p(x_(t+1) | x_t^i) is drawn for each particle, and the pairs (x_t^i, y_i),
+weighted by w_t^i, give means m, m' and covariances P, P' and C = cov(x_t, y):
+
+    gamma_(t+1) = N(m', c P'),                            the artificial prior of the next frame: about what the filter
+    predicts q(x_t | y)  = N(m + G (y - m'), c (P - G C^T)),       G = C P'^-1, the regression of a state on its successor,
+
+both widened by the factor c. A Gaussian model's exact backward kernel, given the data up to t, is q with c = 1. Covariances
+are kept positive by a small part of P', so that particles that are all equal do no harm.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import cho_solve, solve_triangular
+
+from poseppl.particle_keys import particle_keys
+from poseppl.program import CompiledModel
+from poseppl.weights import normalise
+
+_FLOOR = 1e-3
+"""Part of the predicted variances that every covariance has at least."""
+
+
+class Gaussian(NamedTuple):
+    """A Gaussian with its factors, made once: mean (d,), scale = Cholesky factor (d, d), its inverse, and log |scale|."""
+
+    mean: jax.Array
+    scale: jax.Array
+    whiten: jax.Array
+    log_scale: jax.Array
+
+    def log_density(self, xs: jax.Array) -> jax.Array:
+        """Log-densities (N,) of states (N, d)."""
+        return self._of_white((xs - self.mean) @ self.whiten.T)
+
+    def draw(self, rng_key: jax.Array, num: int) -> tuple[jax.Array, jax.Array]:
+        """Draw states (N, d), with their log-densities (N,)."""
+        white = jax.random.normal(rng_key, (num, self.mean.shape[-1]), self.mean.dtype)
+        return self.mean + white @ self.scale.T, self._of_white(white)
+
+    def _of_white(self, white: jax.Array) -> jax.Array:
+        return -0.5 * jnp.sum(white**2, 1) - self.log_scale - 0.5 * white.shape[1] * jnp.log(2 * jnp.pi)
+
+
+class Regression(NamedTuple):
+    """A state given its successor y: residual.mean + gain (y - next_mean) + a draw of residual less its mean."""
+
+    residual: Gaussian
+    next_mean: jax.Array
+    gain: jax.Array
+
+    def draw(self, rng_key: jax.Array, successors: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Draw states (N, d) given successors (N, d), with the log-densities (N,) of the draws."""
+        drawn, log_density = self.residual.draw(rng_key, successors.shape[0])
+        return drawn + (successors - self.next_mean) @ self.gain.T, log_density
+
+
+def gaussian(mean: jax.Array, covariance: jax.Array) -> Gaussian:
+    """Factorise a covariance (d, d)."""
+    scale = jnp.linalg.cholesky(covariance)
+    whiten = solve_triangular(scale, jnp.eye(scale.shape[0], dtype=scale.dtype), lower=True)
+    return Gaussian(mean, scale, whiten, jnp.sum(jnp.log(jnp.diagonal(scale))))
+
+
+def moments(xs: jax.Array, log_weights: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Mean (d,) and covariance (d, d) of states (N, d) with log-weights (N,)."""
+    weights = normalise(log_weights).weights
+    mean = weights @ xs
+    centred = (xs - mean).T
+    return mean, (centred * weights) @ centred.T
+
+
+def pair_moments(
+    model: CompiledModel, rng_key: jax.Array, particles: jax.Array, log_weights: jax.Array, inputs: Any
+) -> tuple[jax.Array, jax.Array]:
+    """Mean (2 d,) and covariance (2 d, 2 d) of a frame's particles (N, d), each beside a successor drawn for it."""
+    keys = particle_keys(rng_key, particles.shape[0])
+    successors = jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, particles)
+    return moments(jnp.concatenate([particles, successors], 1), log_weights)
+
+
+def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple[Gaussian, Regression]:
+    """The artificial prior of the next frame, and the regression of this frame's state on it.
+
+    Args:
+        mean: Mean (2 d,) of a state and its successor.
+        covariance: Their covariance (2 d, 2 d).
+        inflation: c.
+    """
+    d = mean.shape[0] // 2
+    floor = floor_of(covariance[d:, d:], mean[d:])
+    predicted, cross = covariance[d:, d:] + floor, covariance[:d, d:]
+    gain = cho_solve((jnp.linalg.cholesky(predicted), True), cross.T).T
+    residual = covariance[:d, :d] - gain @ cross.T
+    residual = inflation * (residual + residual.T) / 2 + floor
+    return gaussian(mean[d:], inflation * predicted), Regression(gaussian(mean[:d], residual), mean[d:], gain)
+
+
+def floor_of(covariance: jax.Array, mean: jax.Array) -> jax.Array:
+    """A small diagonal matrix (d, d) for a covariance to stay positive: of its own variances, and of the digits of the mean."""
+    digits = float(jnp.finfo(mean.dtype).eps)  # type: ignore[no-untyped-call]
+    return jnp.diag(_FLOOR * jnp.diagonal(covariance) + digits * (1.0 + mean**2))

@@ -1,0 +1,227 @@
+r"""Two-filter smoothing: a filter that runs backwards meets the one that ran forwards.
+
+Briers, Doucet and Maskell 2010 (doi:10.1007/s10463-009-0236-2). With artificial priors gamma_t, an information filter
+approximates gamma~_t(x) ~ gamma_t(x) p(z_t..T-1 | x) by particles x~_t^j of weights w~_t^j, for t = T - 1, ..., 1:
+
+    x~_t ~ q(. | x~_(t+1)),
+    w~_t ~ gamma_t(x~_t) p(z_t | x~_t) p(x~_(t+1) | x~_t) / (gamma_(t+1)(x~_(t+1)) q(x~_t | x~_(t+1))),
+
+with ancestors x~_(t+1) resampled by weight. gamma_t and q are Gaussians fitted to the forward filter's particles, so that the
+backward filter looks where the forward one was (:mod:`poseppl.smoothers.artificial_prior`). At frames t >= 1 the result
+stands on the backward particles, which are new: smoothing can leave the forward filter's places. Their weights are
+
+    exact:  w_(t|T)^j ~ w~_t^j / gamma_t(x~_t^j) sum_i w_(t-1)^i p(x~_t^j | x_(t-1)^i),                             O(N^2) a
+        frame,
+    linear: the sum over i by `num_pairs` of its terms, drawn by w_(t-1)^i,                                          O(N) a
+        frame,
+
+the second after Fearnhead, Wyncoll and Tawn 2010 (doi:10.1093/biomet/asq013), whose pairs of forward and backward particles
+these are. At frame 0 it stands on the forward particles, weighed by the same pairs. For a linear Gaussian model the weights
+w~ are nearly equal; gamma and q that miss the smoothing distribution show as a low `ess`.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel, Observation
+from poseppl.resampling import systematic
+from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
+from poseppl.weights import normalise
+
+METHODS = ("exact", "linear")
+
+
+class _Backward(NamedTuple):
+    """Backward particles (N, d) of one frame, with log w~ (N,) and log gamma (N,), for one frame or for many."""
+
+    particles: jax.Array
+    log_weights: jax.Array
+    log_prior: jax.Array
+
+
+def two_filter_smoother(
+    model: CompiledModel, *, method: str = "exact", num_pairs: int = 4, inflation: float | None = None, tile: int | None = None
+) -> Smoother:
+    """Build the smoother.
+
+    Args:
+        model: The compiled model, its state continuous.
+        method: "exact", O(N^2) a frame, or "linear", O(N).
+        num_pairs: Forward particles that "linear" pairs with each backward one, at least 1.
+        inflation: Factor c by which the fitted covariances are widened, at least 1; None is 1 + 2 / d.
+        tile: Rows of the N x N matrix that "exact" holds at a time; None holds about a million entries.
+
+    Returns:
+        The smoother; its particles are new, and only each frame's marginal is known.
+
+    Raises:
+        ValueError: An unknown method, a number below 1, or a state with integer sites.
+    """
+    check_tile(tile)
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
+    widening = 1.0 + 2.0 / model.dimension if inflation is None else inflation
+    for name, number in (("num_pairs", num_pairs), ("inflation", widening)):
+        if number < 1:
+            raise ValueError(f"{name} is {number}. Expected at least 1.")
+    discrete = [name for name, site in model.sites.items() if site.discrete]
+    if discrete:
+        raise ValueError(
+            f"Sites {discrete} are integers. Use forward_backward_smoother, as Gaussian proposals do not fit them."
+        )
+
+    def meet(rng_key: jax.Array, later: jax.Array, earlier: jax.Array, log_weights: jax.Array, inputs: Any) -> jax.Array:
+        """Log of sum_i w^i p(later_j | earlier_i) (N,), or an estimate of it."""
+        if method == "exact":
+            return _log_predictive(model, tile, later, earlier, log_weights, inputs)
+        return _log_predictive_of_pairs(model, num_pairs, rng_key, later, earlier, log_weights, inputs)
+
+    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        num_frames, num_particles, _ = history.particles.shape
+        first = normalise(history.log_weights[0])
+        if num_frames == 1:
+            return Smoothed(history.particles, first.log_weights[None], smoothing_info(1, first.ess))
+        key_backward, key_meet, key_first = jax.random.split(rng_key, 3)
+        later_inputs = jax.tree.map(lambda leaf: leaf[1:], inputs)
+        backward = _information_filter(model, widening, key_backward, history, observations, inputs)
+
+        def combine(row: Any) -> tuple[jax.Array, jax.Array]:
+            key, ours, earlier, log_weights, inputs = row
+            together = normalise(ours.log_weights - ours.log_prior + meet(key, ours.particles, earlier, log_weights, inputs))
+            return together.log_weights, together.ess
+
+        keys = jax.random.split(key_meet, num_frames - 1)
+        rows = (keys, backward, history.particles[:-1], history.log_weights[:-1], later_inputs)
+        log_weights, ess = jax.lax.map(combine, rows)
+        start, start_ess = _first_frame(
+            model, method, tile, key_first, history, jax.tree.map(lambda leaf: leaf[0], (backward, later_inputs))
+        )
+        pairs = num_particles if method == "exact" else num_pairs
+        info = smoothing_info(
+            num_frames,
+            jnp.concatenate([start_ess[None], ess]),
+            num_transition=float(num_frames - 1) * num_particles * (1.0 + pairs),
+        )
+        particles = jnp.concatenate([history.particles[:1], backward.particles])
+        return Smoothed(particles, jnp.concatenate([start[None], log_weights]), info)
+
+    return Smoother(smooth, joint=False)
+
+
+def _information_filter(
+    model: CompiledModel, inflation: float, rng_key: jax.Array, history: History, observations: Observation, inputs: Any
+) -> _Backward:
+    """Backward particles of the frames 1 to T - 1, (T - 1, N, ...)."""
+    num_frames, num_particles, _ = history.particles.shape
+    key_fit, key_last, key_steps = jax.random.split(rng_key, 3)
+    seen, given = jax.tree.map(lambda leaf: leaf[1:], (observations, inputs))
+    keys = jax.random.split(key_fit, num_frames - 1)
+    forward = (keys, history.particles[:-1], history.log_weights[:-1], given)
+    pairs = jax.lax.map(lambda row: pair_moments(model, *row), forward)
+    priors, regressions = jax.vmap(partial(summarise, inflation=inflation))(*pairs)
+    log_observation = partial(_log_observations, model)
+    final = jax.tree.map(lambda leaf: leaf[-1], (priors, seen, given))
+    mean, covariance = moments(history.particles[-1], history.log_weights[-1])
+    floor = floor_of(pairs[1][-1][mean.shape[0] :, mean.shape[0] :], mean)
+    drawn, log_proposal = gaussian(mean, inflation * covariance + floor).draw(key_last, num_particles)
+    log_prior = final[0].log_density(drawn)
+    log_weights = log_prior - log_proposal + log_observation(drawn, *final[1:])
+    last = _Backward(drawn, normalise(log_weights).log_weights, log_prior)
+
+    def step(later: _Backward, row: Any) -> tuple[_Backward, _Backward]:
+        key, prior, regression, observation, inputs, next_inputs = row
+        key_resample, key_draw = jax.random.split(key)
+        chosen = systematic(key_resample, later.log_weights, num_particles)
+        successors = later.particles[chosen]
+        drawn, log_proposal = regression.draw(key_draw, successors)
+        log_prior = prior.log_density(drawn)
+        moved = jax.vmap(lambda x, previous: model.log_transition(x, previous, next_inputs))(successors, drawn)
+        log_weights = log_prior + log_observation(drawn, observation, inputs) + moved - later.log_prior[chosen] - log_proposal
+        result = _Backward(drawn, normalise(log_weights).log_weights, log_prior)
+        return result, result
+
+    # frame t = 1..T-2: prior of t, regression of t on t + 1, data and inputs of t, inputs of t + 1
+    current, following = (
+        jax.tree.map(lambda leaf, cut=cut: leaf[cut], (priors, regressions, seen, given))
+        for cut in (slice(0, -1), slice(1, None))
+    )
+    keys = jax.random.split(key_steps, max(num_frames - 2, 1))[: num_frames - 2]
+    rows = (keys, current[0], following[1], current[2], current[3], following[3])
+    _, earlier = jax.lax.scan(step, last, rows, reverse=True)
+    joined: _Backward = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), earlier, last)
+    return joined
+
+
+def _log_observations(model: CompiledModel, xs: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+    """Log-likelihoods (N,); 0 for all when none is finite, as if the frame had no data."""
+    values = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(xs)
+    return jnp.where(jnp.any(jnp.isfinite(values)), values, 0.0)
+
+
+def _log_predictive(
+    model: CompiledModel, tile: int | None, later: jax.Array, earlier: jax.Array, log_weights: jax.Array, inputs: Any
+) -> jax.Array:
+    rows = tile_rows(tile, later.shape[0], earlier.shape[0])
+
+    def add_up(xs: jax.Array) -> jax.Array:
+        return _log_sum(log_transitions(model, xs, earlier, inputs) + log_weights, 1)
+
+    return join_rows(jax.lax.map(add_up, split_rows(later, rows)), later.shape[0])
+
+
+def _log_predictive_of_pairs(
+    model: CompiledModel,
+    num_pairs: int,
+    rng_key: jax.Array,
+    later: jax.Array,
+    earlier: jax.Array,
+    log_weights: jax.Array,
+    inputs: Any,
+) -> jax.Array:
+    """Each later particle meets `num_pairs` earlier ones: a systematic sample, turned by a random number, in large strides."""
+    num_later = later.shape[0]
+    key_slots, key_turn = jax.random.split(rng_key)
+    slots = systematic(key_slots, log_weights, num_later * num_pairs)
+    chosen = jnp.roll(slots, jax.random.randint(key_turn, (), 0, slots.shape[0])).reshape(num_pairs, num_later)
+
+    def met(before: jax.Array) -> jax.Array:
+        return jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(later, before)
+
+    return _log_sum(jax.vmap(met)(earlier[chosen]), 0) - jnp.log(float(num_pairs))
+
+
+def _first_frame(
+    model: CompiledModel, method: str, tile: int | None, rng_key: jax.Array, history: History, after: tuple[_Backward, Any]
+) -> tuple[jax.Array, jax.Array]:
+    """Log-weights (N,) of the forward particles of frame 0, and their effective number."""
+    backward, inputs = after
+    earlier, log_weights = history.particles[0], history.log_weights[0]
+    information = normalise(backward.log_weights - backward.log_prior).log_weights
+    if method == "exact":
+        rows = tile_rows(tile, earlier.shape[0], earlier.shape[0])
+
+        def add_up(xs: jax.Array) -> jax.Array:
+            return _log_sum(log_transitions(model, backward.particles, xs, inputs) + information[:, None], 0)
+
+        support = join_rows(jax.lax.map(add_up, split_rows(earlier, rows)), earlier.shape[0])
+    else:
+        key_slots, key_deal = jax.random.split(rng_key)
+        met = backward.particles[systematic(key_slots, information, earlier.shape[0])]
+        met = jax.random.permutation(key_deal, met)
+        support = jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(met, earlier)
+    together = normalise(log_weights + support)
+    return together.log_weights, together.ess
+
+
+def _log_sum(terms: jax.Array, axis: int) -> jax.Array:
+    """Log of the sum of exp(terms), NaN counting as nothing."""
+    clean = jnp.where(jnp.isnan(terms), -jnp.inf, terms)
+    total: jax.Array = jax.nn.logsumexp(clean, axis=axis)
+    return total
