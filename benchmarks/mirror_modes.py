@@ -6,8 +6,8 @@ Every run draws its own data of `poseppl_models.mirror`. The side of the state i
 never. A filter is asked for the probability of the positive side at the last frame but one, a smoother in the middle; a
 quadrature grid knows the answer. Both modes are kept when the lesser one has at least a quarter of the probability that it
 should have, counted where that is a tenth or more; the error is the root mean square over runs of the probability's. Smoothers
-take the history of a bootstrap filter with N = 1,000. A single Gaussian that lies across 0 counts as both modes: the Kalman filters are there to show
-that.
+take the history of a bootstrap filter with N = 1,000. A single Gaussian that lies across 0 counts as both modes: the Kalman
+filters are there to show that.
 """
 
 from __future__ import annotations
