@@ -206,12 +206,10 @@ def move_members(
     count, dimension = members.positions.shape
     scale = (1.0 - settings.noise) * 2.38 / (2 * dimension) ** 0.5 if settings.scale is None else settings.scale
 
-    def propose(rng_key: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        key_choices, key_noise = jax.random.split(rng_key)
-        choices = jax.random.uniform(key_choices, (6,), x.dtype)
+    def propose(x: jax.Array, choices: jax.Array, shake: jax.Array) -> tuple[jax.Array, jax.Array]:
         first, second, third = pool[_three_indices(choices[:3], num_pool)]
         leap = jnp.where(choices[3] < settings.jump, 1.0, scale)
-        straight = x + leap * (first - second) + symmetric_noise(key_noise, noise, x)
+        straight = x + leap * (first - second) + shake
         if settings.snooker == 0:
             return straight, jnp.zeros((), x.dtype)
         low, high = _SNOOKER
@@ -219,19 +217,21 @@ def move_members(
         chosen = choices[5] < settings.snooker
         return jnp.where(chosen, bent, straight), jnp.where(chosen, log_factor, 0.0)
 
-    key_propose, key_accept = jax.random.split(rng_key)
-    proposals, log_factors = jax.vmap(propose)(jax.random.split(key_propose, count), members.positions)
+    key_choices, key_noise = jax.random.split(rng_key)
+    choices = jax.random.uniform(key_choices, (count, 7), members.positions.dtype)
+    shakes = symmetric_noise(key_noise, noise, members.positions)
+    proposals, log_factors = jax.vmap(propose)(members.positions, choices, shakes)
     values = _values(proposals, log_density)
     # a member without density goes anywhere that has some
     ratio = jnp.where(jnp.isneginf(members.values), 0.0, values - members.values + log_factors)
     rates = jnp.where(jnp.isneginf(values), 0.0, jnp.exp(jnp.minimum(ratio, 0.0)))
-    accept = jax.random.uniform(key_accept, (count,), rates.dtype) < rates
+    accept = choices[:, 6] < rates
     positions = jnp.where(accept[:, None], proposals, members.positions)
     return Members(positions, jnp.where(accept, values, members.values)), jnp.mean(rates)
 
 
 def symmetric_noise(rng_key: jax.Array, half_width: jax.Array, x: jax.Array) -> jax.Array:
-    """Uniform noise (d,) around zero, of half-width a scalar or (d,)."""
+    """Uniform noise around zero for positions (N, d), of half-width a scalar or (d,)."""
     return half_width * jax.random.uniform(rng_key, x.shape, x.dtype, -1.0, 1.0)
 
 
