@@ -102,19 +102,18 @@ def adapted_chain(
         adaptation = adaptation._replace(log_step_size_avg=adaptation.log_step_size)
 
     # warm-up and draws in one loop: the kernel is compiled once
-    def update(carry: tuple[Any, Any], row: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[Any, Any]:
+    def update(carry: tuple[Any, Any], row: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
         state, adaptation = carry
-        key, steps, number = row
+        number, steps = row
         early = number < settings.num_warmup
         log_step_size = jnp.where(early, adaptation.log_step_size, adaptation.log_step_size_avg)
-        state, info = move(key, state, jnp.exp(log_step_size), steps)
+        state, info = move(jax.random.fold_in(rng_key, number), state, jnp.exp(log_step_size), steps)
         acceptance = jnp.where(jnp.isnan(info.acceptance_rate), 0.0, info.acceptance_rate).astype(start.dtype)
         improved = improve(adaptation, acceptance)
         adaptation = jax.tree.map(lambda new, old: jnp.where(early, new, old), improved, adaptation)
         return (state, adaptation), (state.position, acceptance, info.is_divergent, info.num_integration_steps)
 
-    number = jnp.arange(settings.num_warmup + settings.num_draws)
-    rows = (jax.random.split(rng_key, number.shape[0]), num_steps, number)
+    rows = jnp.arange(settings.num_warmup + settings.num_draws), num_steps
     state: Any = blackjax.hmc.init(start, safe_density)
     (_, adaptation), (draws, acceptance, divergent, steps) = jax.lax.scan(update, (state, adaptation), rows)
     kept = slice(settings.num_warmup, None)
@@ -140,4 +139,13 @@ def _kernel(density: Callable[[jax.Array], jax.Array], start: jax.Array, setting
         hmc: Any = blackjax.hmc.build_kernel()
         return lambda key, state, step_size, steps: hmc(key, state, density, step_size, mass, steps)
     nuts: Any = blackjax.nuts.build_kernel()
-    return lambda key, state, step_size, _: nuts(key, state, density, step_size, mass, settings.max_doublings)
+
+    def move(key: jax.Array, state: Any, step_size: jax.Array, _: jax.Array) -> Any:
+        return nuts(unchecked(key), state, density, step_size, mass, settings.max_doublings)
+
+    return move
+
+
+def unchecked(rng_key: jax.Array) -> jax.Array:
+    """The key as plain data: JAX's check of key reuse takes a vmapped loop, as NUTS is, for one that uses a key twice."""
+    return jax.random.key_data(rng_key)

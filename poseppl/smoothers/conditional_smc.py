@@ -88,8 +88,8 @@ def _run(
 
     def advance(carry: tuple[jax.Array, jax.Array], row: Any) -> tuple[Any, Any]:
         particles, log_weights = carry
-        key, kept, observation, inputs = row
-        key_resample, key_move, key_past = jax.random.split(key, 3)
+        number, kept, observation, inputs = row
+        key_resample, key_move, key_past = jax.random.split(jax.random.fold_in(key_later, number), 3)
         chosen = multinomial(key_resample, log_weights, num_free)
         moved = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(
             particle_keys(key_move, num_free), particles[chosen]
@@ -108,8 +108,7 @@ def _run(
     drawn = jax.vmap(lambda k: model.sample_initial(k, first[2]))(particle_keys(key_first, num_free))
     particles = jnp.concatenate([first[0][None], drawn])
     log_weights = weigh(particles, *first[1:])
-    keys = jax.random.split(key_later, reference.shape[0] - 1)
-    _, rest = jax.lax.scan(advance, (particles, log_weights), (keys, *later))
+    _, rest = jax.lax.scan(advance, (particles, log_weights), (jnp.arange(reference.shape[0] - 1), *later))
     return _Sweep(jnp.concatenate([particles[None], rest[0]]), jnp.concatenate([log_weights[None], rest[1]]), rest[2])
 
 
@@ -153,14 +152,14 @@ def _draw_back(model: CompiledModel, rng_key: jax.Array, sweep: _Sweep, inputs: 
     last = _draw_last(key_last, sweep.log_weights[-1])
 
     def back(following: tuple[jax.Array, jax.Array], row: Any) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
-        key, particles, log_weights, ancestors, inputs = row
+        number, particles, log_weights, ancestors, inputs = row
         index, x = following
+        key = jax.random.fold_in(key_earlier, number)
         index = _draw_past(model, key, x, particles, log_weights, inputs, ancestors[index])
         return (index, particles[index]), particles[index]
 
-    keys = jax.random.split(key_earlier, sweep.ancestors.shape[0])
     later = jax.tree.map(lambda leaf: leaf[1:], inputs)
-    rows = (keys, sweep.particles[:-1], sweep.log_weights[:-1], sweep.ancestors, later)
+    rows = (jnp.arange(sweep.ancestors.shape[0]), sweep.particles[:-1], sweep.log_weights[:-1], sweep.ancestors, later)
     x = sweep.particles[-1, last]
     _, earlier = jax.lax.scan(back, (last, x), rows, reverse=True)
     return jnp.concatenate([earlier, x[None]])

@@ -23,11 +23,11 @@ def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, i
     num_later = jax.tree.leaves(observations)[0].shape[0] - 1
 
     def advance(state: Any, row: Any) -> tuple[Any, Any]:
-        state, info = filter.step(row[0], state, *row[1])
+        state, info = filter.step(jax.random.fold_in(key_later, row[0]), state, *row[1])
         return state, keep(state, info)
 
     kept = keep(state, info)
-    _, rest = jax.lax.scan(advance, state, (jax.random.split(key_later, num_later), later))
+    _, rest = jax.lax.scan(advance, state, (jnp.arange(num_later), later))
     return jax.tree.map(lambda one, many: jnp.concatenate([one[None], many]), kept, rest)
 
 

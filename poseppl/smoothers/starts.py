@@ -40,18 +40,18 @@ def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History
     last = particles[-1][jax.random.categorical(key_last, log_weights[-1], shape=(num,))]
 
     def back(following: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
-        key, candidates, log_weights, inputs = row
+        number, candidates, log_weights, inputs = row
 
         def join(x: jax.Array) -> jax.Array:
             log_transition = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(candidates)
             joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
             return jnp.where(jnp.any(joint > -jnp.inf), joint, log_weights)
 
-        chosen = candidates[jax.random.categorical(key, jax.vmap(join)(following))]
+        chosen = candidates[jax.random.categorical(jax.random.fold_in(key_back, number), jax.vmap(join)(following))]
         return chosen, chosen
 
     later = jax.tree.map(lambda leaf: leaf[1:], inputs)
-    rows = (jax.random.split(key_back, num_frames - 1), particles[:-1], log_weights[:-1], later)
+    rows = (jnp.arange(num_frames - 1), particles[:-1], log_weights[:-1], later)
     _, earlier = jax.lax.scan(back, last, rows, reverse=True)
     return jnp.swapaxes(jnp.concatenate([earlier, last[None]]), 0, 1)
 

@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 
 from poseppl.filters.particle import particle_filter
+from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterChart, parameter_chart
@@ -181,7 +182,8 @@ def _move_params(
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
     kernel: Any = blackjax.nuts.build_kernel()
-    state, info = kernel(rng_key, blackjax.hmc.init(u, log_density), log_density, step_size, mass, _MAX_DOUBLINGS)
+    start = blackjax.hmc.init(u, log_density)
+    state, info = kernel(unchecked(rng_key), start, log_density, step_size, mass, _MAX_DOUBLINGS)
     return state.position, info
 
 

@@ -128,9 +128,20 @@ def test_evidence_that_is_estimated_anew_is_noticed(monkeypatch):
     assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
 
 
-def test_chains_start_where_they_are_told_to():
-    result = run_pmmh(num_draws=1, start={"noise": 0.5})
-    assert np.isfinite(result.unconstrained).all()
+def test_no_key_is_used_twice():
+    model, observations = posed()
+    settings = {"num_chains": 2, "num_draws": 2, "num_warmup": 1}
+
+    def run(key_gibbs, key_pmmh):
+        filtered = {"build_filter": lambda bound: particle_filter(bound, 5), **settings}
+        return (
+            particle_gibbs(model, key_gibbs, observations, num_particles=3, **settings).unconstrained,
+            pmmh(model, key_pmmh, observations, start={"noise": 0.5}, **filtered).unconstrained,
+        )
+
+    with jax.debug_key_reuse(True):
+        for draws in jax.jit(run)(jax.random.key(0), jax.random.key(1)):
+            assert np.isfinite(draws).all()
 
 
 def test_the_chart_of_params():
