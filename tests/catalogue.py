@@ -164,6 +164,7 @@ class SmootherRow(NamedTuple):
         build: A small instance for a model.
         consistent: Whether means and variances converge to the exact ones, with more particles or draws.
         discrete: Whether it also takes models of finite states.
+        multimodal: Whether it weighs every mode that the filter found, however far apart.
         num_replicates: Independent runs (of filter and smoother) that the statistical laws make.
         num_particles: Of the particle filter whose history it takes.
     """
@@ -173,6 +174,7 @@ class SmootherRow(NamedTuple):
     build: Callable[[CompiledModel], Smoother]
     consistent: bool = True
     discrete: bool = False
+    multimodal: bool = True
     num_replicates: int = 40
     num_particles: int = 500
 
@@ -224,6 +226,7 @@ SMOOTHERS: list[SmootherRow] = [
         trajectory_smoother,
         lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
         num_particles=100,
+        multimodal=False,
     ),
     SmootherRow(
         "trajectory-hmc",
@@ -232,6 +235,7 @@ SMOOTHERS: list[SmootherRow] = [
             model, num_chains=2, num_draws=100, num_warmup=50, kernel="hmc", num_leapfrog=8, num_curvatures=8
         ),
         num_particles=100,
+        multimodal=False,
     ),
     SmootherRow(
         "gibbs",
@@ -253,6 +257,7 @@ SMOOTHERS: list[SmootherRow] = [
             model, num_components=1, num_rounds=2, mixture=MixtureSettings(covariance="free", num_steps=2)
         ),
         num_particles=1000,
+        multimodal=False,
     ),
     SmootherRow(
         "variational-frames",

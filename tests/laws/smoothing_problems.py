@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from law_problems import Problem, frame, moments, problem, run
 from oracles.forward_backward import forward_backward
+from oracles.grid import growth_on_grid
 from oracles.kalman import kalman_filter, rauch_tung_striebel, simulate
 from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import particle_filter
@@ -69,6 +71,16 @@ def markov_problem(num_states: int) -> Smoothing:
     variances = ((states - means[:, None]) ** 2 * probabilities).sum(1)
     values = np.where(ys < 0, np.nan, ys)
     return Smoothing(model, model.observe({"y": values}), None, means[:, None], variances[:, None, None])
+
+
+def growth_problem() -> Smoothing:
+    """Six frames of the growth model, one of them missing, solved by quadrature."""
+    ys = np.array([1.2, 4.0, np.nan, 9.0, 2.0, 0.5])
+    model = growth().compile(1.0)
+    grid, _, smoothed, _ = growth_on_grid(ys)
+    means = smoothed @ grid
+    variances = (smoothed * (grid - means[:, None]) ** 2).sum(1)
+    return Smoothing(model, model.observe({"y": ys}), jnp.arange(1.0, 7.0), means[:, None], variances[:, None, None])
 
 
 def filtered_history(rng_key, posed, num_particles):

@@ -15,6 +15,7 @@ import pytest
 from catalogue import SMOOTHERS, row_id
 from law_problems import z_scores
 from smoothing_problems import (
+    growth_problem,
     history_for_conduct,
     linear_problem,
     linear_problem_of_dimension,
@@ -29,6 +30,7 @@ ROWS = {row.name: row for row in SMOOTHERS}
 every_smoother = pytest.mark.parametrize("row", SMOOTHERS, ids=row_id)
 consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
 discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
+multimodal_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.multimodal], ids=row_id)
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
 
 
@@ -141,6 +143,12 @@ def test_means_and_covariances_are_those_of_rauch_tung_and_striebel(row):
 @pytest.mark.parametrize("num_states", [2, pytest.param(5, marks=pytest.mark.slow)])
 def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_states):
     check_exact(row, markov_problem, num_states)
+
+
+@multimodal_smoothers
+def test_growth_model_has_the_moments_of_quadrature(row):
+    """Two modes, a transition that bends, and time as an input."""
+    check_exact(row, growth_problem)
 
 
 @two_kinds
