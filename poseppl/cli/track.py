@@ -9,9 +9,21 @@ import click
 from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.errors import InputError
 
-FILTERS = ("assumed-density", "hmc", "particle")
+FILTERS = (
+    "assumed-density",
+    "hmc",
+    "particle",
+    "guided",
+    "auxiliary",
+    "tempered",
+    "annealed",
+    "de-mc",
+    "extended-kalman",
+    "unscented-kalman",
+)
 _CHAIN_OPTIONS = ("chains", "draws", "leapfrog", "burn_in", "step_size", "rejection", "jitter", "components", "starts")
-_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "dense_mass", "particles", "resampling", "ess_threshold")
+_PARTICLE_OPTIONS = ("particles", "resampling", "ess_threshold", "target", "ess_target", "chain_length", "layers", "survival")
+_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "dense_mass", *_PARTICLE_OPTIONS)
 
 EXAMPLES = """
 \b
@@ -75,17 +87,39 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 1]")
 @click.option("--starts", metavar="S", type=int, help="assumed-density: climbs to the modes of a frame. [default: 40]")
 @click.option("--dense-mass/--diagonal-mass", default=None, help="hmc: form of the mass matrix. [default: diagonal]")
-@click.option("--particles", metavar="N", type=int, help="particle: how many. [default: 10000]")
+@click.option(
+    "--particles",
+    metavar="N",
+    type=int,
+    help="How many particles; draws of the Gaussian for the Kalman filters. [default: 10000 for particle, 2000 for guided and "
+    "auxiliary, 500 for tempered, 1000 otherwise]",
+)
 @click.option(
     "--resampling",
     type=click.Choice(["systematic", "stratified", "residual", "multinomial"]),
-    help="hmc, particle: the scheme. [default: systematic]",
+    help="The scheme, where particles are resampled. [default: systematic; multinomial for annealed]",
 )
 @click.option(
     "--ess-threshold",
     metavar="FRACTION",
     type=float,
-    help="particle: resample when the effective number falls to this fraction. [default: 1, at every frame]",
+    help="particle, guided, auxiliary: resample when the effective number falls to this fraction. [default: 1, every frame]",
+)
+@click.option(
+    "--target",
+    type=click.Choice(["ancestor", "mixture"]),
+    help="tempered: whether moves hold the ancestor fixed, or see the mixture over all. [default: ancestor]",
+)
+@click.option(
+    "--ess-target",
+    metavar="FRACTION",
+    type=float,
+    help="tempered: effective number at each temperature, as a fraction. [default: 0.5]",
+)
+@click.option("--chain-length", metavar="P", type=int, help="tempered: waste-free chains of so many states. [default: 1]")
+@click.option("--layers", metavar="R", type=int, help="annealed, de-mc: layers of a frame. [default: 10; 7 for de-mc]")
+@click.option(
+    "--survival", metavar="FRACTION", type=float, help="annealed: fraction of particles that outlives a layer. [default: 0.5]"
 )
 @click.option(
     "--sigma-position", metavar="MM", type=float, help="Random walk of translations, mm a frame. [default: the body's, 15]"

@@ -7,11 +7,17 @@ from inspect import signature
 from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
+from poseppl.filters.annealed import annealed_filter
 from poseppl.filters.assumed_density import TRACKER, assumed_density_filter
 from poseppl.filters.base import Filter
+from poseppl.filters.demc import demc_filter
+from poseppl.filters.guided import guided_filter
 from poseppl.filters.hmc import hmc_filter
+from poseppl.filters.kalman import kalman_filter
 from poseppl.filters.particle import particle_filter
+from poseppl.filters.tempered import tempered_filter
 from poseppl.kernels.hmc import HMCSettings
+from poseppl.linearisation import Method
 from poseppl.program import CompiledModel
 
 Settings = Mapping[str, Any]
@@ -84,6 +90,44 @@ def _particle(model: CompiledModel, settings: Settings) -> Filter:
     )
 
 
+def _guided(auxiliary: bool) -> Callable[[CompiledModel, Settings], Filter]:
+    def build(model: CompiledModel, settings: Settings) -> Filter:
+        return guided_filter(
+            model,
+            settings["particles"],
+            auxiliary=auxiliary,
+            resampling=settings["resampling"],
+            ess_threshold=settings["ess_threshold"],
+        )
+
+    return build
+
+
+def _kalman(linearisation: Method) -> Callable[[CompiledModel, Settings], Filter]:
+    return lambda model, settings: kalman_filter(model, settings["particles"], linearisation=linearisation)
+
+
+def _tempered(model: CompiledModel, settings: Settings) -> Filter:
+    names = ("target", "ess_target", "chain_length", "resampling")
+    return tempered_filter(model, settings["particles"], **{name: settings[name] for name in names})
+
+
+def _annealed(model: CompiledModel, settings: Settings) -> Filter:
+    return annealed_filter(
+        model,
+        settings["particles"],
+        num_layers=settings["layers"],
+        survival=settings["survival"],
+        resampling=settings["resampling"],
+    )
+
+
+def _demc(model: CompiledModel, settings: Settings) -> Filter:
+    return demc_filter(model, settings["particles"], num_layers=settings["layers"], resampling=settings["resampling"])
+
+
+_PARTICLES = {"particles": 2000, "resampling": "systematic", "ess_threshold": 1.0}
+
 FILTERS: Mapping[str, FilterEntry] = {
     "assumed-density": FilterEntry(
         _assumed_density,
@@ -104,10 +148,54 @@ FILTERS: Mapping[str, FilterEntry] = {
         {"particles": 10_000, "resampling": "systematic", "ess_threshold": 1.0},
         "The particle filter with the temporal prior as proposal.",
     ),
+    "guided": FilterEntry(
+        _guided(auxiliary=False), _PARTICLES, "Particles drawn from a local linearisation that has seen the frame."
+    ),
+    "auxiliary": FilterEntry(
+        _guided(auxiliary=True), _PARTICLES, "The guided filter, which also chooses ancestors by what the frame says of them."
+    ),
+    "tempered": FilterEntry(
+        _tempered,
+        {
+            "particles": 500,
+            "target": _default(tempered_filter, "target"),
+            "ess_target": _default(tempered_filter, "ess_target"),
+            "chain_length": _default(tempered_filter, "chain_length"),
+            "resampling": "systematic",
+        },
+        "Particles cooled from the prediction to the posterior by tempered SMC with HMC moves.",
+    ),
+    "annealed": FilterEntry(
+        _annealed,
+        {
+            "particles": 1000,
+            "layers": _default(annealed_filter, "num_layers"),
+            "survival": _default(annealed_filter, "survival"),
+            "resampling": _default(annealed_filter, "resampling"),
+        },
+        "The annealed particle filter: seeks a mode, and is no posterior.",
+    ),
+    "de-mc": FilterEntry(
+        _demc,
+        {"particles": 1000, "layers": _default(demc_filter, "num_layers"), "resampling": "systematic"},
+        "The particle filter of Du and Guan 2006, moved by differential evolution: seeks a mode.",
+    ),
+    "extended-kalman": FilterEntry(_kalman("first-order"), {"particles": 1000}, "The extended Kalman filter: one Gaussian."),
+    "unscented-kalman": FilterEntry(_kalman("unscented"), {"particles": 1000}, "The unscented Kalman filter: one Gaussian."),
 }
 
-LEAST = {"chains": 1, "draws": 1, "leapfrog": 1, "burn_in": 0, "particles": 1, "components": 1, "starts": 1}
-MOST = {"chains": 100_000, "draws": 1_000_000, "leapfrog": 100_000, "burn_in": 1_000_000, "particles": 100_000_000}
+LEAST = {
+    "layers": 1,
+    "chain_length": 1,
+    "chains": 1,
+    "draws": 1,
+    "leapfrog": 1,
+    "burn_in": 0,
+    "particles": 1,
+    "components": 1,
+    "starts": 1,
+}
+MOST = {"chains": 100_000, "draws": 1_000_000, "leapfrog": 100_000, "burn_in": 1_000_000, "particles": 2**24 - 1}
 
 
 def build_filter(name: str, model: CompiledModel, settings: Settings) -> tuple[Filter, dict[str, Any]]:
@@ -164,5 +252,8 @@ def _check(settings: Settings) -> None:
         raise InputError(f"{settings['rejection']:g}", field="--rejection", expected="0 (fixed step size) to below 1")
     if "jitter" in settings and not 0 <= settings["jitter"] < 1:
         raise InputError(f"{settings['jitter']:g}", field="--jitter", expected="0 to below 1")
+    for name in ("survival", "ess_target"):
+        if name in settings and not 0 < settings[name] < 1:
+            raise InputError(f"{settings[name]:g}", field=option(name), expected="between 0 and 1")
     if "ess_threshold" in settings and not 0 <= settings["ess_threshold"] <= 1:
         raise InputError(f"{settings['ess_threshold']:g}", field="--ess-threshold", expected="0 to 1")

@@ -17,6 +17,7 @@ from poseppl.smoothers import (
     particle_gibbs_smoother,
     rauch_tung_striebel_smoother,
     trajectory_smoother,
+    two_filter_smoother,
     variational_smoother,
     viterbi_smoother,
 )
@@ -54,6 +55,7 @@ SMOOTHERS: Mapping[str, SmootherEntry] = {
         forward_backward_smoother, "The filter's particles, weighted anew by what comes after them (FBS)."
     ),
     "backward-simulation": SmootherEntry(_backward_simulation, "Trajectories drawn backwards through the filter's particles."),
+    "two-filter": SmootherEntry(two_filter_smoother, "A filter from either end, combined; new particles at each frame."),
     "viterbi": SmootherEntry(viterbi_smoother, "The most probable path through the filter's particles."),
     "genealogy": SmootherEntry(genealogy_smoother, "The ancestors of the last frame's particles: the baseline."),
     "fixed-lag": SmootherEntry(fixed_lag_smoother, "The ancestors of the particles a few frames later."),

@@ -17,9 +17,11 @@ import jax
 import pytest
 
 from poseppl.cli import main
+from poseppl.cli.smooth import METHODS
 from poseppl.cli.track import FILTERS as NAMES
 from poseppl.filters.registry import FILTERS
 from poseppl.results import load_result
+from poseppl.smoothers.registry import SMOOTHERS
 
 SMALL = ["--filter", "particle", "--particles", "200", "--frames", "0:4", "--max-draws", "20"]
 
@@ -54,9 +56,19 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     assert tree["posterior"].sizes["frame"] == 4
     assert main(["report", "poseppl-walk.nc"]) == 0
     assert "<!DOCTYPE html>" in Path("poseppl-walk.html").read_text()[:20]
+    assert main(["smooth", "poseppl-walk.nc", "--method", "forward-backward", "-q"]) == 0
+    assert load_result("poseppl-walk-forward-backward.nc")["posterior"].sizes["frame"] == 4
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
+
+
+def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", *SMALL, "-q"]) == 0
+    refused(capsys, ["smooth", "poseppl-walk.nc", "--set", "draws"], "--set", "NAME=VALUE")
+    refused(capsys, ["smooth", "poseppl-walk.nc", "--method", "viterbi", "--set", "a=1"], "no setting 'a'")
+    refused(capsys, ["smooth", "poseppl-walk.nc", "-o", "poseppl-walk.nc"], "poseppl-walk.nc")
+    refused(capsys, ["smooth", "absent.nc"], "absent.nc")
 
 
 def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
@@ -167,7 +179,7 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
     assert [path.name for path in Path().iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize("command", [[], ["track"], ["simulate"], ["report"], ["fit-gait"]])
+@pytest.mark.parametrize("command", [[], ["track"], ["smooth"], ["simulate"], ["report"], ["fit-gait"]])
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
     text = capsys.readouterr().out
@@ -184,11 +196,13 @@ def test_help_is_quick_and_its_defaults_are_true(capsys: pytest.CaptureFixture[s
     assert tuple(FILTERS) == NAMES
     main(["track", "--help"])
     text = " ".join(capsys.readouterr().out.split())
-    default, paper, particle = (FILTERS[name].defaults for name in NAMES)
+    default, paper, particle = (FILTERS[name].defaults for name in ("assumed-density", "hmc", "particle"))
     for name in paper.keys() & default.keys():
         other = "" if default[name] == paper[name] else f"; {paper[name]:g} for hmc"
         shown = text[text.index(f"--{name.replace('_', '-')} ") :]
         assert shown[shown.index("[default:") :].startswith(f"[default: {default[name]:g}{other}]"), name
     assert f"temporal prior. [default: {default['components']}]" in text
     assert f"modes of a frame. [default: {default['starts']}]" in text
-    assert f"how many. [default: {particle['particles']}]" in text
+    assert f"[default: {particle['particles']} for particle, {FILTERS['guided'].defaults['particles']} for guided" in text
+    assert f"{FILTERS['tempered'].defaults['particles']} for tempered" in text
+    assert tuple(name for name in METHODS) == tuple(SMOOTHERS)
