@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
 
 from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal
 from poseppl.program import CompiledModel
@@ -45,9 +46,16 @@ class Marginals(NamedTuple):
 
 def inverse_covariance(covariance: jax.Array) -> jax.Array:
     """Inverse of a covariance (d, d), scaled to a unit diagonal on the way."""
+    whiten = inverse_root(covariance)
+    return whiten.T @ whiten
+
+
+def inverse_root(covariance: jax.Array) -> jax.Array:
+    """W, lower triangular (d, d), with W^T W the inverse of a covariance."""
     unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
-    scaled: jax.Array = jnp.linalg.inv(covariance * unit[:, None] * unit)
-    return 0.5 * (scaled + scaled.T) * unit[:, None] * unit
+    lower = jnp.linalg.cholesky(covariance * unit[:, None] * unit)
+    root: jax.Array = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True) * unit
+    return root
 
 
 class Structure(NamedTuple):

@@ -35,10 +35,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
 
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
+from poseppl.smoothers.gaussian_prior import inverse_root
 from poseppl.smoothers.prediction import log_predicted, map_frames, predicted_moments
 from poseppl.smoothers.weighted_em import Components, choose_seeds, fit_fixed, fit_free
 from poseppl.weights import normalise, weighted_covariance, weighted_mean
@@ -97,9 +97,9 @@ class LikelihoodMixture(NamedTuple):
 def mixture_of_gaussians(log_weights: Any, means: Any, covariances: Any) -> LikelihoodMixture:
     """A mixture that is known: log-weights (T, K), means (T, K, d), covariances (T, K, d, d) or (T, 1, d, d)."""
     log_weights, means, covariances = (jnp.asarray(a) for a in (log_weights, means, covariances))
-    precisions = jnp.linalg.inv(covariances)
-    constant = 0.5 * jnp.linalg.slogdet(precisions)[1] - 0.5 * means.shape[-1] * jnp.log(2 * jnp.pi)
-    return LikelihoodMixture(log_weights + constant, means, jnp.zeros_like(means), precisions)
+    roots = jnp.vectorize(inverse_root, signature="(i,j)->(i,j)")(covariances)
+    constant = jnp.sum(jnp.log(jnp.diagonal(roots, axis1=-2, axis2=-1)), -1) - 0.5 * means.shape[-1] * jnp.log(2 * jnp.pi)
+    return LikelihoodMixture(log_weights + constant, means, jnp.zeros_like(means), jnp.swapaxes(roots, -1, -2) @ roots)
 
 
 def log_components(mixture: LikelihoodMixture, x: jax.Array) -> jax.Array:
@@ -203,21 +203,21 @@ def _default_scales(alive: jax.Array, unit: jax.Array) -> jax.Array:
 
 def _divide(components: Components, mean: jax.Array, covariance: jax.Array, noise: jax.Array) -> LikelihoodMixture:
     """Divide Gaussians by N(mean, covariance); `noise` is the relative variance of their variances."""
-    unit = jnp.sqrt(jnp.diagonal(covariance))
-    lower = jnp.linalg.cholesky(covariance / unit[:, None] / unit) * unit[:, None]
-    whiten = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True)
+    whiten = inverse_root(covariance)
     values, vectors = jnp.linalg.eigh(whiten @ components.covariances @ whiten.T)
     # in units of the prediction and along a component's axes: precision 1 / value - 1, slope the distance from the mean
     gain = 1.0 / jnp.maximum(values, 1e-6) - 1.0
     shrink = jnp.where(gain > 0, jnp.maximum(1.0 - noise / jnp.where(gain > 0, gain, 1.0) ** 2, 0.0), 0.0)
     gain = shrink * gain
     distance = jnp.einsum(
-        "kji,kj->ki", jnp.broadcast_to(vectors, (components.means.shape[0], *lower.shape)), (components.means - mean) @ whiten.T
+        "kji,kj->ki",
+        jnp.broadcast_to(vectors, (components.means.shape[0], *whiten.shape)),
+        (components.means - mean) @ whiten.T,
     )
     axes = whiten.T @ vectors
     return LikelihoodMixture(
         log_heights=components.log_weights + 0.5 * jnp.sum(jnp.log1p(gain) + shrink * distance**2, -1),
         anchors=components.means,
-        slopes=jnp.einsum("kij,kj->ki", jnp.broadcast_to(axes, (components.means.shape[0], *lower.shape)), shrink * distance),
+        slopes=jnp.einsum("kij,kj->ki", jnp.broadcast_to(axes, (components.means.shape[0], *whiten.shape)), shrink * distance),
         precisions=jnp.einsum("cij,cj,ckj->cik", axes, gain, axes),
     )

@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
 
+from poseppl.smoothers.gaussian_prior import inverse_root
 from poseppl.weights import weighted_covariance
 
 _KEPT = 1e-6
@@ -116,6 +116,6 @@ def _update_means(weights: jax.Array, logits: jax.Array, points: jax.Array, mean
 
 def _log_normal(points: jax.Array, mean: jax.Array, covariance: jax.Array) -> jax.Array:
     """Log-densities (N,) up to the constant that all components share."""
-    lower = jnp.linalg.cholesky(covariance)
-    white = solve_triangular(lower, (points - mean).T, lower=True)
-    return -0.5 * jnp.sum(white**2, 0) - jnp.sum(jnp.log(jnp.diagonal(lower)))
+    whiten = inverse_root(covariance)
+    white = (points - mean) @ whiten.T
+    return -0.5 * jnp.sum(white**2, 1) + jnp.sum(jnp.log(jnp.diagonal(whiten)))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from law_problems import MASKED, problem, run
-from precision import DTYPES, precision
+from precision import precision
 
 from poseppl.filters import particle_filter
 from poseppl.smoothers import History
@@ -70,7 +70,7 @@ def test_expectation_maximisation_never_lowers_the_likelihood_of_the_points(free
     points, weights = weighted_points()
     seeds, alive = jnp.array([10, 150, 60, 0]), jnp.array([True, True, True, False])
     gained = []
-    for num_steps in (1, 2, 4, 8):
+    for num_steps in (1, 2, 6):
         if free:
             fitted = fit_free(points, weights, seeds, alive, num_steps, jnp.zeros(2))
         else:
@@ -87,9 +87,9 @@ def test_expectation_maximisation_never_lowers_the_likelihood_of_the_points(free
 
 
 @cache
-def mixtures(correction, num_components=1, covariance="free", num_replicates=40):
-    """Natural parameters of the normalised mixtures' Gaussians, of independent filters."""
-    settings = MixtureSettings(num_components, covariance, correction=correction)
+def mixtures(correction, num_replicates=40):
+    """Mixtures of one free component, of independent filters."""
+    settings = MixtureSettings(1, "free", correction=correction, num_steps=2)
     built = particle_filter(POSED.model, 1000)
 
     def one(rng_key):
@@ -155,9 +155,9 @@ def test_frame_without_data_is_flat(correction):
     assert (np.asarray(fitted.slopes[:, MASKED]) == 0).all()
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("covariance", ["fixed", "free"])
-@pytest.mark.parametrize("num_particles", [1, 3])
+@pytest.mark.parametrize(
+    ("dtype", "covariance", "num_particles"), [(np.float32, "fixed", 1), (np.float32, "free", 3), (np.float64, "free", 1)]
+)
 def test_particles_that_are_all_equal_leave_no_nan(dtype, covariance, num_particles):
     with precision(dtype):
         posed = problem()
