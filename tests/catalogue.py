@@ -27,6 +27,7 @@ from poseppl.smoothers import (
     genealogy_smoother,
     gibbs_smoother,
     particle_gibbs_smoother,
+    rauch_tung_striebel_smoother,
     trajectory_smoother,
     two_filter_smoother,
     variational_smoother,
@@ -222,9 +223,16 @@ SMOOTHERS: list[SmootherRow] = [
         "fixed-lag", fixed_lag_smoother, lambda model: fixed_lag_smoother(model, lag=2), consistent=False, discrete=True
     ),
     SmootherRow(
+        "rauch-tung-striebel",
+        rauch_tung_striebel_smoother,
+        lambda model: rauch_tung_striebel_smoother(model, num_draws=500),
+        multimodal=False,
+    ),
+    SmootherRow(
         "trajectory-nuts",
         trajectory_smoother,
         lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
+        multimodal=False,
         num_particles=100,
         multimodal=False,
     ),
@@ -234,6 +242,7 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: trajectory_smoother(
             model, num_chains=2, num_draws=100, num_warmup=50, kernel="hmc", num_leapfrog=8, num_curvatures=8
         ),
+        multimodal=False,
         num_particles=100,
         multimodal=False,
     ),
