@@ -232,7 +232,6 @@ SMOOTHERS: list[SmootherRow] = [
         "trajectory-nuts",
         trajectory_smoother,
         lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
-        multimodal=False,
         num_particles=100,
         multimodal=False,
     ),
@@ -242,7 +241,6 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: trajectory_smoother(
             model, num_chains=2, num_draws=100, num_warmup=50, kernel="hmc", num_leapfrog=8, num_curvatures=8
         ),
-        multimodal=False,
         num_particles=100,
         multimodal=False,
     ),
