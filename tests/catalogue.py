@@ -142,7 +142,7 @@ FILTERS: list[FilterRow] = [
     FilterRow(
         "demc",
         demc_filter,
-        lambda model: demc_filter(model, 200, num_layers=3),
+        lambda model: demc_filter(model, 200, num_layers=3, prediction="velocity"),
         consistent=False,
         num_replicates=40,
         posterior=False,

@@ -20,6 +20,10 @@ What it targets, by `target`:
   p(z | x) 1/N sum_j p(x | x_(k-1)^j) invariant, as in the HMC filter, at a cost of O(N^2). It converges to the posterior with
   N; particles count alike, and X_k has the largest posterior density. Eq. 7 is left out, to keep the moves exact.
 
+Copies have no differences to move by. Where likelihoods are sharp beside the prediction, the selection leaves few distinct
+particles, and a velocity that all share does not part them: on the 28-DOF body in one camera this loses track within a few
+frames, while draws from the transition, the default, keep it. "posterior" suffers alike from its resampling in many dimensions.
+
 `log_evidence` is that of the predictions. If no particle can explain a frame, it is reported as failed and the particles stay
 as predicted.
 """
@@ -70,7 +74,7 @@ def demc_filter(
     *,
     num_layers: int = 7,
     target: str = "likelihood",
-    prediction: str = "velocity",
+    prediction: str = "transition",
     noise: float = 0.1,
     noise_follows: str = "survival",
     snooker: float = 0.0,
@@ -83,7 +87,7 @@ def demc_filter(
         num_particles: N, at least 1; differences need four or more.
         num_layers: T, updates of each particle in a frame.
         target: "likelihood", as published, or "posterior".
-        prediction: "velocity", as published, or "transition", draws from the model; "posterior" always takes these.
+        prediction: "transition", draws from the model, or "velocity", as published; "posterior" always takes the former.
         noise: c, half-width of the noise in standard deviations of the particles, in [0, 1).
         noise_follows: "survival" (Eq. 7), "degeneracy" (its inverse) or "nothing".
         snooker: Probability that a particle makes a snooker update instead.

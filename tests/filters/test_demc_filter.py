@@ -39,7 +39,7 @@ def test_many_layers_lead_to_the_likelihood_not_to_the_posterior():
 def frames():
     """States of a run as published, frame by frame."""
     posed = problem()
-    built = demc_filter(posed.model, 60, num_layers=3)
+    built = demc_filter(posed.model, 60, num_layers=3, prediction="velocity")
     init, step = jax.jit(built.init), jax.jit(built.step)
     keys = jax.random.split(jax.random.key(0), 4)
     found = [init(keys[0], frame(posed.observations, 0), frame(posed.inputs, 0))]
