@@ -13,9 +13,9 @@ weights; given its state x_(t+1), particle i of frame t is drawn with probabilit
   2023, doi:10.1214/23-AOS2324). Without ancestors (filters of chains) the start is a draw by weight, and more moves are
   needed.
 
-Proposals come from one systematic resampling for all trajectories, dealt out by a permutation that is drawn once and turned
-by a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all
-of them together cover the weights evenly.
+Proposals come from one systematic resampling for all trajectories, shuffled by a permutation that is drawn once, and turned by
+a fresh random number at each move: each trajectory's proposal is a draw by the weights, independent of its past, and all of
+them together cover the weights evenly.
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Arra
 
 
 def _draw_by_weight(rng_key: jax.Array, log_weights: jax.Array, deal: jax.Array) -> jax.Array:
-    """Indices (M,), each by the weights (N,), dealt out by a permutation (M,) and a random turn of it."""
+    """Indices (M,), each by the weights (N,): a systematic sample in the order of a permutation (M,), turned at random."""
     key_slots, key_turn = jax.random.split(rng_key)
-    slots = systematic(key_slots, log_weights, deal.shape[0])
+    dealt = systematic(key_slots, log_weights, deal.shape[0])[deal]
     turn = jax.random.randint(key_turn, (), 0, deal.shape[0])
-    turned = deal + turn
-    return slots[jnp.where(turned < deal.shape[0], turned, turned - deal.shape[0])]
+    turned: jax.Array = jax.lax.dynamic_slice(jnp.concatenate([dealt, dealt]), (turn,), deal.shape)
+    return turned
 
 
 def _effective_number(num_particles: int, dtype: Any, indices: jax.Array) -> jax.Array:
