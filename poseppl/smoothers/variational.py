@@ -31,8 +31,9 @@ cubature rule of degree 3 (Arasaratnam and Haykin 2009, doi:10.1109/TAC.2009.201
 So F, as computed, never rises, whatever the transition.
 
 q(x) starts at the filter's means and variances (section 5.2). F has many minima, and a factorised or single Gaussian q(x)
-chooses among modes: with narrow components its variance is at most that of one of them. One free component, its density
-corrected, makes it the exact smoother of linear Gaussian models, up to the Monte Carlo error of the moments.
+chooses among modes: with narrow components it stays near where it started, with at most the variance of one of them
+(``benchmarks/likelihood_mixtures.py``). For likelihoods of one mode a single component does better, and a free one, its density
+corrected, is the exact smoother of linear Gaussian models, up to the Monte Carlo error of the moments.
 """
 
 from __future__ import annotations
