@@ -109,7 +109,7 @@ def filter_history(
 
 def means_of(result: History | Smoothed) -> jax.Array:
     """Weighted means (T, d)."""
-    weights = jax.nn.softmax(result.log_weights, 1)
+    weights = jax.nn.softmax(jax.lax.optimization_barrier(result.log_weights), 1)  # or constants are folded at length
     return jnp.einsum("tn,tnd->td", weights, result.particles)
 
 
