@@ -42,10 +42,14 @@ if TYPE_CHECKING:
     from poseppl.filters import Filter as Filter
     from poseppl.filters import Info as Info
     from poseppl.filters import assumed_density_filter as assumed_density_filter
+    from poseppl.filters import guided_filter as guided_filter
     from poseppl.filters import hmc_filter as hmc_filter
+    from poseppl.filters import kalman_filter as kalman_filter
     from poseppl.filters import particle_filter as particle_filter
+    from poseppl.filters import tempered_filter as tempered_filter
     from poseppl.kernels import HMCSettings as HMCSettings
     from poseppl.outcome import result_of_run as result_of_run
+    from poseppl.outcome import result_of_smoothing as result_of_smoothing
     from poseppl.program import Clamped as Clamped
     from poseppl.program import CompiledModel as CompiledModel
     from poseppl.program import Observation as Observation
@@ -59,6 +63,11 @@ if TYPE_CHECKING:
     from poseppl.run import RunError as RunError
     from poseppl.run import run_filter as run_filter
     from poseppl.simulation import simulate as simulate
+    from poseppl.smoothers import backward_simulation_smoother as backward_simulation_smoother
+    from poseppl.smoothers import collect_history as collect_history
+    from poseppl.smoothers import forward_backward_smoother as forward_backward_smoother
+    from poseppl.smoothers import trajectory_smoother as trajectory_smoother
+    from poseppl.smoothing import run_smoother as run_smoother
 
 _HOMES = {
     "Checkpoint": "checkpoint",
@@ -70,10 +79,14 @@ _HOMES = {
     "Filter": "filters",
     "Info": "filters",
     "assumed_density_filter": "filters",
+    "guided_filter": "filters",
     "hmc_filter": "filters",
+    "kalman_filter": "filters",
     "particle_filter": "filters",
+    "tempered_filter": "filters",
     "HMCSettings": "kernels",
     "result_of_run": "outcome",
+    "result_of_smoothing": "outcome",
     "Clamped": "program",
     "CompiledModel": "program",
     "Observation": "program",
@@ -87,6 +100,11 @@ _HOMES = {
     "RunError": "run",
     "run_filter": "run",
     "simulate": "simulation",
+    "backward_simulation_smoother": "smoothers",
+    "collect_history": "smoothers",
+    "forward_backward_smoother": "smoothers",
+    "trajectory_smoother": "smoothers",
+    "run_smoother": "smoothing",
 }
 """The module of each public name; the imports above are the same list for type checkers."""
 
