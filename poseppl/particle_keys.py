@@ -2,10 +2,10 @@
 
 `jax.vmap` over `jax.random.split(rng_key, N)` hashes twice for each number: once for the particle's key, once for its number.
 The keys here belong to a generator (JAX's own Threefry) that knows about batches. A key is three words: a key that all
-particles share, and the particle's number. Under `jax.vmap` the bits of all N particles are drawn at once from the shared key,
-so that N normals cost no more than `jax.random.normal(rng_key, (N,))`; a key on its own, as in a loop over particles, draws from
-the shared key folded with its number. Programs see ordinary scalar keys, may split them and draw anything, and particles are
-independent.
+particles share, and the particle's number. Under `jax.vmap` the bits of all N particles are drawn at once from the shared
+key, so that N normals cost no more than `jax.random.normal(rng_key, (N,))`; a key on its own, as in a loop over particles,
+draws from the shared key folded with its number. Programs see ordinary scalar keys, may split them and draw anything, and
+particles are independent.
 
 A batch draws from its first key alone: a function that is vmapped once more, over replicates, gives distinct draws in each of
 them, all determined by the key of the first replicate.
