@@ -121,12 +121,13 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     figure, axes = plt.subplots(2, len(dimensions), figsize=(6 * len(dimensions), 8), squeeze=False)
     for column, dimension in enumerate(dimensions):
         above, below = axes[:, column]
-        for name in dict.fromkeys(row.method for row in rows if row.num_particles):
+        for number, name in enumerate(dict.fromkeys(row.method for row in rows if row.num_particles)):
+            style: dict[str, Any] = {"label": name, "color": f"C{number}", "capsize": 3}
             mine = [row for row in rows if row.method == name and row.dimension == dimension]
             counts = [row.num_particles for row in mine]
-            above.errorbar(counts, [row.error for row in mine], [row.standard_error for row in mine], label=name, capsize=3)
+            above.errorbar(counts, [row.error for row in mine], [row.standard_error for row in mine], **style)
             if name != "filter":
-                below.errorbar(counts, [row.ratio for row in mine], [row.ratio_error for row in mine], label=name, capsize=3)
+                below.errorbar(counts, [row.ratio for row in mine], [row.ratio_error for row in mine], **style)
         for row in rows:
             if row.dimension == dimension and not row.num_particles:
                 above.axhline(row.error, linestyle=":", color="gray")
