@@ -230,6 +230,7 @@ def run_filter(
     while stop < num_frames:
         start, began = stop, time.perf_counter()
         part = next(ready, None)
+        is_new = part is None
         if part is None:
             stop = min(start + pace, num_frames) if start else 1
             part = first or _advanced(filter, collect, sequence, parts[-1], blank, rng_key, start, stop, length)
@@ -239,10 +240,10 @@ def run_filter(
             if parts:
                 parts[-1] = parts[-1]._replace(state=None)
             parts.append(part)
-            if checkpoint is not None:
-                checkpoint.save(start, stop, part)
         stop = start + len(part.kept.finite)
         _check(part.kept, start, numbers, on_failure, note)
+        if checkpoint is not None and is_new:
+            checkpoint.save(start, stop, part)
         if progress:
             progress.advance(stop - start)
     whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(part.kept for part in parts))

@@ -20,7 +20,7 @@ from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl.checkpoint import Checkpoint, CheckpointError
 from poseppl.errors import InputError
 from poseppl.filters import Filter, Info, ParticleState
-from poseppl.run import Run, run_filter
+from poseppl.run import Run, RunError, run_filter
 
 FRAMES = 22
 MODEL = linear_gaussian(2).compile()
@@ -82,6 +82,17 @@ def go(folder: Path | None, *, resume: bool = False, values: Any = VALUES, setti
 def assert_same(first: Run, second: Run) -> None:
     for name in ("outputs", "info", "unique_ancestors", "state"):
         jax.tree.map(np.testing.assert_array_equal, getattr(first, name), getattr(second, name))
+
+
+def test_a_part_that_stops_the_run_is_not_kept(tmp_path: Path) -> None:
+    wild = VALUES.copy()
+    wild[6:8] = 3e38  # times a noise of some units: infinite
+    with pytest.raises(RunError, match="not finite"):
+        go(tmp_path / "run", values=wild)
+    assert [path.name for path in sorted((tmp_path / "run").glob("part-*"))] == [
+        "part-000000-000001.npz",
+        "part-000001-000005.npz",
+    ]
 
 
 SCRIPT = """

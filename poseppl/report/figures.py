@@ -56,5 +56,5 @@ def _states(row: FigureBase, tree: xr.DataTree, first: int) -> None:
 
 def _title(tree: xr.DataTree) -> str:
     known = provenance(tree)
-    parts = [str(known[name]) for name in ("model", "filter", "input") if name in known]
+    parts = [str(known[name]) for name in ("model", "filter", "smoother", "input") if name in known]
     return " · ".join([*parts, f"{tree['posterior'].sizes['frame']} frames"])
