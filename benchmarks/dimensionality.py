@@ -1,6 +1,6 @@
 """Does smoothing pay when the state has more dimensions? Section 7.1 and Fig. 14 of Peursum, Venkatesh and West 2010.
 
-    python benchmarks/dimensionality.py [--quick] [--runs 50] [--largest 50000] [--folder DIR]
+    python benchmarks/dimensionality.py [--quick] [--runs 50] [--smallest 100] [--largest 50000] [--folder DIR]
 
 The growth model in one and in three dimensions, T = 100, 100 to 50,000 particles (doi:10.1007/s11263-009-0205-5). Each run
 draws its own truth and data; the error is the root mean square distance of the estimated means from the truth, over frames
@@ -145,6 +145,7 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="3 runs of 100 and 300 particles, to see that it works")
     parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--smallest", type=int, default=100, help="smallest number of particles")
     parser.add_argument("--largest", type=int, default=50_000, help="largest number of particles")
     parser.add_argument("--quadratic", type=int, default=2000, help="largest for O(N^2) smoothers other than FBS")
     parser.add_argument("--folder", type=Path, help="where the CSV and the figure go")
@@ -153,7 +154,8 @@ def parse() -> argparse.Namespace:
 
 def main() -> None:
     options = parse()
-    counts = [n for n in (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000) if n <= options.largest]
+    counts = [n for n in (100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)]
+    counts = [count for count in counts if options.smallest <= count <= options.largest]
     if options.quick:
         counts, options.runs = [100, 300], 3
     rows = [row for dimension in (1, 3) for row in study(dimension, counts, options.runs, options.quadratic)]

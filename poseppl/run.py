@@ -11,29 +11,26 @@ returns for it; nothing else grows with the sequence.
 
 from __future__ import annotations
 
+import itertools
 import logging
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol
-from weakref import WeakSet
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.calls import Calls, frame_keys
+from poseppl.calls import Collect as Collect
+from poseppl.calls import Kept as Kept
 from poseppl.checkpoint import Checkpoint, Part, fingerprint
 from poseppl.errors import PosepplError
-from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.filters.base import Filter, Info
 from poseppl.frame_sequence import Constant as Constant
-from poseppl.frame_sequence import FrameSequence, Layout, frame_sequence
 from poseppl.frame_sequence import frame_inputs as frame_inputs
+from poseppl.frame_sequence import frame_sequence
 from poseppl.program import Observation
-
-Collect = Callable[[jax.Array, Any, Any, Any], Any]
-"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LOGGER = logging.getLogger("poseppl")
 _LONGEST = 64
@@ -42,8 +39,6 @@ _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
 _PATIENCE = 0.25
 """Seconds of a call up to which the next one takes twice as many frames."""
-_STARTED: WeakSet[Any] = WeakSet()
-"""The `step` functions that have been compiled, and so need not be compiled side by side with `init`."""
 
 
 class RunError(PosepplError):
@@ -68,22 +63,6 @@ class Progress(Protocol):
         """Something that the user should know."""
 
 
-class Kept(NamedTuple):
-    """What is kept of a frame; of a sequence, with a leading T.
-
-    Attributes:
-        outputs: What `collect` returned.
-        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
-        unique_ancestors: How many particles of the frame before have offspring.
-        finite: Whether all particles of positive weight were finite.
-    """
-
-    outputs: Any
-    info: Info
-    unique_ancestors: Any
-    finite: Any
-
-
 class Run(NamedTuple):
     """What a run returns, as NumPy arrays.
 
@@ -106,68 +85,6 @@ class Run(NamedTuple):
     compile_seconds: float
     wall_seconds: float
     resumed: int
-
-
-def _frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
-    """Keys of the filter and of the collector at a frame."""
-    key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
-    return key_filter, key_collect
-
-
-def _keep(collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any) -> Kept:
-    offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
-    alive = state.log_weights > -jnp.inf
-    finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
-    outputs = collect(rng_key, state, info, inputs)
-    return Kept(outputs, info._replace(ancestors=jnp.zeros(0, jnp.int32)), jnp.sum(offspring), finite)
-
-
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def _first(
-    filter: Filter,
-    collect: Collect,
-    layout: Layout,
-    rng_key: jax.Array,
-    observation: Observation,
-    varying: list[Any],
-    constant: list[Any],
-) -> tuple[Any, Kept]:
-    """The first frame."""
-    key_filter, key_collect = _frame_keys(rng_key, 0)
-    inputs = layout.join(varying, constant)
-    state, info = filter.init(key_filter, observation, inputs)
-    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], _keep(collect, key_collect, state, info, inputs))
-
-
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def _advance(
-    filter: Filter,
-    collect: Collect,
-    layout: Layout,
-    state: Any,
-    blank: Kept,
-    rng_key: jax.Array,
-    frames: jax.Array,
-    active: jax.Array,
-    observations: Observation,
-    varying: list[Any],
-    constant: list[Any],
-) -> tuple[Any, Kept]:
-    """Later frames of the numbers `frames` (chunk,), of which the `active` (chunk,) ones count."""
-
-    def body(state: Any, row: Any) -> tuple[Any, Kept]:
-        frame, wanted, observation, varying = row
-
-        def run(state: Any) -> tuple[Any, Kept]:
-            key_filter, key_collect = _frame_keys(rng_key, frame)
-            inputs = layout.join(varying, constant)
-            new, info = filter.step(key_filter, state, observation, inputs)
-            return new, _keep(collect, key_collect, new, info, inputs)
-
-        result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
-        return result
-
-    return jax.lax.scan(body, state, (frames, active, observations, varying))
 
 
 def run_filter(
@@ -217,107 +134,42 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    state, blank = _blank(filter, collect, sequence, rng_key)
-    parts: list[Part] = []
+    calls = Calls(filter, collect, sequence, rng_key, length)
+    saved: list[Part] = []
     if checkpoint is not None:
         data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-        checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=state))
-        parts = checkpoint.load(_spans(num_frames, length), state, blank, note)
-    resumed = sum(len(part.kept.finite) for part in parts)
-    first = _compile(filter, collect, sequence, (state, blank), rng_key, length, resumed == 0)
+        checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state))
+        saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank, note)
+    resumed = sum(len(part.kept.finite) for part in saved)
+    first = calls.compile(first=not saved)
     compiled = time.perf_counter()
-    ready, stop, pace = iter(parts[:]), 0, _SAVED if adapts else length
-    while stop < num_frames:
+    kept: list[Kept] = []
+    state, stop, pace = None, 0, _SAVED if adapts else length
+    for part in itertools.chain(saved, [first] if first else [], itertools.repeat(None)):
         start, began = stop, time.perf_counter()
-        part = next(ready, None)
-        is_new = part is None
         if part is None:
-            stop = min(start + pace, num_frames) if start else 1
-            part = first or _advanced(filter, collect, sequence, parts[-1], blank, rng_key, start, stop, length)
-            if first is None and adapts and time.perf_counter() - began < _PATIENCE:
+            part = calls.advance(state, start, min(start + pace, num_frames))
+            if adapts and time.perf_counter() - began < _PATIENCE:
                 pace = min(2 * pace, length)
-            first = None
-            if parts:
-                parts[-1] = parts[-1]._replace(state=None)
-            parts.append(part)
-        stop = start + len(part.kept.finite)
+        state, stop = part.state, start + len(part.kept.finite)
+        kept.append(part.kept)
         _check(part.kept, start, numbers, on_failure, note)
-        if checkpoint is not None and is_new:
+        if checkpoint is not None and stop > resumed:
             checkpoint.save(start, stop, part)
         if progress:
             progress.advance(stop - start)
-    whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(part.kept for part in parts))
+        if stop == num_frames:
+            break
+    whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
     failed = tuple(numbers[index] for index in np.flatnonzero(whole.info.failed))
     seconds = compiled - started, time.perf_counter() - compiled
-    last = jax.tree.map(np.asarray, parts[-1].state)
+    last = jax.tree.map(np.asarray, state)
     return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *seconds, resumed)
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
     """The first frame alone, then chunks: pairs of the first frame and the one after the last."""
     return [(0, 1)] + [(start, min(start + chunk, num_frames)) for start in range(1, num_frames, chunk)]
-
-
-def _blank(filter: Filter, collect: Collect, sequence: FrameSequence, rng_key: jax.Array) -> tuple[Any, Kept]:
-    """A state, and what is kept of a frame, of the right shapes; nothing is compiled."""
-    observation, varying = sequence.frame(0)
-    trace: Any = _first
-    shapes = trace.eval_shape(filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
-    state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-    return state, jax.tree.map(lambda leaf: leaf[0], kept)
-
-
-def _compile(
-    filter: Filter,
-    collect: Collect,
-    sequence: FrameSequence,
-    blank: tuple[Any, Kept],
-    rng_key: jax.Array,
-    chunk: int,
-    first: bool,
-) -> Part | None:
-    """Compile both programs side by side; the first frame is run, if it is wanted, and the later ones are not."""
-    observation, varying = sequence.frame(0)
-    arguments = (filter, collect, sequence.layout, rng_key, observation, varying, sequence.constant)
-    if filter.step in _STARTED:
-        return _part(_first(*arguments), 1) if first else None
-    _STARTED.add(filter.step)
-    with ThreadPoolExecutor(1) as pool:
-        running = pool.submit(_first, *arguments) if first else None
-        if sequence.num_frames > 1:
-            rows, varying = sequence.rows(1, chunk)
-            none = np.zeros(chunk, np.int32), np.zeros(chunk, bool)
-            _advance(filter, collect, sequence.layout, *blank, rng_key, *none, rows, varying, sequence.constant)
-        if running is None:
-            return None
-        return _part(running.result(), 1)
-
-
-def _advanced(
-    filter: Filter,
-    collect: Collect,
-    sequence: FrameSequence,
-    last: Part,
-    blank: Kept,
-    rng_key: jax.Array,
-    start: int,
-    stop: int,
-    chunk: int,
-) -> Part:
-    """The frames from `start` up to `stop`, after the part before them."""
-    rows, varying = sequence.rows(start, chunk)
-    numbers = np.arange(start, start + chunk, dtype=np.int32)
-    bounds = numbers, numbers < stop
-    return _part(
-        _advance(filter, collect, sequence.layout, last.state, blank, rng_key, *bounds, rows, varying, sequence.constant),
-        stop - start,
-    )
-
-
-def _part(result: tuple[Any, Kept], num_frames: int) -> Part:
-    """The frames of a call on the host; the state stays where it is."""
-    state, kept = result
-    return Part(jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept), state)
 
 
 def _check(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> None:
@@ -361,7 +213,7 @@ class Online:
         Returns:
             The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
         """
-        key, _ = _frame_keys(self._rng_key, self.frame)
+        key, _ = frame_keys(self._rng_key, self.frame)
         if self.frame == 0:
             self.state, info = self._init(key, observation, inputs)
         else:

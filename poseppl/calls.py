@@ -1,0 +1,158 @@
+"""The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+from weakref import WeakSet
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.checkpoint import Part
+from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.frame_sequence import FrameSequence, Layout
+from poseppl.program import Observation
+
+Collect = Callable[[jax.Array, Any, Any, Any], Any]
+"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
+
+_STARTED: WeakSet[Any] = WeakSet()
+"""The `step` functions that have been compiled, and so need not be compiled side by side with `init`."""
+
+
+class Kept(NamedTuple):
+    """What is kept of a frame; of a sequence, with a leading T.
+
+    Attributes:
+        outputs: What `collect` returned.
+        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
+        unique_ancestors: How many particles of the frame before have offspring.
+        finite: Whether all particles of positive weight were finite.
+    """
+
+    outputs: Any
+    info: Info
+    unique_ancestors: Any
+    finite: Any
+
+
+def frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+    """Keys of the filter and of the collector at a frame."""
+    key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
+    return key_filter, key_collect
+
+
+def _keep(collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any) -> Kept:
+    offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
+    alive = state.log_weights > -jnp.inf
+    finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
+    outputs = collect(rng_key, state, info, inputs)
+    return Kept(outputs, info._replace(ancestors=jnp.zeros(0, jnp.int32)), jnp.sum(offspring), finite)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _first(
+    filter: Filter,
+    collect: Collect,
+    layout: Layout,
+    rng_key: jax.Array,
+    observation: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """The first frame."""
+    key_filter, key_collect = frame_keys(rng_key, 0)
+    inputs = layout.join(varying, constant)
+    state, info = filter.init(key_filter, observation, inputs)
+    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], _keep(collect, key_collect, state, info, inputs))
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _scan_frames(
+    filter: Filter,
+    collect: Collect,
+    layout: Layout,
+    state: Any,
+    blank: Kept,
+    rng_key: jax.Array,
+    frames: jax.Array,
+    active: jax.Array,
+    observations: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """Later frames of the numbers `frames` (chunk,), of which the `active` (chunk,) ones count."""
+
+    def body(state: Any, row: Any) -> tuple[Any, Kept]:
+        frame, wanted, observation, varying = row
+
+        def run(state: Any) -> tuple[Any, Kept]:
+            key_filter, key_collect = frame_keys(rng_key, frame)
+            inputs = layout.join(varying, constant)
+            new, info = filter.step(key_filter, state, observation, inputs)
+            return new, _keep(collect, key_collect, new, info, inputs)
+
+        result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
+        return result
+
+    return jax.lax.scan(body, state, (frames, active, observations, varying))
+
+
+class Calls:
+    """The two compiled programs of a run, and their data.
+
+    Args:
+        filter: The filter.
+        collect: What is kept of a frame.
+        sequence: The data.
+        rng_key: Key of the run.
+        length: Frames in a scan.
+
+    Attributes:
+        state: A state of the right shapes; nothing is compiled for it.
+        blank: What is kept of a frame, of the right shapes.
+    """
+
+    def __init__(self, filter: Filter, collect: Collect, sequence: FrameSequence, rng_key: jax.Array, length: int) -> None:
+        self._what = filter, collect, sequence.layout
+        self._sequence, self._rng_key, self._length = sequence, rng_key, length
+        trace: Any = _first
+        shapes = trace.eval_shape(*self._what, rng_key, *sequence.frame(0), sequence.constant)
+        self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+        self.blank: Kept = jax.tree.map(lambda leaf: leaf[0], kept)
+
+    def compile(self, first: bool) -> Part | None:
+        """Compile both programs side by side; the first frame is run and returned, if it is wanted."""
+        step = self._what[0].step
+        if step in _STARTED:
+            return self._run_first() if first else None
+        _STARTED.add(step)
+        with ThreadPoolExecutor(1) as pool:
+            running = pool.submit(self._run_first) if first else None
+            if self._sequence.num_frames > 1:
+                self._scan(self.state, 1, 1)
+            return running.result() if running else None
+
+    def advance(self, state: Any, start: int, stop: int) -> Part:
+        """The frames from `start` up to `stop`, from the state after the frame before."""
+        return _part(self._scan(state, start, stop), stop - start)
+
+    def _run_first(self) -> Part:
+        return _part(_first(*self._what, self._rng_key, *self._sequence.frame(0), self._sequence.constant), 1)
+
+    def _scan(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
+        numbers = np.arange(start, start + self._length, dtype=np.int32)
+        rows, varying = self._sequence.rows(start, self._length)
+        bounds, constant = (numbers, numbers < stop), self._sequence.constant
+        result: tuple[Any, Kept] = _scan_frames(*self._what, state, self.blank, self._rng_key, *bounds, rows, varying, constant)
+        return result
+
+
+def _part(result: tuple[Any, Kept], num_frames: int) -> Part:
+    """The frames of a call on the host; the state stays where it is."""
+    state, kept = result
+    return Part(jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept), state)
