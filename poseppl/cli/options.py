@@ -23,7 +23,12 @@ def subject_options(command: Command) -> Command:
     """Who is seen: a recording, or the built-in walk."""
     return _apply(
         [
-            click.option("--skeleton", metavar="ASF", type=click.Path(), help="Skeleton of an .amc recording."),
+            click.option(
+                "--skeleton",
+                metavar="ASF",
+                type=click.Path(),
+                help="Skeleton of an .amc recording; character of a DeepMimic motion.",
+            ),
             click.option(
                 "--model",
                 metavar="NAME",

@@ -55,7 +55,8 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 def simulate(recording: str | None, **options: Any) -> None:
     """Look at a motion through cameras and write the noisy 2-D markers.
 
-    RECORDING is a motion capture file (.amc with --skeleton, .bvh or .c3d); without it, the built-in walk is seen.
+    RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d); without it, the built-in walk
+    is seen.
     """
     from poseppl.cli.console import print_table, start_jax
     from poseppl.cli.files import check_writable, output_path

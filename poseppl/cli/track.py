@@ -150,9 +150,9 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 def track(recording: str | None, observations: str | None, **options: Any) -> None:
     """Track a body in 2-D markers, frame by frame, with intervals.
 
-    RECORDING is a motion capture file (.amc with --skeleton, .bvh or .c3d): its joints are seen through cameras with noise, as
-    17 markers a frame, and the result is compared with the truth. Without it, a built-in walk is tracked. Observations without
-    a truth come by --observations and --camera.
+    RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d): its joints are seen through
+    cameras with noise, as 17 markers a frame, and the result is compared with the truth. Without it, a built-in walk is
+    tracked. Observations without a truth come by --observations and --camera.
 
     Lengths are in mm, angles in radians, times in seconds.
     """

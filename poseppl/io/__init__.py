@@ -11,6 +11,7 @@ from poseppl.io.c3d import read_c3d as read_c3d
 from poseppl.io.cameras import CameraRecord as CameraRecord
 from poseppl.io.cameras import read_cameras as read_cameras
 from poseppl.io.cameras import write_cameras as write_cameras
+from poseppl.io.deepmimic import read_deepmimic as read_deepmimic
 from poseppl.io.files import atomic_path as atomic_path
 from poseppl.io.motion import Motion as Motion
 from poseppl.io.motion import slice_frames as slice_frames

@@ -10,9 +10,10 @@ from poseppl.io.amc import CMU_RATE, read_amc
 from poseppl.io.asf import read_asf
 from poseppl.io.bvh import read_bvh
 from poseppl.io.c3d import read_c3d
+from poseppl.io.deepmimic import read_deepmimic
 from poseppl.io.motion import Motion
 
-SUFFIXES = (".amc", ".bvh", ".c3d")
+SUFFIXES = (".amc", ".bvh", ".c3d", ".txt")
 
 
 def read_motion(
@@ -26,8 +27,8 @@ def read_motion(
     """Read a motion capture recording.
 
     Args:
-        path: A .amc, .bvh or .c3d file.
-        skeleton: The .asf file that belongs to an .amc file.
+        path: A .amc, .bvh or .c3d file, or a .txt motion of DeepMimic.
+        skeleton: The .asf file that belongs to an .amc file; DeepMimic's character.
         rate: Frames a second of an .amc file, which does not tell it; 120 by default.
         scale: Millimetres a unit of a .bvh file, which does not tell it; guessed from the skeleton's height by default.
         up: The axis that points up in a .bvh or .c3d file, "x", "y" or "z"; found in the file by default.
@@ -48,6 +49,10 @@ def read_motion(
         if rate is not None and not 0.0 < rate < 1e6:
             raise InputError(f"{rate:g} frames a second", field="rate", expected="a positive number")
         return read_amc(path, read_asf(skeleton), rate=CMU_RATE if rate is None else rate)
+    if suffix == ".txt":
+        if skeleton is None:
+            raise InputError("a DeepMimic motion needs its character", file=path, expected="--skeleton humanoid3d.txt")
+        return read_deepmimic(path, skeleton)
     if skeleton is not None:
         raise InputError(f"a {suffix} file takes no skeleton", file=path, field="skeleton")
     if up is not None and up not in ("x", "y", "z"):

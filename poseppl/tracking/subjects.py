@@ -89,8 +89,8 @@ def recorded_subject(
     """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
 
     Args:
-        path: A .amc, .bvh or .c3d file.
-        skeleton: The .asf file of an .amc file.
+        path: A .amc, .bvh, .c3d file, or a .txt motion of DeepMimic.
+        skeleton: The .asf file of an .amc file, or the character file of a DeepMimic motion.
         model: Builder of the body.
         frames: Range "start:stop:step"; all if None.
         rate: Frames a second, where the format does not tell.

@@ -145,3 +145,16 @@ def c3d_bytes(
     seen = np.isfinite(points).all(axis=-1)
     data = np.concatenate([np.nan_to_num(points), np.where(seen, 0.0, -1.0)[..., None]], axis=-1)
     return header.ljust(512, b"\0") + section + data.astype("<f4").tobytes().ljust(512, b"\0")
+
+
+CHARACTER = """{"Skeleton": {"Joints": [
+ {"Name": "root", "Type": "none", "Parent": -1, "AttachX": 0, "AttachY": 0, "AttachZ": 0},
+ {"Name": "hip", "Type": "spherical", "Parent": 0, "AttachX": 0, "AttachY": 0, "AttachZ": 0.1},
+ {"Name": "knee", "Type": "revolute", "Parent": 1, "AttachX": 0, "AttachY": -0.4, "AttachZ": 0},
+ {"Name": "ankle", "Type": "fixed", "Parent": 2, "AttachX": 0, "AttachY": -0.5, "AttachZ": 0}
+]}}"""
+CLIP = """{"Loop": "wrap", "Frames": [
+ [0.5, 0, 1, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0],
+ [0.5, 1, 1, 0, 0.70710678, 0, 0.70710678, 0, 0.70710678, 0, 0, 0.70710678, -1.57079633],
+ [0, 2, 1, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0]
+]}"""

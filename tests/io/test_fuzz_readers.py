@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from recording_samples import AMC, ASF, BVH, CSV, TOML, c3d_bytes
+from recording_samples import AMC, ASF, BVH, CHARACTER, CLIP, CSV, TOML, c3d_bytes
 
 from poseppl.errors import PosepplError
 from poseppl.io.bvh import read_bvh
@@ -109,6 +109,13 @@ def test_asf(write, asf):
 def test_amc(write, amc):
     motion = accept(read_motion, write("leg.amc", amc), write("leg.asf", ASF))
     assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(60)
+@given(clip=damaged(CLIP), character=damaged(CHARACTER))
+def test_deepmimic(write, clip, character):
+    accept(read_motion, write("clip.txt", clip), write("character.txt", CHARACTER))
+    accept(read_motion, write("clip.txt", CLIP), write("character.txt", character))
 
 
 @fuzz(150)
