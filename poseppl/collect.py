@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel
 from poseppl.resampling import systematic
 from poseppl.results import QUANTILES
@@ -60,8 +61,7 @@ def collect_draws(
     Returns:
         The collector; it returns :class:`Draws`.
     """
-    if max_draws < 1:
-        raise ValueError(f"max_draws is {max_draws}; it must be at least 1")
+    check_at_least(1, max_draws=max_draws)
     of_state = model.extras if extras is None else extras
     levels = jnp.asarray(quantiles)
 

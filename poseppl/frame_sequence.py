@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.checks import check_at_least
 from poseppl.program import Observation
 
 
@@ -82,8 +83,7 @@ def frame_sequence(observations: Observation, inputs: Any, num_frames: int | Non
                 "the observations have no leading axis of frames; give num_frames, or feed single frames to Online"
             )
         num_frames = len(leaves[0])
-    if num_frames < 1:
-        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
+    check_at_least(1, num_frames=num_frames)
     seen, varying = jax.tree.map(np.asarray, (observations, varying))
     for leaf in jax.tree.leaves((seen, varying)):
         if leaf.ndim == 0 or leaf.shape[0] != num_frames:

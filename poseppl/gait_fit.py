@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
+from poseppl.checks import check_at_least
+
 Floats = NDArray[np.float64]
 
 ARM = 300.0
@@ -72,8 +74,7 @@ def fit_gait(states: ArrayLike, rate: float, num_harmonics: int = 4, *, heading:
     seconds = np.arange(len(values)) / rate
     if values.ndim != 2 or not np.isfinite(values).all():
         raise ValueError(f"states have shape {values.shape}, expected (T, d), all finite")
-    if num_harmonics < 1:
-        raise ValueError(f"{num_harmonics} harmonics, expected at least 1")
+    check_at_least(1, num_harmonics=num_harmonics)
     shortest, longest = PERIODS[0], min(PERIODS[1], seconds[-1] / 1.1)
     if longest <= shortest or len(values) <= 2 * (2 * num_harmonics + 2):
         raise ValueError(f"{len(values)} frames at {rate:g} a second are too short for a gait cycle")

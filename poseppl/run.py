@@ -25,6 +25,7 @@ from poseppl.calls import Calls, frame_keys
 from poseppl.calls import Collect as Collect
 from poseppl.calls import Kept as Kept
 from poseppl.checkpoint import Checkpoint, Part, fingerprint
+from poseppl.checks import check_at_least
 from poseppl.errors import PosepplError
 from poseppl.filters.base import Filter, Info
 from poseppl.frame_sequence import Constant as Constant
@@ -127,8 +128,8 @@ def run_filter(
     """
     sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
-    if chunk is not None and chunk < 1:
-        raise ValueError(f"chunk is {chunk}; it must be at least 1")
+    if chunk is not None:
+        check_at_least(1, chunk=chunk)
     adapts = chunk is None and checkpoint is None
     length = chunk or (_LONGEST if adapts else _SAVED)
     note = progress.note if progress else _LOGGER.warning

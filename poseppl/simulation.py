@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel
 
 
@@ -36,8 +37,7 @@ def simulate(model: CompiledModel, rng_key: jax.Array, num_frames: int, inputs: 
     Raises:
         ValueError: `num_frames` is below 1.
     """
-    if num_frames < 1:
-        raise ValueError(f"num_frames is {num_frames}; it must be at least 1")
+    check_at_least(1, num_frames=num_frames)
     keys = jax.random.split(rng_key, (num_frames, 2))
     states, values = _simulate(model, keys, inputs)
     return Simulation(states, values)

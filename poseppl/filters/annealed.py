@@ -29,6 +29,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info
 from poseppl.program import CompiledModel, Observation
 from poseppl.resampling import resampling_scheme
@@ -89,10 +90,8 @@ def annealed_filter(
     Raises:
         ValueError: A number out of its range, an unknown coordinate, or one in two groups.
     """
-    if num_particles < 1 or num_layers < 1:
-        raise ValueError(f"num_particles is {num_particles} and num_layers {num_layers}. Expected at least 1.")
-    if not 0 < survival < 1:
-        raise ValueError(f"survival is {survival}. Expected a fraction of num_particles between 0 and 1.")
+    check_at_least(1, num_particles=num_particles, num_layers=num_layers)
+    check_fraction("(0, 1)", survival=survival)
     if diffusion is not None and (np.shape(diffusion) != (model.dimension,) or np.any(np.asarray(diffusion) < 0)):
         raise ValueError(f"diffusion has shape {np.shape(diffusion)}. Expected variances of shape ({model.dimension},).")
     scheme = resampling_scheme(resampling)

@@ -26,6 +26,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture
@@ -64,9 +65,7 @@ def assumed_density_filter(
         highest mode.
     """
     settings = settings.check()
-    for name, number in (("num_chains", num_chains), ("num_components", num_components), ("num_starts", num_starts)):
-        if number < 1:
-            raise ValueError(f"{name} is {number}; it must be at least 1")
+    check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
 
     def run(
         rng_key: jax.Array,

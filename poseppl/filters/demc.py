@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.program import CompiledModel, Observation
@@ -187,8 +188,7 @@ def _noise_factor(values: jax.Array, follows: str) -> jax.Array:
 
 
 def _check(num_particles: int, target: str, prediction: str, noise_follows: str) -> None:
-    if num_particles < 1:
-        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
+    check_at_least(1, num_particles=num_particles)
     for name, value, known in (
         ("target", target, ("likelihood", "posterior")),
         ("prediction", prediction, ("velocity", "transition")),

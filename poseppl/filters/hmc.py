@@ -21,6 +21,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
@@ -52,9 +53,7 @@ def hmc_filter(
         The filter; its state is :class:`~poseppl.filters.chains.ChainState`.
     """
     settings = (settings or HMCSettings()).check()
-    if num_chains < 1:
-        raise ValueError(f"num_chains is {num_chains}; it must be at least 1")
-
+    check_at_least(1, num_chains=num_chains)
     scheme = resampling_scheme(resampling)
 
     def run(

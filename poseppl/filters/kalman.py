@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, get_args
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.linearisation import Gaussian, Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
@@ -49,8 +50,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     Raises:
         ValueError: A number below 1 or an unknown linearisation; a program without Gaussian moments when the filter is traced.
     """
-    if num_particles < 1:
-        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
+    check_at_least(1, num_particles=num_particles)
     check_method(linearisation)
 
     def update(rng_key: jax.Array, predicted: Gaussian, observation: Observation, inputs: Any) -> tuple[KalmanState, Info]:

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, MoveSettings
@@ -188,12 +189,10 @@ def _check(
     resampling: str,
 ) -> Tempering:
     """Check the builder's settings and gather them."""
-    if num_particles < 1 or max_temperatures < 1:
-        raise ValueError(f"num_particles is {num_particles}, max_temperatures {max_temperatures}. Expected at least 1.")
+    check_at_least(1, num_particles=num_particles, max_temperatures=max_temperatures)
     if target not in ("ancestor", "mixture"):
         raise ValueError(f"target is {target!r}. Expected ancestor or mixture.")
-    if not 0 < ess_target < 1:
-        raise ValueError(f"ess_target is {ess_target}. Expected a fraction of num_particles between 0 and 1.")
+    check_fraction("(0, 1)", ess_target=ess_target)
     if temperatures is not None:
         steps = [b - a for a, b in zip((0.0, *temperatures), temperatures, strict=False)]
         if not temperatures or min(steps) <= 0 or temperatures[-1] != 1:

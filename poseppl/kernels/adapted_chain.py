@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 
+from poseppl.checks import check_at_least, check_fraction
+
 Kernel = Literal["nuts", "hmc"]
 
 
@@ -39,15 +41,11 @@ class ChainSettings(NamedTuple):
 
     def check(self) -> ChainSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        for name in ("num_draws", "num_leapfrog", "max_doublings"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
-        if self.num_warmup < 0:
-            raise ValueError(f"num_warmup is {self.num_warmup}; it must be at least 0")
+        check_at_least(1, num_draws=self.num_draws, num_leapfrog=self.num_leapfrog, max_doublings=self.max_doublings)
+        check_at_least(0, num_warmup=self.num_warmup)
         if self.kernel not in ("nuts", "hmc"):
             raise ValueError(f"kernel is {self.kernel!r}. Expected 'nuts' or 'hmc'.")
-        if not 0 < self.target_acceptance < 1:
-            raise ValueError(f"target_acceptance is {self.target_acceptance}; it must lie between 0 and 1")
+        check_fraction("(0, 1)", target_acceptance=self.target_acceptance)
         return self
 
 

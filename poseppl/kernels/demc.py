@@ -29,6 +29,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_fraction
+
 LogDensity = Callable[[jax.Array], jax.Array]
 
 _SNOOKER = (1.2, 2.2)
@@ -62,12 +64,10 @@ class DEMCSettings(NamedTuple):
             raise ValueError(
                 f"num_updates is {self.num_updates} and burn_in {self.burn_in}. Expected 0 <= burn_in < num_updates."
             )
-        if not 0 <= self.noise < 1:
-            raise ValueError(f"noise is {self.noise}. Expected at least 0 and below 1.")
+        check_fraction("[0, 1)", noise=self.noise)
         if self.scale is not None and not self.scale > 0:
             raise ValueError(f"scale is {self.scale}. Expected a positive number, or None.")
-        if not (0 <= self.jump <= 1 and 0 <= self.snooker <= 1):
-            raise ValueError(f"jump is {self.jump} and snooker {self.snooker}. Expected probabilities.")
+        check_fraction("[0, 1]", jump=self.jump, snooker=self.snooker)
         return self
 
 

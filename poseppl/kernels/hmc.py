@@ -14,6 +14,8 @@ import blackjax
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least, check_fraction
+
 _GAIN = 1.0
 """Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
 
@@ -40,16 +42,14 @@ class HMCSettings(NamedTuple):
 
     def check(self) -> HMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        if self.num_updates < 1 or self.num_leapfrog < 1:
-            raise ValueError("num_updates (R) and num_leapfrog (L) must be at least 1")
+        check_at_least(1, num_updates=self.num_updates, num_leapfrog=self.num_leapfrog)
         if not 0 <= self.burn_in < self.num_updates:
             raise ValueError(f"burn_in is {self.burn_in}; it must be from 0 to num_updates - 1 = {self.num_updates - 1}")
         if not self.step_size > 0:
             raise ValueError(f"step_size is {self.step_size}; it must be positive")
-        if self.target_rejection is not None and not 0 < self.target_rejection < 1:
-            raise ValueError(f"target_rejection is {self.target_rejection}; it must lie between 0 and 1, or be None")
-        if not 0 <= self.jitter < 1:
-            raise ValueError(f"jitter is {self.jitter}; it must be at least 0 and below 1")
+        if self.target_rejection is not None:
+            check_fraction("(0, 1)", target_rejection=self.target_rejection)
+        check_fraction("[0, 1)", jitter=self.jitter)
         return self
 
 

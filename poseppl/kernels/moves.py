@@ -21,6 +21,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
 
 ConditionalDensity = Callable[[jax.Array, Any], jax.Array]
@@ -50,14 +51,12 @@ class MoveSettings(NamedTuple):
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         if self.kernel not in ("hmc", "random-walk"):
             raise ValueError(f"kernel is {self.kernel!r}. Expected hmc or random-walk.")
-        if self.num_moves < 1 or self.num_leapfrog < 1:
-            raise ValueError(f"num_moves is {self.num_moves} and num_leapfrog {self.num_leapfrog}. Expected at least 1.")
+        check_at_least(1, num_moves=self.num_moves, num_leapfrog=self.num_leapfrog)
         if not self.step_size > 0:
             raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")
-        if self.target_acceptance is not None and not 0 < self.target_acceptance < 1:
-            raise ValueError(f"target_acceptance is {self.target_acceptance}. Expected a number between 0 and 1, or None.")
-        if not 0 <= self.jitter < 1:
-            raise ValueError(f"jitter is {self.jitter}. Expected at least 0 and below 1.")
+        if self.target_acceptance is not None:
+            check_fraction("(0, 1)", target_acceptance=self.target_acceptance)
+        check_fraction("[0, 1)", jitter=self.jitter)
         return self
 
 

@@ -27,6 +27,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel, Observation
 from poseppl.resampling import systematic
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -56,9 +57,7 @@ def backward_simulation_smoother(
         ValueError: A number below 1 or an unknown method.
     """
     check_tile(tile)
-    for name, number in (("num_trajectories", num_trajectories), ("num_moves", num_moves)):
-        if number < 1:
-            raise ValueError(f"{name} is {number}. Expected at least 1.")
+    check_at_least(1, num_trajectories=num_trajectories, num_moves=num_moves)
     if method not in METHODS:
         raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -66,7 +67,7 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
     Raises:
         ValueError: A negative lag.
     """
-    _check_lag(lag)
+    check_at_least(0, lag=lag)
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
         inner, info = filter.init(rng_key, observation, inputs)
@@ -100,7 +101,7 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
     Raises:
         ValueError: A negative lag.
     """
-    _check_lag(lag)
+    check_at_least(0, lag=lag)
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         check_genealogy(history)
@@ -128,8 +129,3 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
 def normalise_rows(log_weights: jax.Array) -> jax.Array:
     """Normalised log-weights (T, N), each frame for itself."""
     return jax.vmap(lambda row: normalise(row).log_weights)(log_weights)
-
-
-def _check_lag(lag: int) -> None:
-    if lag < 0:
-        raise ValueError(f"lag is {lag}. Expected a number of frames, 0 or more.")

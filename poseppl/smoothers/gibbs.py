@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_fraction
 from poseppl.filters.chains import effective_draws
 from poseppl.kernels.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.program import CompiledModel, Observation
@@ -85,8 +86,7 @@ def gibbs_smoother(
     """
     if num_chains < 1 or num_draws % num_chains or num_draws < num_chains:
         raise ValueError(f"num_draws is {num_draws}; it must be a multiple of num_chains = {num_chains}, which is at least 1")
-    if not 0 <= burn_in < 1:
-        raise ValueError(f"burn_in is {burn_in}; it must be at least 0 and below 1")
+    check_fraction("[0, 1)", burn_in=burn_in)
     if target not in TARGETS:
         raise ValueError(f"target is {target!r}. Expected one of {', '.join(TARGETS)}.")
     if blocked and target == "model":

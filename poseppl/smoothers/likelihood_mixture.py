@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
 from poseppl.smoothers.gaussian_prior import inverse_root
@@ -68,9 +69,7 @@ class MixtureSettings(NamedTuple):
 
     def check(self) -> MixtureSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        for name in ("num_components", "num_steps", "num_predecessors"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; it must be at least 1")
+        check_at_least(1, num_components=self.num_components, num_steps=self.num_steps, num_predecessors=self.num_predecessors)
         if self.covariance not in ("fixed", "free"):
             raise ValueError(f"covariance is {self.covariance!r}. Expected fixed or free.")
         if self.correction not in CORRECTIONS:

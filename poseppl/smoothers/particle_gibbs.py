@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.conditional_smc import Method, check_method, conditional_smc
@@ -47,14 +48,9 @@ def particle_gibbs_smoother(
     Raises:
         ValueError: A number out of range, or an unknown method.
     """
-    for name, number, least in (
-        ("num_particles", num_particles, 2),
-        ("num_chains", num_chains, 1),
-        ("num_draws", num_draws, 1),
-        ("num_warmup", num_warmup, 0),
-    ):
-        if number < least:
-            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_at_least(2, num_particles=num_particles)
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    check_at_least(0, num_warmup=num_warmup)
     check_method(method)
     num_moves = num_warmup + num_draws
 

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
@@ -95,9 +96,8 @@ def pmmh(
     Raises:
         ValueError: A number out of range, or a parameters program that cannot be learned.
     """
-    for name, number, least in (("num_chains", num_chains, 1), ("num_draws", num_draws, 1), ("num_warmup", num_warmup, 0)):
-        if number < least:
-            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    check_at_least(0, num_warmup=num_warmup)
     chart = parameter_chart(model)
 
     def evaluate(rng_key: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_factor, cho_solve
 
+from poseppl.checks import check_at_least
 from poseppl.filters.kalman import assimilate, check_method
 from poseppl.linearisation import Gaussian, Method, linearise, propagate
 from poseppl.program import CompiledModel, Observation
@@ -35,8 +36,7 @@ def rauch_tung_striebel_smoother(
     Raises:
         ValueError: A number below 1 or an unknown linearisation.
     """
-    if num_draws < 1:
-        raise ValueError(f"num_draws is {num_draws}. Expected at least 1.")
+    check_at_least(1, num_draws=num_draws)
     check_method(linearisation)
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:

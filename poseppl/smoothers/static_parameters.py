@@ -27,6 +27,7 @@ import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 
+from poseppl.checks import check_at_least
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
@@ -119,10 +120,9 @@ def particle_gibbs(
     Raises:
         ValueError: A number out of range, an unknown method, or a parameters program that cannot be learned.
     """
-    counts = (("num_particles", num_particles, 2), ("num_chains", num_chains, 1), ("num_draws", num_draws, 1))
-    for name, number, least in (*counts, ("num_warmup", num_warmup, 0)):
-        if number < least:
-            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_at_least(2, num_particles=num_particles)
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    check_at_least(0, num_warmup=num_warmup)
     check_method(method)
     chart = parameter_chart(model)
     setting = _Setting(model, chart, observations, inputs, num_particles, method, num_warmup)

@@ -29,6 +29,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.kernels.block_tridiagonal import solve_upper
 from poseppl.program import CompiledModel, Observation
@@ -71,13 +72,8 @@ def trajectory_smoother(
     Raises:
         ValueError: A number or rate out of range, an unknown kernel, or a model with discrete sites.
     """
-    for name, number, least in (
-        ("num_chains", num_chains, 1),
-        ("num_curvatures", num_curvatures, 1),
-        ("num_mode_steps", num_mode_steps, 0),
-    ):
-        if number < least:
-            raise ValueError(f"{name} is {number}; it must be at least {least}")
+    check_at_least(1, num_chains=num_chains, num_curvatures=num_curvatures)
+    check_at_least(0, num_mode_steps=num_mode_steps)
     discrete = [name for name, site in model.sites.items() if site.discrete]
     if discrete:
         raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")

@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel, Observation
 from poseppl.resampling import systematic
 from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
@@ -71,9 +72,7 @@ def two_filter_smoother(
     if method not in METHODS:
         raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
     widening = 1.0 + 2.0 / model.dimension if inflation is None else inflation
-    for name, number in (("num_pairs", num_pairs), ("inflation", widening)):
-        if number < 1:
-            raise ValueError(f"{name} is {number}. Expected at least 1.")
+    check_at_least(1, num_pairs=num_pairs, inflation=widening)
     discrete = [name for name, site in model.sites.items() if site.discrete]
     if discrete:
         raise ValueError(

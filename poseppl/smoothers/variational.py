@@ -44,6 +44,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.checks import check_at_least
 from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -120,9 +121,7 @@ def variational_smoother(
     Raises:
         ValueError: A number below 1.
     """
-    for name, number in (("num_rounds", num_rounds), ("num_draws", num_draws)):
-        if number < 1:
-            raise ValueError(f"{name} is {number}; it must be at least 1")
+    check_at_least(1, num_rounds=num_rounds, num_draws=num_draws)
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:

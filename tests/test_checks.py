@@ -1,0 +1,23 @@
+"""Checks of settings: what each refuses, to the ends of its range, and that the message names the setting."""
+
+from __future__ import annotations
+
+import pytest
+
+from poseppl.checks import check_at_least, check_fraction
+
+
+def test_numbers_that_are_too_small_are_refused():
+    check_at_least(1, num_chains=1, num_draws=7, inflation=1.0)
+    with pytest.raises(ValueError, match=r"num_draws is 0\. Expected at least 1\."):
+        check_at_least(1, num_chains=1, num_draws=0)
+
+
+@pytest.mark.parametrize(("interval", "refused"), [("[0, 1]", ()), ("[0, 1)", (1,)), ("(0, 1)", (0, 1))])
+def test_fractions_are_refused_outside_their_interval(interval, refused):
+    for value in (0, 0.5, 1):
+        if value not in refused:
+            check_fraction(interval, jitter=value)
+    for value in (*refused, -0.1, 1.1, float("nan")):
+        with pytest.raises(ValueError, match=f"jitter is {value}"):
+            check_fraction(interval, jitter=value)
