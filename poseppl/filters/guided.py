@@ -14,26 +14,34 @@ matter: a proposal with lighter tails than the posterior makes rare, huge weight
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.local_proposal import LocalProposal, local_proposal
 from poseppl.filters.particle import ParticleState
 from poseppl.particle_keys import particle_keys
 from poseppl.program import CompiledModel, Observation, Proposal
-from poseppl.program.proposal import propose_initial, propose_transition
-from poseppl.resampling import resampling_scheme
-from poseppl.weights import effective_sample_size, normalise
+from poseppl.program.proposal import Proposing, propose_initial, propose_transition
+from poseppl.weights import normalise
 
 
-class _Ancestry(NamedTuple):
-    """Ancestors (N,) and the log-weights (N,) that their children start with, which sum to one in expectation."""
+class _Outlook(NamedTuple):
+    """What the data say before a frame's states are drawn.
 
-    ancestors: jax.Array
-    log_weights: jax.Array
+    Attributes:
+        draw: `(rng_key, ancestors (N,)) -> states (N, d) and their log-densities (N,)`.
+        log_first: Log lambda (N,) of each particle as an ancestor.
+        num_gradient: Gradients of the likelihood that it took.
+    """
+
+    draw: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+    log_first: jax.Array
+    num_gradient: int
 
 
 def guided_filter(
@@ -62,35 +70,30 @@ def guided_filter(
     Raises:
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
     """
-    if num_particles < 1:
-        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
-    if not 0 <= ess_threshold <= 1:
-        raise ValueError(f"ess_threshold is {ess_threshold}. Expected a fraction of num_particles in [0, 1].")
-    scheme = resampling_scheme(resampling)
-    identity = jnp.arange(num_particles, dtype=jnp.int32)
+    adaptive = adaptive_resampling(num_particles, resampling, ess_threshold)
 
-    def choose(rng_key: jax.Array, log_weights: jax.Array, log_first: jax.Array) -> _Ancestry:
-        staged = normalise(log_weights + log_first)
-        # resampled by w lambda, a child starts with the total over N lambda
-        log_total = staged.log_mean
-        start = log_total - log_first
-        if ess_threshold == 0:
-            return _Ancestry(identity, log_weights)
+    def draw_program(proposing: Proposing, rng_key: jax.Array, *before: jax.Array) -> tuple[jax.Array, jax.Array]:
+        particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles), *before)
+        return particles, jax.vmap(proposing.log_density)(particles, *before)
 
-        def resampled() -> _Ancestry:
-            ancestors = scheme(rng_key, staged.log_weights, num_particles)
-            return _Ancestry(ancestors, start[ancestors])
+    def look_ahead(previous: jax.Array, observation: Observation, inputs: Any) -> _Outlook:
+        def linearised() -> LocalProposal:
+            return local_proposal(model, lambda x: model.transition_moments(x, inputs), previous, observation, inputs)
 
-        if ess_threshold == 1:
-            return resampled()
-        needed = effective_sample_size(staged.log_weights) <= ess_threshold * num_particles
-        chosen: _Ancestry = jax.lax.cond(needed, resampled, lambda: _Ancestry(identity, log_weights))
-        return chosen
+        indifferent = jnp.zeros(num_particles, previous.dtype)
+        if proposal is None:
+            local = linearised()
+            return _Outlook(local.draw, local.log_predictive if auxiliary else indifferent, num_particles)
+        proposing = propose_transition(model, proposal, observation, inputs)
+        outlook = _Outlook(lambda key, chosen: draw_program(proposing, key, previous[chosen]), indifferent, 0)
+        if auxiliary:
+            return outlook._replace(log_first=linearised().log_predictive, num_gradient=num_particles)
+        return outlook
 
     def weigh(
         particles: jax.Array,
         log_ratio: jax.Array,
-        ancestry: _Ancestry,
+        ancestry: Ancestry,
         observation: Observation,
         inputs: Any,
         num_gradient: int,
@@ -118,43 +121,25 @@ def guided_filter(
         if proposal is None:
             nowhere = jnp.zeros((1, model.dimension), jnp.result_type(float))
             local = local_proposal(model, lambda x: model.initial_moments(inputs), nowhere, observation, inputs)
-            particles, log_proposal = local.draw(rng_key, jnp.zeros_like(identity))
+            particles, log_proposal = local.draw(rng_key, jnp.zeros(num_particles, jnp.int32))
         else:
-            proposing = propose_initial(model, proposal, observation, inputs)
-            particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles))
-            log_proposal = jax.vmap(proposing.log_density)(particles)
+            particles, log_proposal = draw_program(propose_initial(model, proposal, observation, inputs), rng_key)
         log_ratio = jax.vmap(lambda x: model.log_initial(x, inputs))(particles) - log_proposal
-        uniform = _Ancestry(identity, jnp.full(num_particles, -jnp.log(num_particles), particles.dtype))
+        uniform = Ancestry(adaptive.everyone(), jnp.full(num_particles, -jnp.log(num_particles), particles.dtype))
         return weigh(particles, log_ratio, uniform, observation, inputs, num_particles if proposal is None else 0)
 
     def step(
         rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
     ) -> tuple[ParticleState, Info]:
         key_resample, key_predict = jax.random.split(rng_key)
-        local = None
-        if proposal is None or auxiliary:
-            local = local_proposal(model, lambda x: model.transition_moments(x, inputs), state.particles, observation, inputs)
-        log_first = local.log_predictive if local is not None and auxiliary else jnp.zeros_like(state.log_weights)
-        ancestry = choose(key_resample, state.log_weights, log_first)
+        outlook = look_ahead(state.particles, observation, inputs)
+        staged = normalise(state.log_weights + outlook.log_first)
+        # resampled by w lambda, a child starts with the total over N lambda
+        log_start = staged.log_mean - outlook.log_first
+        ancestry = adaptive.choose(key_resample, staged.log_weights, log_start, state.log_weights)
         previous = state.particles[ancestry.ancestors]
-        particles, log_proposal = propose(key_predict, local, previous, ancestry.ancestors, observation, inputs)
+        particles, log_proposal = outlook.draw(key_predict, ancestry.ancestors)
         log_prior = jax.vmap(lambda x, before: model.log_transition(x, before, inputs))(particles, previous)
-        num_gradient = 0 if local is None else num_particles
-        return weigh(particles, log_prior - log_proposal, ancestry, observation, inputs, num_gradient)
-
-    def propose(
-        rng_key: jax.Array,
-        local: LocalProposal | None,
-        previous: jax.Array,
-        ancestors: jax.Array,
-        observation: Observation,
-        inputs: Any,
-    ) -> tuple[jax.Array, jax.Array]:
-        if proposal is None and local is not None:
-            return local.draw(rng_key, ancestors)
-        assert proposal is not None
-        proposing = propose_transition(model, proposal, observation, inputs)
-        particles = jax.vmap(proposing.sample)(particle_keys(rng_key, num_particles), previous)
-        return particles, jax.vmap(proposing.log_density)(particles, previous)
+        return weigh(particles, log_prior - log_proposal, ancestry, observation, inputs, outlook.num_gradient)
 
     return Filter(init, step)

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info
 from poseppl.particle_keys import particle_keys
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resampling_scheme
 from poseppl.weights import effective_sample_size, normalise
 
 
@@ -53,37 +53,17 @@ def particle_filter(
     Raises:
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
     """
-    if num_particles < 1:
-        raise ValueError(f"num_particles is {num_particles}. Expected at least 1.")
-    if not 0 <= ess_threshold <= 1:
-        raise ValueError(f"ess_threshold is {ess_threshold}. Expected a fraction of num_particles in [0, 1].")
-    scheme = resampling_scheme(resampling)
-    identity = jnp.arange(num_particles, dtype=jnp.int32)
+    adaptive = adaptive_resampling(num_particles, resampling, ess_threshold)
 
-    def choose_ancestors(rng_key: jax.Array, log_weights: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Ancestors (N,) and the log-weights (N,) that their children start with."""
-        uniform = jnp.full_like(log_weights, -jnp.log(num_particles))
-        if ess_threshold == 0:
-            return identity, log_weights
-        if ess_threshold == 1:
-            return scheme(rng_key, log_weights, num_particles), uniform
-        chosen: tuple[jax.Array, jax.Array] = jax.lax.cond(
-            effective_sample_size(log_weights) <= ess_threshold * num_particles,
-            lambda: (scheme(rng_key, log_weights, num_particles), uniform),
-            lambda: (identity, log_weights),
-        )
-        return chosen
-
-    def weigh(
-        particles: jax.Array, log_prior: jax.Array, ancestors: jax.Array, observation: Observation, inputs: Any
-    ) -> tuple[ParticleState, Info]:
+    def weigh(particles: jax.Array, ancestry: Ancestry, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
+        log_prior = ancestry.log_weights
         log_likelihood = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles)
         updated = normalise(log_prior + log_likelihood)
         log_weights = jnp.where(updated.degenerate, log_prior, updated.log_weights)
         info = Info(
             log_evidence=updated.log_mean + jnp.log(jnp.asarray(num_particles, log_weights.dtype)),
             ess=jnp.where(updated.degenerate, effective_sample_size(log_prior), updated.ess),
-            ancestors=ancestors,
+            ancestors=ancestry.ancestors,
             acceptance=jnp.ones((), log_weights.dtype),
             divergences=jnp.zeros((), jnp.int32),
             num_likelihood=jnp.asarray(num_particles, jnp.int32),
@@ -96,16 +76,17 @@ def particle_filter(
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         particles = jax.vmap(lambda k: model.sample_initial(k, inputs))(particle_keys(rng_key, num_particles))
         uniform = jnp.full(num_particles, -jnp.log(num_particles), particles.dtype)
-        return weigh(particles, uniform, identity, observation, inputs)
+        return weigh(particles, Ancestry(adaptive.everyone(), uniform), observation, inputs)
 
     def step(
         rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
     ) -> tuple[ParticleState, Info]:
         key_resample, key_predict = jax.random.split(rng_key)
-        ancestors, log_prior = choose_ancestors(key_resample, state.log_weights)
+        uniform = jnp.full_like(state.log_weights, -jnp.log(num_particles))
+        ancestry = adaptive.choose(key_resample, state.log_weights, uniform, state.log_weights)
         keys = particle_keys(key_predict, num_particles)
-        previous = state.particles[ancestors]
+        previous = state.particles[ancestry.ancestors]
         particles = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
-        return weigh(particles, log_prior, ancestors, observation, inputs)
+        return weigh(particles, ancestry, observation, inputs)
 
     return Filter(init, step)
