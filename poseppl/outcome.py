@@ -32,13 +32,7 @@ def parts_of_run(run: Run) -> dict[str, Any]:
     if weighted:
         stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
         stats["unique_ancestors"] = run.unique_ancestors
-    return {
-        "state": _by_chain(run.outputs.state),
-        "extras": {name: _by_chain(values) for name, values in run.outputs.extras.items()},
-        "sample_stats": stats,
-        "summary": run.outputs.summary,
-        "num_particles": particles.shape[0] if weighted else None,
-    }
+    return _parts(run.outputs, stats, particles.shape[0] if weighted else None)
 
 
 def result_of_run(
@@ -65,21 +59,14 @@ def result_of_run(
     Returns:
         The result; see :mod:`poseppl.results`.
     """
-    return build_result(
-        **parts_of_run(run),
-        names=Names(model.coordinate_names),
-        observed=None if observations is None else _with_nan(observations),
-        truth=None if truth is None else Truth(state=truth),
-        frames=frames,
-        rate=rate,
-        attrs={
-            **(attrs or {}),
-            "wall_seconds": run.wall_seconds,
-            "compile_seconds": run.compile_seconds,
-            "frames_run": len(run.unique_ancestors) - run.resumed,
-            "failed_frames": list(run.failed),
-        },
-    )
+    told = {**(attrs or {}), **timing_of_run(run)}
+    return _result(parts_of_run(run), model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
+
+
+def timing_of_run(run: Run) -> dict[str, Any]:
+    """What is told of a run as a whole."""
+    seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
+    return {**seconds, "frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
 
 
 def parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -101,13 +88,7 @@ def parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> 
         "num_transition": np.full(num_frames, run.info.num_transition / num_frames),
         "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
     }
-    return {
-        "state": _by_chain(run.outputs.state),
-        "extras": {name: _by_chain(values) for name, values in run.outputs.extras.items()},
-        "sample_stats": stats,
-        "summary": run.outputs.summary,
-        "num_particles": run.num_particles,
-    }
+    return _parts(run.outputs, stats, run.num_particles)
 
 
 def result_of_smoothing(
@@ -133,21 +114,36 @@ def result_of_smoothing(
         rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
     """
-    return build_result(
-        **parts_of_smoothing(run, filtered or {}),
-        names=Names(model.coordinate_names),
-        observed=None if observations is None else _with_nan(observations),
-        truth=None if truth is None else Truth(state=truth),
-        frames=frames,
-        rate=rate,
-        attrs={**(attrs or {}), **timing_of_smoothing(run)},
-    )
+    parts, told = parts_of_smoothing(run, filtered or {}), {**(attrs or {}), **timing_of_smoothing(run)}
+    return _result(parts, model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
 
 
 def timing_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
     """What is told of a smoothing as a whole."""
     seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
     return {**seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
+
+
+def _parts(outputs: Any, sample_stats: Mapping[str, Any], num_particles: int | None) -> dict[str, Any]:
+    return {
+        "state": _by_chain(outputs.state),
+        "extras": {name: _by_chain(values) for name, values in outputs.extras.items()},
+        "sample_stats": sample_stats,
+        "summary": outputs.summary,
+        "num_particles": num_particles,
+    }
+
+
+def _result(
+    parts: Mapping[str, Any], model: CompiledModel, observations: Observation | None, *, truth: ArrayLike | None, **rest: Any
+) -> xr.DataTree:
+    return build_result(
+        **parts,
+        names=Names(model.coordinate_names),
+        observed=None if observations is None else _with_nan(observations),
+        truth=None if truth is None else Truth(state=truth),
+        **rest,
+    )
 
 
 def _by_chain(values: NDArray[Any]) -> NDArray[Any]:

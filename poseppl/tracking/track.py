@@ -18,7 +18,7 @@ from poseppl.checkpoint import Checkpoint
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters.registry import build_filter
-from poseppl.outcome import parts_of_run
+from poseppl.outcome import parts_of_run, timing_of_run
 from poseppl.results import Names, Truth, build_result
 from poseppl.run import Progress, Run, run_filter
 from poseppl.tracking.problem import Problem, pose_problem
@@ -164,10 +164,7 @@ def _result(scene: Scene, problem: Problem, run: Run, attrs: Mapping[str, Any]) 
             "input": scene.source,
             "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
             "residual_mm": scene.residual,
-            "wall_seconds": run.wall_seconds,
-            "compile_seconds": run.compile_seconds,
-            "frames_run": len(scene.points) - run.resumed,
-            "failed_frames": list(run.failed),
+            **timing_of_run(run),
         },
     )
 
