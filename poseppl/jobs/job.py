@@ -1,0 +1,68 @@
+"""What is to be computed, as plain values, and the key that tells one job from another.
+
+>>> from dataclasses import dataclass
+>>> @dataclass(frozen=True)
+... class Estimate(Job):
+...     method: str
+...     run: int
+...     @property
+...     def name(self) -> str:
+...         return f"{self.method}-{self.run:02}"
+>>> Estimate("hmc", 7).key.startswith("hmc-07-")
+True
+>>> Estimate("hmc", 7).key == Estimate("hmc", 7).key != Estimate("hmc", 8).key
+True
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True)
+class Job:
+    """One piece of work; subclass it as a frozen dataclass whose fields are plain values.
+
+    Numbers, texts, booleans, None, and tuples, lists, mappings and dataclasses of them. A job is at the top level of a module,
+    as the function that computes it is: other processes import both.
+
+    Attributes:
+        version: Raise it when the same fields mean another result; results of other versions have other keys.
+    """
+
+    version: ClassVar[int] = 1
+
+    @property
+    def name(self) -> str:
+        """A short name to read; it need not be unique."""
+        return type(self).__name__.lower()
+
+    @property
+    def cost(self) -> float:
+        """How long it takes, relative to the other jobs; positive."""
+        return 1.0
+
+    @property
+    def contents(self) -> dict[str, Any]:
+        """Class, version and fields, as JSON holds them.
+
+        Raises:
+            ValueError: A field is not of plain values.
+        """
+        kind = type(self)
+        try:
+            fields = json.loads(json.dumps(asdict(self)))
+        except TypeError as error:
+            raise ValueError(f"{kind.__name__}: {error}. The fields of a job are numbers, texts and lists of them.") from error
+        return {"class": f"{kind.__module__}.{kind.__qualname__}", "version": kind.version, "fields": fields}
+
+    @property
+    def key(self) -> str:
+        """The name and a hash of the contents: the name of its file."""
+        text = json.dumps(self.contents, sort_keys=True)
+        readable = re.sub(r"[^A-Za-z0-9._=+-]+", "-", self.name)[:80].strip(".-") or "job"
+        return f"{readable}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
