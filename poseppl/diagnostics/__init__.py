@@ -8,6 +8,8 @@ from poseppl.diagnostics.calibration import coverage as coverage
 from poseppl.diagnostics.calibration import inside_interval as inside_interval
 from poseppl.diagnostics.calibration import joint_error as joint_error
 from poseppl.diagnostics.calibration import probability_transform as probability_transform
+from poseppl.diagnostics.comparison import compare as compare
+from poseppl.diagnostics.comparison import comparison_table as comparison_table
 from poseppl.diagnostics.diagnosis import diagnose as diagnose
 from poseppl.diagnostics.diagnosis import root_index as root_index
 from poseppl.diagnostics.inefficiency import Mixing as Mixing

@@ -19,6 +19,9 @@ from poseppl.smoothing import run_smoother
 from poseppl.tracking.problem import Problem, problem_of_result
 from poseppl.tracking.track import affordable_draws, source_of_model, versions
 
+_NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
+"""Where a result has the names of its degrees of freedom, markers and cameras."""
+
 
 class SmoothSettings(NamedTuple):
     """How a result is smoothed.
@@ -100,13 +103,10 @@ def _result(tree: xr.DataTree, problem: Problem, parts: Mapping[str, Any], attrs
         return {str(name): values.values for name, values in tree[group].dataset.data_vars.items()}
 
     truth = arrays("truth")
-    body = problem.body.tree
     cameras = arrays("camera")
     return build_result(
         **parts,
-        names=Names(
-            problem.model.coordinate_names, body.marker_names, [str(name) for name in _coordinate(tree, "camera", "camera")]
-        ),
+        names=Names(*([str(name) for name in _coordinate(tree, *place)] for place in _NAMED)),
         observed=arrays("observed_data"),
         truth=Truth(truth.get("state"), truth.get("markers")),
         cameras=cameras,

@@ -1,0 +1,135 @@
+"""Which run does best where, and whether the difference is more than chance.
+
+Each quantity is a loss, positive and averaged over the frames, the smaller the better: ``ess_per_second`` is judged by
+seconds / ESS and ``ess_per_evaluation`` by evaluations / ESS, the cost of one effective draw (the variance of a mean is inverse
+in ESS, so that its average is); ``error`` is the distance of a coordinate's mean from the truth, and the joint error in mm for
+all together.
+
+The run of the least mean loss leads. Every other run is held against it on the same frames
+(:func:`poseppl.diagnostics.batches.log_ratio`): one whose ratio lies outside of its 95 % interval about 1 has lost; the others
+lead with it. A single leader has won; several are a tie. Runs without a figure do not take part, frames without it for a run
+that does are left out for all, and with fewer than two runs there is no contest. The time of a run is one measurement, whose
+own noise the intervals do not know; nor can a single frame tell: all who take part in it tie.
+
+A run whose 90 % intervals cover less than 75 % of the truth by more than two standard errors is disqualified from the contests
+of ESS: draws of a wrong posterior are worth nothing, however many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.diagnostics.batches import log_ratio
+
+QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
+TIE = "tie"
+LEAST_COVERAGE = 0.75
+"""Of 90 % intervals, below which a run is disqualified from contests of ESS."""
+_LEAST_SHARE = 0.5
+"""Of the frames that a run needs a figure for, to take part."""
+
+
+class Contest(NamedTuple):
+    """The outcome for one quantity.
+
+    Attributes:
+        leads: (run,) whether a run is not worse than the best.
+        ratio: (run,) the loss of the best over that of each run: 1 for the best, below 1 for the others; NaN for runs that do
+            not take part.
+        low: (run,) lower end of its 95 % interval.
+        high: (run,) upper end.
+    """
+
+    leads: NDArray[np.bool_]
+    ratio: Floats
+    low: Floats
+    high: Floats
+
+
+def hold_contest(losses: Floats) -> Contest:
+    """Find the leaders.
+
+    Args:
+        losses: (run, frame), positive; NaN where a run has none.
+
+    Returns:
+        The outcome; nobody leads where fewer than two runs take part.
+    """
+    count, frames = losses.shape
+    finite = np.isfinite(losses) & (losses > 0)
+    takes_part = finite.sum(axis=1) >= _LEAST_SHARE * frames
+    common = finite[takes_part].all(axis=0)
+    outcome = Contest(np.zeros(count, bool), *(np.full(count, np.nan) for _ in range(3)))
+    if takes_part.sum() < 2 or not common.any():
+        return outcome
+    usable = losses[:, common]
+    best = int(np.argmin(np.where(takes_part, usable.mean(axis=1), np.inf)))
+    for run in np.flatnonzero(takes_part):
+        found = log_ratio(usable[best], usable[run])
+        reach = np.inf if np.isnan(found.half_width) else found.half_width
+        ends = np.exp([found.estimate, found.estimate - reach, min(found.estimate + reach, 700.0)])
+        outcome.ratio[run], outcome.low[run], outcome.high[run] = ends
+        outcome.leads[run] = run == best or found.estimate + reach >= 0
+    return outcome
+
+
+def is_disqualified(coverage: Floats, standard_error: Floats) -> NDArray[np.bool_]:
+    """Whether 90 % intervals cover too little of the truth, (run,) each; False where the truth is not known."""
+    return np.asarray(coverage + 2 * standard_error < LEAST_COVERAGE)
+
+
+def contests(figures: xr.Dataset, disqualified: NDArray[np.bool_]) -> tuple[xr.Dataset, xr.Dataset]:
+    """Hold the contests for every quantity.
+
+    Args:
+        figures: The figures of all runs, with a dimension ``run``.
+        disqualified: (run,) who does not take part where it is about ESS.
+
+    Returns:
+        Two datasets over ``quantity``, the first for all degrees of freedom together, the second for each ``dof``: ``winner``
+        (the name of a run, "tie", or empty without a contest), and ``leads``, ``ratio``, ``ratio_low`` and ``ratio_high``
+        (quantity, ..., run) of :class:`Contest`.
+    """
+    names = [str(name) for name in figures["run"].values]
+    together, each = [], []
+    for quantity in QUANTITIES:
+        losses = _losses(figures, quantity)
+        if quantity != "error":
+            losses = np.where(disqualified[:, None, None], np.nan, losses)
+        together.append(hold_contest(_of_all(figures, quantity, losses)))
+        each.append([hold_contest(losses[:, :, dof]) for dof in range(losses.shape[2])])
+    coords = {"quantity": list(QUANTITIES), "run": names}
+    overall = _dataset(np.array(together, float), names, ("quantity",), coords)
+    return overall, _dataset(np.array(each, float), names, ("quantity", "dof"), coords | {"dof": figures["dof"].values})
+
+
+def _losses(figures: xr.Dataset, quantity: str) -> Floats:
+    values = np.asarray(figures[quantity].transpose("run", "frame", "dof").values, np.float64)
+    with np.errstate(divide="ignore"):
+        return values if quantity == "error" else 1 / values
+
+
+def _of_all(figures: xr.Dataset, quantity: str, losses: Floats) -> Floats:
+    """Mean over the degrees of freedom that anyone has a figure for; the joint error in mm."""
+    if quantity == "error":
+        return np.asarray(figures["joint_error"].values, np.float64)
+    free = np.isfinite(losses).any(axis=(0, 1))
+    return np.asarray(losses[:, :, free].mean(axis=2)) if free.any() else np.full(losses.shape[:2], np.nan)
+
+
+def _dataset(outcomes: Floats, names: list[str], dims: tuple[str, ...], coords: Mapping[str, object]) -> xr.Dataset:
+    """Lay (..., field, run) out by field."""
+    stacked = np.moveaxis(outcomes, -2, 0)
+    leads = stacked[0] > 0
+    number = leads.sum(axis=-1)
+    single = np.array(names, dtype=object)[leads.argmax(axis=-1)]
+    winner = np.where(number == 1, single, np.where(number > 1, TIE, "")).astype(str)
+    data = {"winner": (dims, winner), "leads": ((*dims, "run"), leads)}
+    fields = zip(("ratio", "ratio_low", "ratio_high"), stacked[1:], strict=True)
+    return xr.Dataset(data | {name: ((*dims, "run"), values) for name, values in fields}, coords=coords)

@@ -1,0 +1,104 @@
+"""Variance of the posterior mean against time, one point for each setting of a method.
+
+Runs of one setting and of different seeds are replicates: the sample variance of their means, over the posterior variance, is
+averaged over frames and degrees of freedom, with its jackknife error over seeds; of two seeds that error is sqrt(2) times the
+variance, as if all frames went together. A setting with one seed has its own estimate, the average of 1 / ESS, with the error
+of batches of frames: it does not know what the past of the filter adds, nor the bias of a run that misses part of the
+posterior. The posterior variance is the median over all runs, the same for all points, so that a run whose posterior has
+collapsed gains nothing by it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.diagnostics.batches import mean_interval
+
+
+class Spread(NamedTuple):
+    """Variance of a mean over the posterior variance, and its standard error: each (dof,), or of all together."""
+
+    variance: Floats
+    standard_error: Floats
+
+
+def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
+    """Compute the points of the settings.
+
+    Args:
+        figures: The figures of all runs, with a dimension ``run``.
+
+    Returns:
+        Over ``setting``, whose name is that of its first run: ``method``, ``replicates`` (seeds), ``seconds`` (a frame),
+        ``seconds_se``, ``variance`` and ``variance_se``, and by ``dof`` ``variance_by_dof`` and ``variance_by_dof_se``.
+    """
+    reference = np.median(np.square(figures["sd"].values), axis=0)
+    groups = _groups(figures)
+    spreads = [_spread(figures.isel(run=group), np.where(reference > 0, reference, np.nan)) for group in groups]
+    seconds = [figures["seconds"].values[group] for group in groups]
+    by_dof = ("setting", "dof")
+    data = {
+        "method": ("setting", [str(figures["method"].values[group[0]]) for group in groups]),
+        "replicates": ("setting", [len(group) for group in groups]),
+        "seconds": ("setting", [float(values.mean()) for values in seconds]),
+        "seconds_se": ("setting", [_error_of_mean(values) for values in seconds]),
+        "variance": ("setting", [float(total.variance) for total, _ in spreads]),
+        "variance_se": ("setting", [float(total.standard_error) for total, _ in spreads]),
+        "variance_by_dof": (by_dof, np.array([each.variance for _, each in spreads])),
+        "variance_by_dof_se": (by_dof, np.array([each.standard_error for _, each in spreads])),
+    }
+    names = [str(figures["run"].values[group[0]]) for group in groups]
+    return xr.Dataset(data, coords={"setting": names, "dof": figures["dof"].values})
+
+
+def _groups(figures: xr.Dataset) -> list[list[int]]:
+    """Indices of the runs of each setting; one that does not tell its setting is alone, and a seed counts once."""
+    found: dict[str, dict[str, int]] = {}
+    for index, (setting, seed) in enumerate(zip(figures["setting"].values, figures["seed"].values, strict=True)):
+        known = str(setting) != "{}" and str(seed)
+        found.setdefault(str(setting) if known else f"run {index}", {}).setdefault(str(seed), index)
+    return [list(seeds.values()) for seeds in found.values()]
+
+
+def _spread(runs: xr.Dataset, reference: Floats) -> tuple[Spread, Spread]:
+    """Of all degrees of freedom together, and of each."""
+    if runs.sizes["run"] > 1:
+        squares = np.square(runs["mean"].values - runs["mean"].values.mean(axis=0)) / reference
+        return _between(_mean(squares, (1, 2))), _between(_mean(squares, (1,)))
+    inverse = 1 / runs["ess"].values[0]
+    columns = [_within(inverse[:, dof]) for dof in range(inverse.shape[1])]
+    each = Spread(*np.array(columns).reshape(-1, 2).T)
+    return Spread(*np.array(_within(_mean(inverse, (1,))))), each
+
+
+def _between(squares: Floats) -> Spread:
+    """From squared distances from the mean over seeds (seed, ...): the sample variance, and its jackknife error over seeds.
+
+    Leaving seed s out of S leaves a sum of squares less by S / (S - 1) of its own.
+    """
+    count = len(squares)
+    variance = np.asarray(squares.sum(axis=0) / (count - 1))
+    if count == 2:
+        return Spread(variance, np.sqrt(2.0) * variance)
+    left = (squares.sum(axis=0) - squares * count / (count - 1)) / (count - 2)
+    return Spread(variance, np.sqrt((count - 1) / count * np.square(left - left.mean(axis=0)).sum(axis=0)))
+
+
+def _within(inverse: Floats) -> tuple[float, float]:
+    finite = inverse[np.isfinite(inverse)]
+    return mean_interval(finite)[:2] if len(finite) else (float("nan"), float("nan"))
+
+
+def _mean(values: Floats, axes: tuple[int, ...]) -> Floats:
+    """Mean over what is finite."""
+    finite = np.isfinite(values)
+    count = finite.sum(axis=axes)
+    return np.asarray(np.where(count > 0, np.where(finite, values, 0.0).sum(axis=axes) / np.maximum(count, 1), np.nan))
+
+
+def _error_of_mean(values: Floats) -> float:
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")

@@ -1,0 +1,108 @@
+"""Whether results are of the same data: the same frames, degrees of freedom, observed values and truth.
+
+>>> from poseppl.results import Names, build_result
+>>> first, second = (build_result(state=np.zeros((1, 4, frames, 1)), names=Names(("level",))) for frames in (3, 5))
+>>> difference(data_of(first), data_of(second))
+'frames 0-4, but frames 0-2'
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from poseppl.diagnostics.verdicts import frame_ranges
+
+_TOLERANCE = 1e-5
+"""Of the largest observed value: above what a text file rounds off, far below any noise."""
+
+
+class Data(NamedTuple):
+    """What runs must share.
+
+    Attributes:
+        frames: Frame numbers (frame,).
+        dofs: Names of the degrees of freedom.
+        observed: The data by name, (frame, ...) each, NaN where missing.
+        truth: The truth by name, (frame, ...) each; empty where it is not known.
+    """
+
+    frames: NDArray[np.int64]
+    dofs: tuple[str, ...]
+    observed: dict[str, NDArray[Any]]
+    truth: dict[str, NDArray[Any]]
+
+
+def data_of(tree: xr.DataTree) -> Data:
+    """Find the data of a result.
+
+    Args:
+        tree: The result.
+    """
+    posterior = tree["posterior"].dataset
+    frames = np.asarray(posterior["frame"].values, np.int64)
+    dofs = tuple(str(name) for name in posterior["dof"].values)
+    return Data(frames, dofs, _arrays(tree, "observed_data"), _arrays(tree, "truth"))
+
+
+def difference(first: Data, second: Data) -> str | None:
+    """Say in what the second differs from the first.
+
+    A truth that only one of them knows is no difference.
+
+    Args:
+        first: Data of one result.
+        second: Data of another.
+
+    Returns:
+        "THIS, but THAT", this of the second and that of the first; None if they are the same.
+    """
+    if second.dofs != first.dofs:
+        return _different_dofs(first.dofs, second.dofs)
+    if not np.array_equal(first.frames, second.frames):
+        return f"{frame_ranges(second.frames.tolist())}, but {frame_ranges(first.frames.tolist())}"
+    if set(first.observed) != set(second.observed):
+        return f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
+    for name, values in first.observed.items():
+        problem = _different_values(f"observed {name}", values, second.observed[name], first.frames)
+        if problem:
+            return problem
+    for name in first.truth.keys() & second.truth.keys():
+        problem = _different_values(f"true {name}", first.truth[name], second.truth[name], first.frames)
+        if problem:
+            return problem
+    return None
+
+
+def _arrays(tree: xr.DataTree, group: str) -> dict[str, NDArray[Any]]:
+    if group not in tree.children:
+        return {}
+    return {str(name): values.values for name, values in tree[group].dataset.data_vars.items()}
+
+
+def _listed(names: dict[str, Any]) -> str:
+    return ", ".join(sorted(names)) or "nothing"
+
+
+def _different_dofs(first: tuple[str, ...], second: tuple[str, ...]) -> str:
+    if len(first) != len(second):
+        return f"{len(second)} coordinates, but {len(first)}"
+    place = next(i for i, (one, other) in enumerate(zip(first, second, strict=True)) if one != other)
+    return f"coordinate {second[place]!r}, but {first[place]!r}"
+
+
+def _different_values(label: str, first: NDArray[Any], second: NDArray[Any], frames: NDArray[np.int64]) -> str | None:
+    if first.shape != second.shape:
+        return f"{label} of shape {second.shape}, but {first.shape}"
+    if first.dtype.kind not in "fiub" or second.dtype.kind not in "fiub":
+        return None if np.array_equal(first, second) else f"other {label}, but the same name"
+    one, other = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    scale = np.abs(one[np.isfinite(one)]).max(initial=0.0)
+    same = np.isclose(other, one, rtol=0.0, atol=_TOLERANCE * scale, equal_nan=True)
+    if same.all():
+        return None
+    wrong = np.flatnonzero(~same.reshape(len(frames), -1).all(axis=1))
+    return f"other {label} in {frame_ranges(frames[wrong].tolist())}, but the same frames"
