@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.report.picture import BAND, GRID, MUTED, OBSERVED, POSTERIOR, TEXT, TRUTH
+from poseppl.report.chart_parts import Chart, escaped, layout_of, line, plain
+from poseppl.report.picture import BAND, MUTED, OBSERVED, POSTERIOR, TRUTH
 from poseppl.report.selection import Array, evenly, expected_error, frame_numbers, variable
 from poseppl.results import is_weighted
 
-Chart = dict[str, Any]
 MAX_POINTS = 600
 _NO_LINE = {"width": 0}
 
@@ -50,31 +50,11 @@ def coordinate_data(tree: xr.DataTree) -> dict[str, Any]:
     return {
         "frames": frame_numbers(tree)[chosen].tolist(),
         "names": [str(name) for name in tree["posterior"].dataset["dof"].values],
-        "mean": _list(summary["state_mean"].values[chosen].T),
-        "low": None if quantile is None else _list(quantile[chosen, 0].T),
-        "high": None if quantile is None else _list(quantile[chosen, -1].T),
-        "truth": None if truth is None else _list(truth[chosen].T),
+        "mean": plain(summary["state_mean"].values[chosen].T),
+        "low": None if quantile is None else plain(quantile[chosen, 0].T),
+        "high": None if quantile is None else plain(quantile[chosen, -1].T),
+        "truth": None if truth is None else plain(truth[chosen].T),
     }
-
-
-def _layout(ylabel: str, height: int = 320, **more: Any) -> dict[str, Any]:
-    axis = {"gridcolor": GRID, "zeroline": False, "linecolor": GRID}
-    return {
-        "height": height,
-        "margin": {"l": 60, "r": 16, "t": 12, "b": 44},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "font": {"family": "system-ui, sans-serif", "size": 12, "color": TEXT},
-        "xaxis": axis | {"title": {"text": "frame"}},
-        "yaxis": axis | {"title": {"text": ylabel}, "rangemode": "tozero"},
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0},
-        "hovermode": "x unified",
-    } | more
-
-
-def _line(x: list[Any], y: Array, name: str, color: str, **more: Any) -> dict[str, Any]:
-    mode = "lines" if len(x) > 1 else "markers"
-    return {"type": "scatter", "mode": mode, "x": x, "y": _list(y), "name": name, "line": {"color": color, "width": 2}} | more
 
 
 def _error(tree: xr.DataTree, chosen: Array) -> Chart | None:
@@ -84,13 +64,13 @@ def _error(tree: xr.DataTree, chosen: Array) -> Chart | None:
         return None
     x = frame_numbers(tree)[chosen].tolist()
     data = [
-        _line(x, band[2][chosen], "posterior expects, 95 %", BAND, line=_NO_LINE, showlegend=False),
-        _line(x, band[0][chosen], "posterior expects (90 %)", BAND, line=_NO_LINE, fill="tonexty", fillcolor=BAND),
+        line(x, band[2][chosen], "posterior expects, 95 %", BAND, line=_NO_LINE, showlegend=False),
+        line(x, band[0][chosen], "posterior expects (90 %)", BAND, line=_NO_LINE, fill="tonexty", fillcolor=BAND),
     ]
     if error is not None and relative is not None:
-        data.append(_line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
-        data.append(_line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
-    return {"data": data, "layout": _layout("mm")}
+        data.append(line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
+        data.append(line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
+    return {"data": data, "layout": layout_of("mm")}
 
 
 def _coverage(tree: xr.DataTree) -> Chart | None:
@@ -102,11 +82,11 @@ def _coverage(tree: xr.DataTree) -> Chart | None:
         share, error = variable(tree, "diagnostics", name), variable(tree, "diagnostics", f"{name}_se")
         if share is None or error is None or not np.isfinite(share).all():
             continue
-        bars = {"type": "data", "array": _list(200 * error), "color": color, "thickness": 1.5}
+        bars = {"type": "data", "array": plain(200 * error), "color": color, "thickness": 1.5}
         point = {"size": 9, "color": color}
         data.append(
-            _line(
-                _list(100 * levels),
+            line(
+                plain(100 * levels),
                 100 * share,
                 f"{label} (± 2 standard errors)",
                 color,
@@ -118,8 +98,8 @@ def _coverage(tree: xr.DataTree) -> Chart | None:
     if not data:
         return None
     ideal = {"color": MUTED, "width": 1, "dash": "dot"}
-    data.insert(0, _line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line=ideal, hoverinfo="skip"))
-    layout = _layout("truth inside (%)", hovermode="closest")
+    data.insert(0, line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line=ideal, hoverinfo="skip"))
+    layout = layout_of("truth inside (%)", hovermode="closest")
     layout["xaxis"] = layout["xaxis"] | {"title": {"text": "nominal level (%)"}, "range": [44, 96], "tickvals": [50, 80, 90]}
     layout["yaxis"] = layout["yaxis"] | {"range": [0, 102]}
     return {"data": data, "layout": layout}
@@ -136,9 +116,9 @@ def _inefficiency(tree: xr.DataTree, chosen: Array) -> Chart | None:
     heat = {
         "type": "heatmap",
         "x": frame_numbers(tree)[chosen].tolist(),
-        "y": [_escaped(name) for name in names],
-        "z": _list(np.log10(shown)),
-        "customdata": _list(tau[chosen].T),
+        "y": [escaped(name) for name in names],
+        "z": plain(np.log10(shown)),
+        "customdata": plain(tau[chosen].T),
         "hovertemplate": "%{y}, frame %{x}<br>τ = %{customdata:.1f}<extra></extra>",
         "zmin": 0,
         "zmax": top,
@@ -151,7 +131,7 @@ def _inefficiency(tree: xr.DataTree, chosen: Array) -> Chart | None:
             "thickness": 12,
         },
     }
-    layout = _layout("", height=130 + 17 * max(len(names), 6), hovermode="closest")
+    layout = layout_of("", height=130 + 17 * max(len(names), 6), hovermode="closest")
     layout["yaxis"] = {"autorange": "reversed", "automargin": True, "tickfont": {"size": 10}, "type": "category"}
     layout["margin"] = layout["margin"] | {"l": 110}
     return {"data": [heat], "layout": layout}
@@ -182,7 +162,7 @@ def _progress(tree: xr.DataTree, chosen: Array) -> Chart | None:
         panels.append(("rejection (%)", 100 * rejection))
     if not panels:
         return None
-    layout = _layout("", height=60 + 130 * len(panels), showlegend=False)
+    layout = layout_of("", height=60 + 130 * len(panels), showlegend=False)
     base = layout.pop("yaxis")
     data = []
     for number, (label, values) in enumerate(panels):
@@ -195,18 +175,6 @@ def _progress(tree: xr.DataTree, chosen: Array) -> Chart | None:
             "rangemode": "normal" if label == "log evidence" else "tozero",
             "automargin": True,
         }
-        data.append(_line(x, values[chosen].astype(float), label, POSTERIOR, yaxis=f"y{suffix}"))
+        data.append(line(x, values[chosen].astype(float), label, POSTERIOR, yaxis=f"y{suffix}"))
     layout["xaxis"] = layout["xaxis"] | {"anchor": f"y{'' if len(panels) == 1 else len(panels)}"}
     return {"data": data, "layout": layout}
-
-
-def _escaped(text: str) -> str:
-    """Plotly reads a few HTML tags in labels."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-
-
-def _list(values: Array) -> Any:
-    """Nested lists of five significant figures, with None for what is not finite: JSON knows no NaN."""
-    if values.ndim > 1:
-        return [_list(row) for row in values]
-    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]

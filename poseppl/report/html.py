@@ -6,15 +6,12 @@ Bounded in size for any length of sequence: the slider shows at most 120 frames 
 from __future__ import annotations
 
 import base64
-import json
 from collections.abc import Callable
 from html import escape
-from importlib.resources import files
 from os import PathLike
 
 import xarray as xr
 from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs
 
 from poseppl.diagnostics import verdicts
 from poseppl.io.files import atomic_path
@@ -23,6 +20,7 @@ from poseppl.report.charts import charts, coordinate_data
 from poseppl.report.picture import png
 from poseppl.report.pose_data import pose_data
 from poseppl.report.selection import diagnosed, has_chains
+from poseppl.report.shell import Section, page_html
 from poseppl.report.tables import cards, error_table, inefficiency_table, provenance_table, worst_frames_table
 from poseppl.results import is_weighted, provenance
 
@@ -55,45 +53,27 @@ def report_html(tree: xr.DataTree) -> str:
     whole = diagnosed(tree)
     drawn, poses = charts(whole), pose_data(whole)
     sections = [
-        ("verdicts", "Verdicts", _verdicts(whole)),
-        ("poses", "Poses", _poses(poses)),
-        (
+        Section("verdicts", "Verdicts", _verdicts(whole)),
+        Section("poses", "Poses", _poses(poses)),
+        Section(
             "truth",
             "Error and coverage" if "error" in drawn and "truth" in whole.children else "Uncertainty",
             _truth(whole, set(drawn)),
         ),
-        ("mixing", "Particles" if is_weighted(whole) else "Mixing", _mixing(whole, set(drawn))),
-        ("progress", "Frame by frame", _progress(set(drawn))),
-        ("coordinates", "Coordinates", _coordinates(whole)),
-        ("run", "What was run", provenance_table(whole)),
+        Section("mixing", "Particles" if is_weighted(whole) else "Mixing", _mixing(whole, set(drawn))),
+        Section("progress", "Frame by frame", _progress(set(drawn))),
+        Section("coordinates", "Coordinates", _coordinates(whole)),
+        Section("run", "What was run", provenance_table(whole)),
     ]
-    present = [section for section in sections if section[2]]
     known = provenance(whole)
-    title = str(known.get("input", "Tracking"))
-    subtitle = " · ".join(str(known[name]) for name in ("model", "filter", "created") if name in known)
-    links = "".join(f'<a href="#{name}">{label}</a>' for name, label, _ in present)
-    body = "".join(f'<section id="{name}"><h2>{label}</h2>{content}</section>' for name, label, content in present)
-    data = "".join(
-        f'<script type="application/json" id="{name}">{_json(value)}</script>'
-        for name, value in (("charts-data", drawn), ("pose-data", poses), ("coordinate-data", coordinate_data(whole)))
+    return page_html(
+        str(known.get("input", "Tracking")),
+        " · ".join(str(known[name]) for name in ("model", "filter", "created") if name in known),
+        sections,
+        cards=cards(whole),
+        data={"charts-data": drawn, "pose-data": poses, "coordinate-data": coordinate_data(whole)},
+        script="page.js",
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{escape(title)} · poseppl</title><style>{_asset("page.css")}</style></head>'
-        f"<body><main><header><h1>{escape(title)}</h1><p>{escape(subtitle)}</p></header><nav>{links}</nav>"
-        f'<div class="cards">{cards(whole)}</div>{body}<footer>Made by poseppl.</footer></main>'
-        f"{data}<script>{get_plotlyjs()}</script><script>{_asset('page.js')}</script></body></html>\n"
-    )
-
-
-def _asset(name: str) -> str:
-    return files("poseppl.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _json(value: object) -> str:
-    """JSON that cannot end the script element that holds it."""
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def _image(plot: Callable[[xr.DataTree], Figure], tree: xr.DataTree, text: str) -> str:

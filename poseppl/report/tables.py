@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.report.selection import frame_numbers, variable
+from poseppl.report.shell import card
 from poseppl.results import is_weighted, provenance
 
 MAX_WORST = 10
@@ -44,7 +45,7 @@ def provenance_table(tree: xr.DataTree) -> str:
     if "rate" in tree.attrs:
         rows.append(("frames a second of the recording", f"{float(tree.attrs['rate']):g}"))
     for name, value in provenance(tree).items():
-        rows.extend(_flatten(name.replace("_", " "), value))
+        rows.extend(flatten(name.replace("_", " "), value))
     return table(("", ""), rows)
 
 
@@ -135,12 +136,13 @@ def cards(tree: xr.DataTree) -> str:
     seconds = known.get("wall_seconds")
     if isinstance(seconds, int | float) and seconds > 0:
         shown.append((f"{tree['posterior'].sizes['frame'] / seconds:.1f}", "frames a second"))
-    return "".join(f'<div class="card"><b>{escape(big)}</b><span>{escape(small)}</span></div>' for big, small in shown)
+    return "".join(card(big, small) for big, small in shown)
 
 
-def _flatten(name: str, value: object) -> list[tuple[str, object]]:
+def flatten(name: str, value: object) -> list[tuple[str, object]]:
+    """Rows of a nested setting, as (name, what is shown)."""
     if isinstance(value, dict):
-        return [row for key, inner in value.items() for row in _flatten(f"{name} · {str(key).replace('_', ' ')}", inner)]
+        return [row for key, inner in value.items() for row in flatten(f"{name} · {str(key).replace('_', ' ')}", inner)]
     if isinstance(value, float):
         return [(name, f"{value:.6g}")]
     if isinstance(value, list):
