@@ -15,6 +15,7 @@ from poseppl.filters import (
     kalman_filter,
     particle_filter,
     tempered_filter,
+    window_filter,
 )
 from poseppl.kernels import RANDOM_WALK_MOVES, HMCSettings, MoveSettings
 from poseppl.program import CompiledModel
@@ -110,6 +111,13 @@ FILTERS: list[FilterRow] = [
         assumed_density_filter,
         lambda model: assumed_density_filter(model, 60, num_starts=4),
         evidence_tolerance=1e-3,
+    ),
+    FilterRow(
+        "window",
+        window_filter,
+        lambda model: window_filter(model, 60, num_starts=4),
+        evidence_tolerance=1e-3,
+        num_replicates=40,
     ),
     FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40),
     FilterRow(

@@ -18,3 +18,5 @@ from poseppl.filters.particle import ParticleState as ParticleState
 from poseppl.filters.particle import particle_filter as particle_filter
 from poseppl.filters.tempered import TemperedState as TemperedState
 from poseppl.filters.tempered import tempered_filter as tempered_filter
+from poseppl.filters.window import WindowState as WindowState
+from poseppl.filters.window import window_filter as window_filter

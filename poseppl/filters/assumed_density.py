@@ -29,16 +29,14 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
+from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture
-from poseppl.kernels.hmc import HMCSettings, hmc_chains
-from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, Modes, find_modes, whitening
+from poseppl.kernels.hmc import HMCSettings
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes
 from poseppl.program import CompiledModel, Observation
 
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
-
-_CANDIDATES = 4
-"""Draws from which each chain picks its start."""
 
 
 def assumed_density_filter(
@@ -90,23 +88,19 @@ def assumed_density_filter(
 
         precisions = jnp.linalg.inv(prior.covariances)[component]
         modes = find_modes(climbers, precisions, log_density, information, num_mode_steps)
-        starts, chosen = _starts(key_start, modes, log_density, num_chains)
-        chart = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
-        chains = hmc_chains(
-            key_chains, chart.to_white(starts), lambda z: log_density(chart.to_state(z)), log_step_size, settings
-        )
+        draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, log_step_size, num_chains, settings)
         info = Info(
             log_evidence=jnp.where(failed, -jnp.inf, jnp.max(modes.log_masses)),
             ess=effective_draws(chains.draws),
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * (num_mode_steps + 1) + 1) + num_chains * _CANDIDATES),
+            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * (num_mode_steps + 1) + 1) + num_chains * CANDIDATES),
             num_gradient=chains.num_gradient + num_starts * (num_mode_steps + 1),
             failed=failed,
             step_size=jnp.exp(chains.log_step_size),
         )
-        return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
+        return chain_state(draws, chains.log_step_size), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         mean, covariance = model.initial_moments(inputs)
@@ -130,18 +124,3 @@ def covariance_inflation(draws: jax.Array) -> jax.Array:
     """Factor by which the inverse of the covariance of draws (M, R, d) is too large on average, from 1 to 2."""
     effective = effective_draws(draws)
     return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)
-
-
-def _starts(rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_chains: int) -> tuple[jax.Array, jax.Array]:
-    """Start M chains (M, d) from modes (M,) chosen by their masses.
-
-    Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of
-    them lie so far out that a chain would not come back within the burn-in.
-    """
-    key_choose, key_noise, key_pick = jax.random.split(rng_key, 3)
-    chosen = jax.random.categorical(key_choose, modes.log_masses, shape=(num_chains,))
-    noise = jax.random.normal(key_noise, (num_chains, _CANDIDATES, modes.states.shape[1]), modes.states.dtype)
-    candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
-    importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
-    picked = jax.random.categorical(key_pick, jnp.where(jnp.isnan(importance), -jnp.inf, importance))
-    return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0], chosen

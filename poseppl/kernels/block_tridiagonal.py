@@ -61,6 +61,17 @@ def multiply(matrix: BlockTridiagonal, x: jax.Array) -> jax.Array:
     return product.at[:-1].add(jnp.einsum("tji,tj->ti", matrix.below, x[1:]))
 
 
+def to_dense(matrix: BlockTridiagonal) -> jax.Array:
+    """The whole matrix (T d, T d)."""
+    num_blocks, dimension = matrix.diagonal.shape[:2]
+    frame = jnp.arange(num_blocks)
+    whole = jnp.zeros((num_blocks, dimension, num_blocks, dimension), matrix.diagonal.dtype)
+    whole = whole.at[frame, :, frame].set(matrix.diagonal)
+    whole = whole.at[frame[1:], :, frame[:-1]].set(matrix.below)
+    whole = whole.at[frame[:-1], :, frame[1:]].set(jnp.swapaxes(matrix.below, 1, 2))
+    return whole.reshape(num_blocks * dimension, num_blocks * dimension)
+
+
 def block_cholesky(matrix: BlockTridiagonal, *, ridge: Any = 0.0) -> BlockCholesky:
     """Factorise P = L L^T.
 

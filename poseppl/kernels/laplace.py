@@ -112,3 +112,18 @@ def find_modes(
     empty = Modes(starts, prior_precisions, jnp.zeros_like(prior_precisions), jnp.zeros_like(starts[:, 0]))
     (modes, _), _ = jax.lax.scan(step, (empty, starts), None, length=num_steps + 1)
     return modes
+
+
+def share_masses(modes: Modes) -> jax.Array:
+    """Log-masses (S,) of modes, of which several may be the same one: these share its mass.
+
+    Each is the importance weight of its state under the mixture of all S Laplace approximations, log p - log sum_k N(.; k): a
+    mode that n climbers came to has its mass once, and not n times.
+    """
+    half_log_det = jnp.sum(jnp.log(jnp.diagonal(modes.scales, axis1=1, axis2=2)), 1)
+    offset = modes.states[:, None] - modes.states
+    distance = jnp.einsum("ski,kij,skj->sk", offset, modes.precisions, offset)
+    # the factors of 2 pi in the density and in the mixture cancel
+    log_mixture = jax.nn.logsumexp(jnp.nan_to_num(-0.5 * distance - half_log_det, nan=-jnp.inf), axis=1)
+    shared = modes.log_masses - half_log_det - log_mixture
+    return jnp.where(jnp.isnan(shared), -jnp.inf, shared)

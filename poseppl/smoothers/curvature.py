@@ -22,6 +22,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
+from poseppl.kernels.transition_curvature import precision_of, transition_curvature
 from poseppl.program import CompiledModel, Observation
 
 _SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
@@ -84,7 +85,7 @@ def climb(model: CompiledModel, xs: jax.Array, observations: Observation, inputs
 
 def _initial_precision(model: CompiledModel, x: jax.Array, inputs: Any) -> jax.Array:
     if _has_moments(lambda: model.initial_moments(inputs)):
-        return _inverse(model.initial_moments(inputs)[1])
+        return precision_of(model.initial_moments(inputs)[1])
     return _absolute_hessian(lambda x: model.log_initial(x, inputs), x)
 
 
@@ -94,10 +95,7 @@ def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple
     first = jax.tree.map(lambda leaf: leaf[0], inputs)
 
     def gaussian(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
-        jacobian = jax.jacrev(lambda state: model.transition_moments(state, inputs)[0])(previous)
-        precision = _inverse(model.transition_moments(previous, inputs)[1])
-        pulled = precision @ jacobian
-        return jacobian.T @ pulled, -pulled, precision
+        return transition_curvature(model, previous, inputs)
 
     def other(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
         def log_density(pair: jax.Array) -> jax.Array:
@@ -116,13 +114,6 @@ def _has_moments(moments: Callable[[], Any]) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _inverse(covariance: jax.Array) -> jax.Array:
-    """Inverse of a covariance, scaled to a unit diagonal on the way."""
-    unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
-    inverse: jax.Array = jnp.linalg.inv(covariance * unit[:, None] * unit)
-    return inverse * unit[:, None] * unit
 
 
 def _absolute_hessian(log_density: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:

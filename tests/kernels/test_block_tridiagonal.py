@@ -16,6 +16,7 @@ from poseppl.kernels.block_tridiagonal import (
     solve,
     solve_lower,
     solve_upper,
+    to_dense,
 )
 
 
@@ -63,6 +64,12 @@ def test_agrees_with_dense_linear_algebra(shape, dtype):
         for found, answer in zip(answers(matrix, jnp.asarray(b)), expected, strict=True):
             assert found.dtype == dtype
             np.testing.assert_allclose(found.ravel(), answer, rtol=tolerance, atol=tolerance * np.abs(answer).max())
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (2, 1), (6, 3)])
+def test_dense_form_holds_every_block(shape):
+    matrix, dense = random_matrix(*shape)
+    np.testing.assert_allclose(to_dense(matrix), dense, rtol=1e-6)
 
 
 def test_scales_far_apart_cost_float32_no_digits():

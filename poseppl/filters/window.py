@@ -1,0 +1,192 @@
+r"""The moving-window HMC filter: chains on the joint density of the last W frames, the older past summarised.
+
+With s the window's first frame, the target of frame t = s + W - 1 is (see :mod:`poseppl.filters.window_target`)
+
+    N(x_s; m_s, P_s) p(z_s | x_s) prod over u = s + 1 .. t of p(x_u | x_(u-1)) p(z_u | x_u),    N(m_s, P_s) for p(x_s | z_(<s)).
+
+The summary must have seen no data of the window, or they would count twice. The window's own draws of x_(s-1) at frame t - 1
+have: pushed through the transition, they tell of x_s what z_0 .. z_(t-1) say. So the summary is made when the data up to
+frame s - 1 alone are in: it is the prediction, by its first two moments, from the filtered draws of x_(s-1) at frame s - 1,
+
+    m_s = mean of E[x_s | x],    P_s = cov of E[x_s | x] + mean of Cov[x_s | x],    x over those draws,
+
+and waits in a queue of W predictions until its frame is the window's oldest. The first term of P_s is inflated as in
+:mod:`poseppl.filters.assumed_density`, which is the case W = 1. A draw of frame t has then been through one Gaussian summary in
+every W frames, where W = 1 takes one in each; for linear Gaussian models any W is exact up to the Monte Carlo error of m and P.
+
+Chains start in modes of the joint density. Draws from the prediction climb to the modes of the newest frame, as with W = 1;
+each gets a past, drawn from the last window's trajectories by the density of the transition to it (a step of backward
+simulation), and the whole climbs on. A mode that several reach has its mass once.
+
+The draws of the window's older frames are smoothed: those of x_s are a fixed-lag smoother's, with a lag of W - 1 frames.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.checks import check_at_least
+from poseppl.filters.assumed_density import TRACKER, covariance_inflation
+from poseppl.filters.base import Filter, Info
+from poseppl.filters.chains import drop_impossible, effective_draws
+from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
+from poseppl.filters.window_target import Window, empty_window, move_on, window_target
+from poseppl.gaussian import GaussianMixture, draw_mixture, log_mixture
+from poseppl.kernels.hmc import Chains, HMCSettings
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
+from poseppl.kernels.transition_curvature import precision_of
+from poseppl.linearisation import Gaussian
+from poseppl.program import CompiledModel, Observation
+
+
+class WindowState(NamedTuple):
+    """What the next frame needs.
+
+    Attributes:
+        particles: Draws of the newest frame after burn-in (M, R - b, d).
+        log_weights: Zeros (M, R - b): all draws count alike.
+        log_step_size: The adapted log step size.
+        trajectories: Draws of the whole window (M, R - b, W, d), the newest frame last; slots that hold no frame yet are noise.
+        window: Summaries, data and inputs of its frames.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    log_step_size: jax.Array
+    trajectories: jax.Array
+    window: Window
+
+
+def window_filter(
+    model: CompiledModel,
+    num_chains: int = 30,
+    settings: HMCSettings = TRACKER,
+    *,
+    window: int = 3,
+    num_starts: int = 40,
+    num_mode_steps: int = 4,
+) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
+        num_chains: M.
+        settings: R, L, b, epsilon and so on.
+        window: W, frames whose joint density the chains sample.
+        num_starts: Draws from the prediction that climb to modes.
+        num_mode_steps: Gauss-Newton steps of each, on the newest frame and again on the window.
+
+    Returns:
+        The filter; its state is :class:`WindowState`. ``log_evidence`` is Laplace's approximation at the newest frame's highest
+        mode; likelihoods and gradients are counted by the frame.
+
+    Raises:
+        ValueError: A number out of range.
+    """
+    settings = settings.check()
+    check_at_least(1, num_chains=num_chains, window=window, num_starts=num_starts)
+    dimension = model.dimension
+
+    def run(
+        rng_key: jax.Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
+    ) -> tuple[WindowState, Info]:
+        key_climb, key_past, key_start, key_chains = jax.random.split(rng_key, 4)
+        prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
+        climbers, _ = draw_mixture(key_climb, prior, num_starts)
+        climbers = climbers.at[0].set(prediction.mean)
+        possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
+        failed = ~jnp.any(jnp.isfinite(possible))
+        seen = _masked(model, drop_impossible(model, observation, failed))
+        frames = move_on(past.window, prediction, seen, inputs)
+        newest = find_modes(
+            climbers,
+            jnp.broadcast_to(precision_of(prediction.covariance), (num_starts, dimension, dimension)),
+            lambda x: model.log_observation(x, seen, inputs) + log_mixture(prior)(x),
+            lambda x: model.observation_information(x, seen, inputs),
+            num_mode_steps,
+        )
+        target = window_target(model, frames)
+        pasts = _pasts(model, key_past, past, newest.states, inputs)
+        whole = find_modes(
+            jnp.concatenate([pasts, newest.states[:, None]], 1).reshape(num_starts, -1),
+            jnp.broadcast_to(target.prior_precision, (num_starts, *target.prior_precision.shape)),
+            target.log_density,
+            target.information,
+            num_mode_steps,
+        )
+        modes = whole._replace(log_masses=share_masses(whole))
+        draws, chains = chains_from_modes(
+            key_start, key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
+        )
+        trajectories = draws.reshape(*draws.shape[:2], window, dimension)
+        particles = trajectories[:, :, -1]
+        info = _info(particles, chains, jnp.max(newest.log_masses), failed, window, num_starts, num_mode_steps)
+        log_weights = jnp.zeros(particles.shape[:-1], particles.dtype)
+        return WindowState(particles, log_weights, chains.log_step_size, trajectories, frames), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+        empty = empty_window(model, window, inputs)
+        mean, covariance = empty.predictions.mean, empty.predictions.covariance
+        nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.burn_in, window, dimension))
+        log_step_size = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
+        past = WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
+        return run(rng_key, past, Gaussian(mean[0], covariance[0]), observation, inputs)
+
+    def step(rng_key: jax.Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+        return run(rng_key, state, predict(model, state.particles, inputs), observation, inputs)
+
+    return Filter(init, step)
+
+
+def predict(model: CompiledModel, draws: jax.Array, inputs: Any) -> Gaussian:
+    """Moments of the next frame from draws (M, R, d) of this one, the spread of their means inflated."""
+    means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(draws.reshape(-1, draws.shape[-1]))
+    mean = jnp.mean(means, 0)
+    centred = means - mean
+    spread = centred.T @ centred / max(means.shape[0] - 1, 1)
+    return Gaussian(mean, spread * covariance_inflation(means.reshape(draws.shape)) + jnp.mean(covariances, 0))
+
+
+def _masked(model: CompiledModel, observation: Observation) -> Observation:
+    """The data with a value of our own wherever nothing was seen: the state remembers them."""
+    nothing = model.unobserved()
+    values = jax.tree.map(jnp.where, observation.mask, observation.values, nothing.values)
+    return Observation(values, observation.mask)
+
+
+def _pasts(model: CompiledModel, rng_key: jax.Array, past: WindowState, newest: jax.Array, inputs: Any) -> jax.Array:
+    """For each state of the newest frame (S, d) the window's frames before it (S, W - 1, d)."""
+    trajectories = past.trajectories.reshape(-1, *past.trajectories.shape[2:])
+
+    def of_one(x: jax.Array) -> jax.Array:
+        return jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(trajectories[:, -1])
+
+    chosen = jax.random.categorical(rng_key, jax.vmap(of_one)(newest))
+    return trajectories[chosen, 1:]
+
+
+def _info(
+    particles: jax.Array,
+    chains: Chains,
+    log_evidence: jax.Array,
+    failed: jax.Array,
+    window: int,
+    num_starts: int,
+    num_mode_steps: int,
+) -> Info:
+    num_chains = particles.shape[0]
+    climbs = num_starts * (num_mode_steps + 1) * (1 + window)
+    return Info(
+        log_evidence=jnp.where(failed, -jnp.inf, log_evidence),
+        ess=effective_draws(particles),
+        ancestors=jnp.arange(num_chains, dtype=jnp.int32),
+        acceptance=chains.acceptance,
+        divergences=chains.divergences,
+        num_likelihood=jnp.int32(GAUSS_NEWTON_TRIALS * climbs + num_starts + window * num_chains * CANDIDATES),
+        num_gradient=window * chains.num_gradient + climbs,
+        failed=failed,
+        step_size=jnp.exp(chains.log_step_size),
+    )
