@@ -35,6 +35,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from poseppl.checkpoint import Checkpoint as Checkpoint
     from poseppl.collect import collect_draws as collect_draws
+    from poseppl.diagnostics import compare as compare
+    from poseppl.diagnostics import comparison_table as comparison_table
     from poseppl.diagnostics import diagnose as diagnose
     from poseppl.diagnostics import verdicts as verdicts
     from poseppl.errors import InputError as InputError
@@ -72,6 +74,8 @@ if TYPE_CHECKING:
 _HOMES = {
     "Checkpoint": "checkpoint",
     "collect_draws": "collect",
+    "compare": "diagnostics",
+    "comparison_table": "diagnostics",
     "diagnose": "diagnostics",
     "verdicts": "diagnostics",
     "InputError": "errors",

@@ -1,4 +1,4 @@
-"""The command line: track, smooth, simulate, report, fit-gait.
+"""The command line: track, smooth, simulate, report, compare, fit-gait.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import click
 
+from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.simulate import simulate as simulate_command
@@ -37,6 +38,7 @@ Examples:
   poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
   poseppl smooth poseppl-02_01.nc            every frame given all frames
   poseppl report poseppl-02_01.nc            its report, one HTML file
+  poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track --help                       every option
 """,
 )
@@ -46,7 +48,7 @@ def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
 
 
-for command in (track_command, smooth_command, simulate_command, report_command, gait_command):
+for command in (track_command, smooth_command, simulate_command, report_command, compare_command, gait_command):
     cli.add_command(command)
 
 

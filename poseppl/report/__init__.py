@@ -4,6 +4,9 @@ from poseppl.report.chains import plot_autocorrelation as plot_autocorrelation
 from poseppl.report.chains import plot_inefficiency as plot_inefficiency
 from poseppl.report.chains import plot_state as plot_state
 from poseppl.report.chains import plot_trace as plot_trace
+from poseppl.report.compare import comparison_html as comparison_html
+from poseppl.report.compare import write_comparison as write_comparison
+from poseppl.report.compare import write_comparison_table as write_comparison_table
 from poseppl.report.error import plot_error as plot_error
 from poseppl.report.figures import plot_track as plot_track
 from poseppl.report.html import report_html as report_html

@@ -17,8 +17,12 @@ MAX_WORST = 10
 _OF_CHAINS = ("rejection_rate", "divergences")
 
 
+class Raw(str):
+    """HTML that is to stand as it is."""
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Lay out a table; every cell is escaped.
+    """Lay out a table; every cell that is not :class:`Raw` is escaped.
 
     Args:
         head: Titles of the columns.
@@ -28,8 +32,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
         The HTML.
     """
     top = "".join(f"<th>{escape(title)}</th>" for title in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _cell(value: object) -> str:
+    return value if isinstance(value, Raw) else escape(str(value))
 
 
 def provenance_table(tree: xr.DataTree) -> str:

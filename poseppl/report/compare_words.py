@@ -1,0 +1,135 @@
+"""A comparison of runs in words: who wins, by how much, where, and whose figures are not to be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics.contest import TIE
+from poseppl.diagnostics.run_figures import FORMULA
+from poseppl.diagnostics.verdicts import DOUBTFUL, GRAVE, REMARK, RHAT_HIGH, Verdict
+
+LEVEL = 0.9
+_SLACK = 0.03
+_TITLES = {
+    "ess_per_second": "Effective draws a second",
+    "ess_per_evaluation": "Effective draws an evaluation",
+    "error": "Joint error",
+}
+_BEST = {
+    "ess_per_second": "has the most effective draws a second",
+    "ess_per_evaluation": "has the most effective draws for its evaluations of likelihood and gradient",
+    "error": "has the least joint error",
+}
+
+
+def findings(tree: xr.DataTree) -> list[Verdict]:
+    """Say what a comparison found.
+
+    Args:
+        tree: Of :func:`poseppl.diagnostics.compare`.
+
+    Returns:
+        Who wins, then what is wrong with single runs.
+    """
+    return [*_winners(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
+
+
+def words(names: list[str]) -> str:
+    """Join names: "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def wins(tree: xr.DataTree, quantity: str) -> dict[str, int]:
+    """How many coordinates each winner, "tie" included, has; the most first."""
+    found = tree["winner_by_dof"].dataset["winner"].sel(quantity=quantity).values
+    names, counts = np.unique(found[found != ""], return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    return {str(names[i]): int(counts[i]) for i in order}
+
+
+def _winners(tree: xr.DataTree) -> list[Verdict]:
+    data = tree["winner"].dataset
+    texts = []
+    for quantity, best in _BEST.items():
+        row = data.sel(quantity=quantity)
+        winner, leaders = str(row["winner"].item()), row["run"].values[row["leads"].values].tolist()
+        if not winner:
+            continue
+        if winner == TIE:
+            texts.append(f"{_TITLES[quantity]}: {words(leaders)} tie, to within the Monte Carlo error.{_where(tree, quantity)}")
+        else:
+            texts.append(f"{winner} {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
+    if not texts:
+        texts.append("Nobody wins: fewer than two runs have figures that can be held against each other.")
+    return [Verdict(REMARK, text) for text in texts]
+
+
+def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
+    """By what factor the winner is ahead of the next."""
+    ratio = row["ratio"].drop_sel(run=winner)
+    if not np.isfinite(ratio.values).any():
+        return ""
+    after = str(ratio["run"].values[int(np.nanargmax(ratio.values))])
+    found = [float(row[name].sel(run=after)) for name in ("ratio", "ratio_low", "ratio_high")]
+    if quantity == "error":
+        percent = [100 * value for value in found]
+        return f", {percent[0]:.0f} % of that of {after} ({percent[1]:.0f} to {percent[2]:.0f} %), the next"
+    times = [1 / value for value in found]
+    return f", {times[0]:.2g} times ({times[2]:.2g} to {times[1]:.2g}) those of {after}, the next"
+
+
+def _where(tree: xr.DataTree, quantity: str) -> str:
+    counts = wins(tree, quantity)
+    total = sum(counts.values())
+    if not total:
+        return ""
+    parts = [f"{name} wins in {count}" for name, count in counts.items() if name != TIE]
+    if list(counts) == [TIE]:
+        return " In no coordinate does anyone win."
+    if TIE in counts:
+        parts.append(f"{counts[TIE]} {'are ties' if counts[TIE] > 1 else 'is a tie'}")
+    return f" Of {total} coordinates, {words(parts)}."
+
+
+def _coverage(tree: xr.DataTree) -> list[Verdict]:
+    summary = tree["summary"].dataset.sel(level=LEVEL, method="nearest")
+    shares, errors = summary["coverage_all"].values, summary["coverage_se_all"].values
+    found, honest = [], []
+    for name, share, error, out in zip(
+        summary["run"].values.tolist(), shares, errors, summary["disqualified"].values, strict=True
+    ):
+        text = f"{name}: 90 % intervals cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
+        if out:
+            tail = "a wrong posterior, disqualified where effective draws are counted"
+            found.append(Verdict(GRAVE, f"{text}: {tail}."))
+        elif share + 2 * error < LEVEL - _SLACK:
+            found.append(Verdict(DOUBTFUL, f"{text}: over-confident."))
+        elif share - 2 * error > LEVEL + _SLACK:
+            found.append(Verdict(DOUBTFUL, f"{text}: under-confident."))
+        elif np.isfinite(share):
+            honest.append(f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)")
+    if honest:
+        found.append(Verdict(REMARK, f"90 % intervals as honest as this sequence can tell: {words(honest)}."))
+    return sorted(found, key=lambda verdict: verdict.severity != GRAVE)
+
+
+def _agreement(tree: xr.DataTree) -> list[Verdict]:
+    figures, found = tree["figures"].dataset, []
+    for name, rhat in zip(figures["run"].values, figures["rhat"].values, strict=True):
+        known = rhat[np.isfinite(rhat)]
+        share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
+        if share > 0.02:
+            where = f"in {100 * share:.0f} % of frames and coordinates (largest {known.max():.2f})"
+            text = f"{name}: R-hat above {RHAT_HIGH} {where}: its chains disagree, and its ESS is rough."
+            found.append(Verdict(GRAVE if share > 0.5 else DOUBTFUL, text))
+    return found
+
+
+def _closed_form(tree: xr.DataTree) -> list[Verdict]:
+    figures = tree["figures"].dataset
+    names = [str(name) for name, kind in zip(figures["run"].values, figures["kind"].values, strict=True) if kind == FORMULA]
+    if not names:
+        return []
+    form = "are closed forms" if len(names) > 1 else "is a closed form"
+    return [Verdict(REMARK, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")]
