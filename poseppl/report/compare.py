@@ -18,7 +18,7 @@ from poseppl.report.shell import Section, card, page_html
 _CARDS = (
     ("ess_per_second", "most ESS a second"),
     ("ess_per_evaluation", "most ESS an evaluation"),
-    ("error", "least joint error"),
+    ("error", "least error"),
 )
 
 

@@ -146,7 +146,19 @@ def _cost(tree: xr.DataTree) -> Chart | None:
                 "hovertemplate": f"%{{text}}: %{{x:.3g}}<extra>{name}</extra>",
             }
             data.append(point)
-    return {"data": data, "layout": _cost_layout(figures, columns)} if data else None
+    if not data:
+        return None
+    layout = _cost_layout(figures, columns)
+    for name in ("x", "x2")[: len(columns)]:
+        layout[name.replace("x", "xaxis")] |= _log_axis([x for trace in data if trace["xaxis"] == name for x in trace["x"]])
+    return {"data": data, "layout": layout}
+
+
+def _log_axis(values: Any) -> dict[str, Any]:
+    """A logarithmic axis with labels at powers of ten, at 2 and 5 times them too where it is short."""
+    known = np.array([value for value in values if value is not None and value > 0])
+    short = np.log10(known.max() / known.min()) < 2 if known.size else True
+    return {"type": "log", "dtick": "D2" if short else 1, "exponentformat": "power"}
 
 
 def _middle(values: Array) -> tuple[Array, Array]:
@@ -179,14 +191,7 @@ def _cost_layout(figures: xr.Dataset, columns: list[str]) -> dict[str, Any]:
     ]
     for place, column in enumerate(columns):
         domain = [0.0, 1.0] if len(columns) == 1 else [0.52 * place, 0.48 + 0.52 * place]
-        axis = AXIS | {
-            "type": "log",
-            "title": {"text": titles[column]},
-            "domain": domain,
-            "dtick": 1,
-            "exponentformat": "power",
-        }
-        layout[f"xaxis{place + 1 if place else ''}"] = axis
+        layout[f"xaxis{place + 1 if place else ''}"] = AXIS | {"title": {"text": titles[column]}, "domain": domain}
     return layout
 
 
@@ -242,7 +247,9 @@ def _progress(tree: xr.DataTree) -> Chart | None:
     for number, (label, values, kind) in enumerate(panels):
         suffix, top = "" if number == 0 else str(number + 1), 1 - number / len(panels)
         axis = {"title": {"text": label, "font": {"size": 11}}, "domain": [max(0.0, top - 0.86 / len(panels)), top]}
-        layout[f"yaxis{suffix}"] = base | axis | {"type": kind, "automargin": True, "rangemode": "normal"}
+        layout[f"yaxis{suffix}"] = base | axis | {"automargin": True, "rangemode": "normal"}
+        if kind == "log":
+            layout[f"yaxis{suffix}"] |= _log_axis(values[np.isfinite(values)])
         named = {trace["name"] for trace in data}
         traces = _lines(tree, values, yaxis=f"y{suffix}")
         data += [trace | {"legendgroup": trace["name"], "showlegend": trace["name"] not in named} for trace in traces]

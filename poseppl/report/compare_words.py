@@ -14,12 +14,12 @@ _SLACK = 0.03
 _TITLES = {
     "ess_per_second": "Effective draws a second",
     "ess_per_evaluation": "Effective draws an evaluation",
-    "error": "Joint error",
+    "error": "Error",
 }
 _BEST = {
     "ess_per_second": "has the most effective draws a second",
     "ess_per_evaluation": "has the most effective draws for its evaluations of likelihood and gradient",
-    "error": "has the least joint error",
+    "error": "has the least error",
 }
 
 
@@ -76,7 +76,7 @@ def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
         percent = [100 * value for value in found]
         return f", {percent[0]:.0f} % of that of {after} ({percent[1]:.0f} to {percent[2]:.0f} %), the next"
     times = [1 / value for value in found]
-    return f", {times[0]:.2g} times ({times[2]:.2g} to {times[1]:.2g}) those of {after}, the next"
+    return f", {times[0]:.3g} times ({times[2]:.3g} to {times[1]:.3g}) those of {after}, the next"
 
 
 def _where(tree: xr.DataTree, quantity: str) -> str:
