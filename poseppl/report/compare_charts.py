@@ -218,7 +218,7 @@ def _coverage(tree: xr.DataTree) -> Chart | None:
         return None
     levels, names = 100 * summary["level"].values, _names(tree)
     data = [line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line={"color": MUTED, "width": 1, "dash": "dot"})]
-    offsets = 0.9 * (np.arange(len(names)) - (len(names) - 1) / 2)
+    offsets = min(0.9, 8 / len(names)) * (np.arange(len(names)) - (len(names) - 1) / 2)
     for index, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True)):
         if np.isfinite(share[index]).any():
             bars = {"type": "data", "array": plain(200 * error[index]), "color": color, "thickness": 1.5}

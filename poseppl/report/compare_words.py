@@ -10,7 +10,12 @@ from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import DOUBTFUL, GRAVE, REMARK, RHAT_HIGH, Verdict
 
 LEVEL = 0.9
+MAX_NAMED = 8
 _SLACK = 0.03
+_WRONG = Verdict(GRAVE, "A wrong posterior, disqualified where effective draws are counted; 90 % intervals cover so little")
+_NARROW = Verdict(DOUBTFUL, "Over-confident, 90 % intervals cover less of the truth")
+_WIDE = Verdict(DOUBTFUL, "Under-confident, 90 % intervals cover more of the truth")
+_HONEST = Verdict(REMARK, "90 % intervals as honest as this sequence can tell")
 _TITLES = {
     "ess_per_second": "Effective draws a second",
     "ess_per_evaluation": "Effective draws an evaluation",
@@ -36,8 +41,9 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
 
 
 def words(names: list[str]) -> str:
-    """Join names: "a", "a and b", "a, b and c"."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+    """Join names: "a", "a and b", "a, b and c"; those beyond the eighth are counted."""
+    shown = names if len(names) <= MAX_NAMED else [*names[:MAX_NAMED], f"{len(names) - MAX_NAMED} more"]
+    return " and ".join([", ".join(shown[:-1]), shown[-1]]) if len(shown) > 1 else "".join(shown)
 
 
 def wins(tree: xr.DataTree, quantity: str) -> dict[str, int]:
@@ -93,37 +99,34 @@ def _where(tree: xr.DataTree, quantity: str) -> str:
 
 
 def _coverage(tree: xr.DataTree) -> list[Verdict]:
+    """The runs by what their 90 % intervals are worth, one finding a kind."""
     summary = tree["summary"].dataset.sel(level=LEVEL, method="nearest")
-    shares, errors = summary["coverage_all"].values, summary["coverage_se_all"].values
-    found, honest = [], []
-    for name, share, error, out in zip(
-        summary["run"].values.tolist(), shares, errors, summary["disqualified"].values, strict=True
-    ):
-        text = f"{name}: 90 % intervals cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
+    kinds: dict[Verdict, list[str]] = {_WRONG: [], _NARROW: [], _WIDE: [], _HONEST: []}
+    columns = (summary[name].values for name in ("run", "coverage_all", "coverage_se_all", "disqualified"))
+    for name, share, error, out in zip(*columns, strict=True):
+        text = f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)"
         if out:
-            tail = "a wrong posterior, disqualified where effective draws are counted"
-            found.append(Verdict(GRAVE, f"{text}: {tail}."))
+            kinds[_WRONG].append(text)
         elif share + 2 * error < LEVEL - _SLACK:
-            found.append(Verdict(DOUBTFUL, f"{text}: over-confident."))
+            kinds[_NARROW].append(text)
         elif share - 2 * error > LEVEL + _SLACK:
-            found.append(Verdict(DOUBTFUL, f"{text}: under-confident."))
+            kinds[_WIDE].append(text)
         elif np.isfinite(share):
-            honest.append(f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)")
-    if honest:
-        found.append(Verdict(REMARK, f"90 % intervals as honest as this sequence can tell: {words(honest)}."))
-    return sorted(found, key=lambda verdict: verdict.severity != GRAVE)
+            kinds[_HONEST].append(text)
+    return [Verdict(kind.severity, f"{kind.text}: {words(names)}.") for kind, names in kinds.items() if names]
 
 
 def _agreement(tree: xr.DataTree) -> list[Verdict]:
-    figures, found = tree["figures"].dataset, []
+    """The runs whose chains disagree."""
+    figures = tree["figures"].dataset
+    found: dict[str, list[str]] = {GRAVE: [], DOUBTFUL: []}
     for name, rhat in zip(figures["run"].values, figures["rhat"].values, strict=True):
         known = rhat[np.isfinite(rhat)]
         share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
         if share > 0.02:
-            where = f"in {100 * share:.0f} % of frames and coordinates (largest {known.max():.2f})"
-            text = f"{name}: R-hat above {RHAT_HIGH} {where}: its chains disagree, and its ESS is rough."
-            found.append(Verdict(GRAVE if share > 0.5 else DOUBTFUL, text))
-    return found
+            found[GRAVE if share > 0.5 else DOUBTFUL].append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
+    start = f"Chains disagree and ESS is rough, R-hat above {RHAT_HIGH} in so many frames and coordinates"
+    return [Verdict(severity, f"{start}: {words(names)}.") for severity, names in found.items() if names]
 
 
 def _closed_form(tree: xr.DataTree) -> list[Verdict]:
