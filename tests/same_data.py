@@ -21,7 +21,7 @@ def scene(num_frames: int = 40, seed: int = 0) -> dict[str, np.ndarray]:
     state = centre + rng.standard_normal(centre.shape)
     markers = 100.0 * state[:, :, None] + np.arange(3)
     points = rng.standard_normal((num_frames, 1, len(MARKERS), 2))
-    points[1, 0, 2] = np.nan
+    points[num_frames // 2, 0, 2] = np.nan
     return {"centre": centre, "state": state, "markers": markers, "points": points}
 
 

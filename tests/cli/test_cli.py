@@ -57,7 +57,10 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "poseppl-walk.nc"]) == 0
     assert "<!DOCTYPE html>" in Path("poseppl-walk.html").read_text()[:20]
     assert main(["smooth", "poseppl-walk.nc", "--method", "forward-backward", "-q"]) == 0
-    assert load_result("poseppl-walk-forward-backward.nc")["posterior"].sizes["frame"] == 4
+    smoothed = load_result("poseppl-walk-forward-backward.nc")
+    assert smoothed["posterior"].sizes["frame"] == 4
+    assert smoothed["posterior"]["dof"].values.tolist() == tree["posterior"]["dof"].values.tolist()
+    assert main(["compare", "poseppl-walk.nc", "poseppl-walk-forward-backward.nc", "-q"]) == 0
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]

@@ -1,0 +1,130 @@
+"""The page of a comparison as text: one file, escaped, bounded, and with the numbers of the table."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from same_data import run_on, scene
+
+from poseppl.diagnostics import compare, comparison_table
+from poseppl.report import comparison_html, write_comparison, write_comparison_table
+from poseppl.report.compare_charts import MAX_CELLS, comparison_charts, heat_data, variance_data
+from poseppl.report.compare_tables import shown
+from poseppl.report.compare_words import findings, words
+
+DATA = scene(num_frames=20)
+
+
+@pytest.fixture(scope="module")
+def comparison() -> xr.DataTree:
+    runs = {
+        "hmc <script>alert(1)</script>": run_on(DATA, rho=0.8),
+        "quick": run_on(DATA, seed=1, seconds=0.05),
+        "kalman": run_on(DATA, method="extended-kalman", weighted=1000.0, evaluations=(1, 1)),
+        "wrong": run_on(DATA, method="particle", weighted=40.0, shift=6.0),
+    }
+    return compare(runs)
+
+
+def _data(page: str, name: str) -> Any:
+    found = re.search(f'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
+    assert found
+    return json.loads(found.group(1))
+
+
+def _row(page: str, first: str) -> list[str]:
+    """Cells of the first table row that begins with a word."""
+    found = re.search(rf"<tr><td>(?:<span[^>]*></span>)?{re.escape(first)}</td>.*?</tr>", page)
+    assert found
+    return [re.sub("<.*?>", "", cell) for cell in re.findall("<td>(.*?)</td>", found.group(0))]
+
+
+def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.DataTree) -> None:
+    write_comparison(comparison, tmp_path / "page.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=[\"'](?!data:)", page)
+    assert "<script>alert" not in page and "knee<b>" not in page
+    assert "hmc &lt;script&gt;alert(1)" in page and "knee&lt;b&gt;.X" in page
+    for heading in ("Who wins", "Who wins where", "Variance against time", "Error and coverage", "What was run"):
+        assert f"<h2>{heading}</h2>" in page
+
+
+def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
+    page = comparison_html(comparison)
+    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 6
+    assert _row(page, "wrong").count("–") == 2, "rejection and R-hat"
+    heat = _data(page, "heat-data")
+    assert heat["formula"] == [False, False, True, False]
+    tau = next(part for part in heat["quantities"] if part["key"] == "tau")
+    assert all(value is None for line in tau["values"][2] for value in line)
+    assert heat["runs"][3] == "wrong (disqualified)"
+    texts = [found.text for found in findings(comparison)]
+    assert any(text.startswith("quick has the most effective draws a second") for text in texts)
+    assert any(text.startswith("A wrong posterior") and "wrong (" in text for text in texts)
+    assert any(text.startswith("kalman is a closed form") for text in texts)
+
+
+def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.DataTree) -> None:
+    write_comparison_table(comparison, tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 4 * 20 * 3
+    expected = comparison_table(comparison)
+    for row, want in zip(rows, expected, strict=True):
+        assert (row["run"], int(row["frame"]), row["dof"]) == (want["run"], want["frame"], want["dof"])
+        assert row["tau"] == "" if want["tau"] is None else float(row["tau"]) == pytest.approx(want["tau"], rel=1e-5)
+    heat = heat_data(comparison)
+    for part in heat["quantities"]:
+        drawn = np.array(part["values"], float)
+        named = [float(row[part["key"]] or "nan") for row in rows]
+        np.testing.assert_allclose(drawn, np.reshape(named, (4, 20, 3)).swapaxes(1, 2), rtol=6e-3)
+    summary = comparison["summary"].dataset.sel(run="quick")
+    cells = _row(comparison_html(comparison), "quick")
+    assert cells[4] == shown(float(summary["tau_all"])) and cells[6] == shown(float(summary["ess_per_second_all"]))
+
+
+def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) -> None:
+    assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress"}
+    closed = {name: run_on(DATA, method="extended-kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
+    result = compare(closed)
+    assert comparison_charts(result) == {} and variance_data(result) is None and heat_data(result)["quantities"] == []
+    page = comparison_html(result)
+    assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
+
+
+def test_one_frame_and_many_runs_have_a_page() -> None:
+    single = scene(num_frames=1)
+    page = comparison_html(compare({"a": run_on(single), "b": run_on(single, seed=1)}))
+    assert "tie" in page
+    many = compare({f"run {i}": run_on(DATA, seed=i % 4, shape=(2, 8)) for i in range(12)})
+    assert variance_data(many)["replicates"] == [4]  # type: ignore[index]
+    assert "and 4 more" in comparison_html(many)
+
+
+def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
+    figures = comparison["figures"].dataset
+    frames, dofs, runs = 3000, 28, 6
+    places = {"frame": np.arange(frames) % 20, "dof": np.arange(dofs) % 3, "run": np.arange(runs) % 4}
+    large = figures.isel(places).assign_coords(
+        frame=np.arange(frames), dof=[f"joint {i}" for i in range(dofs)], run=[f"run {i}" for i in range(runs)]
+    )
+    tree = xr.DataTree.from_dict({"figures": large, "summary": comparison["summary"].dataset.isel(run=places["run"])})
+    heat = heat_data(tree)
+    assert len(heat["frames"]) == 300 and heat["frames"][-1] == 2999
+    assert len(heat["frames"]) * dofs * runs <= MAX_CELLS
+    assert len(json.dumps(heat)) < 4_000_000
+
+
+def test_numbers_and_names_in_words() -> None:
+    given = (9032.065, 35.4, 2.008, 0.00641, 0.00011, 1.2e12, np.nan, 0.0)
+    assert [shown(value) for value in given] == ["9,030", "35", "2", "0.0064", "1.1e-4", "1.2e12", "–", "0"]
+    assert [words(["a"]), words(["a", "b"]), words(["a", "b", "c"])] == ["a", "a and b", "a, b and c"]
+    assert words([str(i) for i in range(10)]) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"
