@@ -148,6 +148,7 @@ class Calls:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
         bounds, constant = (numbers, numbers < stop), self._sequence.constant
+        state = self._what[0].place(state)
         result: tuple[Any, Kept] = _scan_frames(*self._what, state, self.blank, self._rng_key, *bounds, rows, varying, constant)
         return result
 

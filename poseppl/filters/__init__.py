@@ -16,6 +16,7 @@ from poseppl.filters.kalman import KalmanState as KalmanState
 from poseppl.filters.kalman import kalman_filter as kalman_filter
 from poseppl.filters.particle import ParticleState as ParticleState
 from poseppl.filters.particle import particle_filter as particle_filter
+from poseppl.filters.sharding import sharded as sharded
 from poseppl.filters.tempered import TemperedState as TemperedState
 from poseppl.filters.tempered import tempered_filter as tempered_filter
 from poseppl.filters.window import WindowState as WindowState

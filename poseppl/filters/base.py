@@ -54,13 +54,20 @@ class Info(NamedTuple):
     step_size: jax.Array
 
 
+def stay(state: Any) -> Any:
+    """The state, where it is."""
+    return state
+
+
 class Filter(NamedTuple):
     """A filtering algorithm for one model.
 
     Attributes:
         init: `(rng_key, observation, inputs) -> (state, info)`, the first frame.
         step: `(rng_key, state, observation, inputs) -> (state, info)`, each later frame.
+        place: `state -> state`, moves a state that comes from elsewhere, such as a file, to the devices where `step` keeps it.
     """
 
     init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
     step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
+    place: Callable[[Any], Any] = stay
