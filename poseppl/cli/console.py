@@ -21,10 +21,18 @@ from rich.progress import (
 from rich.table import Table
 
 
-def start_jax() -> None:
-    """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew."""
+def start_jax(devices: int = 1) -> None:
+    """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew.
+
+    Args:
+        devices: Make the CPU into so many devices, at most one for each core, unless the environment says how many it is.
+    """
     import jax
 
+    settings: Any = jax.config
+    if devices > 1 and "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
+        with suppress(RuntimeError):  # JAX has started already
+            settings.update("jax_num_cpu_devices", min(devices, os.cpu_count() or 1))
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
@@ -32,7 +40,6 @@ def start_jax() -> None:
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
-            settings: Any = jax.config
             settings.update("jax_compilation_cache_dir", str(folder))
             settings.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 

@@ -129,6 +129,14 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 )
 @click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise and of the filter.")
 @click.option(
+    "--devices",
+    metavar="N",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="JAX devices that share the particles or chains: GPUs, or the cores of a CPU.",
+)
+@click.option(
     "--max-draws",
     metavar="N",
     type=int,
@@ -166,7 +174,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     inputs = [recording, observations, options["skeleton"], options["camera"]]
     check_writable([target, picture], inputs)
     progress = ConsoleProgress(options["quiet"])
-    start_jax()
+    start_jax(options["devices"])
     try:
         with progress.running():
             tree = _run(recording, observations, options, progress)
@@ -205,7 +213,7 @@ def _run(recording: str | None, observations: str | None, options: dict[str, Any
         filter=options["filter_name"],
         options={name: options[name] for name in _FILTER_OPTIONS},
         on_failure=options["on_failure"],
-        **{name: options[name] for name in ("sigma_position", "sigma_angle", "seed", "max_draws")},
+        **{name: options[name] for name in ("sigma_position", "sigma_angle", "seed", "max_draws", "devices")},
     )
     check_settings(settings.filter, settings.options)
     progress.stage("reading")

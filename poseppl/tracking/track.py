@@ -17,6 +17,7 @@ from poseppl.body import Body
 from poseppl.checkpoint import Checkpoint
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
+from poseppl.filters import Filter, sharded
 from poseppl.filters.registry import build_filter
 from poseppl.outcome import parts_of_run, timing_of_run
 from poseppl.results import Names, Truth, build_result
@@ -43,6 +44,7 @@ class TrackSettings(NamedTuple):
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
         on_failure: "continue" or "stop" at a frame of impossible data.
+        devices: How many JAX devices share the particles or chains.
     """
 
     model: str = DEFAULT_MODEL
@@ -54,6 +56,7 @@ class TrackSettings(NamedTuple):
     max_draws: int | None = None
     chunk: int | None = None
     on_failure: Literal["continue", "stop"] = "continue"
+    devices: int = 1
 
 
 def track(
@@ -89,6 +92,7 @@ def track(
     params = walk_params(scene.body, settings)
     problem = pose_problem(scene, params)
     built, options = build_filter(settings.filter, problem.model, settings.options)
+    built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
     described = {
         "model": settings.model,
@@ -111,7 +115,7 @@ def track(
         frame_numbers=scene.frames.tolist(),
     )
     record = {key: value for key, value in described.items() if value is not None}
-    return diagnose(_result(scene, problem, run, {**record, "seed": settings.seed}))
+    return diagnose(_result(scene, problem, run, {**record, "seed": settings.seed, "devices": settings.devices}))
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
@@ -132,6 +136,24 @@ def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
             raise InputError(f"{value:g}", field=field, expected="a positive number")
         params[name] = float(value)
     return params
+
+
+def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filter:
+    """The filter on so many devices.
+
+    Raises:
+        InputError: There are fewer, or they cannot share the particles or chains evenly.
+    """
+    if devices == 1:
+        return filter
+    name = "chains" if "chains" in options else "particles"
+    if devices > 1 and options[name] % devices:
+        expected = f"a number that divides the {options[name]} {name}"
+        raise InputError(f"{devices} devices cannot share {options[name]} {name}", field="--devices", expected=expected)
+    try:
+        return sharded(filter, devices)
+    except ValueError as error:
+        raise InputError(str(error), field="--devices") from error
 
 
 def affordable_draws(problem: Problem, chains: int) -> int:

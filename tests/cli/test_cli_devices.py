@@ -1,0 +1,47 @@
+"""`poseppl track --devices`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from poseppl.cli import main
+from poseppl.results import load_result, provenance
+
+MAIN = "import sys; from poseppl.cli import main; sys.exit(main())"
+TRACK = ["track", "--filter", "particle", "--particles", "200", "--frames", "0:3", "--max-draws", "20", "--quiet"]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+
+
+@pytest.mark.parametrize(
+    ("devices", "message"),
+    [
+        ("3", "--devices: 3 devices cannot share 200 particles (expected a number that divides the 200 particles)"),
+        ("8", f"--devices: devices is 8, but JAX has {len(jax.devices())} here"),
+    ],
+)
+def test_devices_that_cannot_be_used(capsys, tmp_path, devices, message):
+    assert main([*TRACK, "--devices", devices]) == 1
+    assert capsys.readouterr().err.startswith(f"poseppl: {message}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="the machine has one core")
+def test_two_devices_give_what_one_gives():
+    for number in ("1", "2"):
+        command = [sys.executable, "-c", MAIN, *TRACK, "--devices", number, "--output", f"{number}.nc"]
+        subprocess.run(command, check=True, timeout=600, env={**os.environ, "JAX_PLATFORMS": "cpu"})
+    one, two = load_result("1.nc"), load_result("2.nc")
+    assert [provenance(tree)["devices"] for tree in (one, two)] == [1, 2]
+    np.testing.assert_allclose(two["summary/state_mean"], one["summary/state_mean"], rtol=1e-4, atol=1e-3)
