@@ -36,11 +36,8 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
 
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """Cameras and their names: from a file, or placed around the subject."""
-    import numpy as np
-
     from poseppl.io import read_cameras
-    from poseppl.tracking import place_cameras
-    from poseppl.tracking.placing import camera_names, cameras_of_records
+    from poseppl.tracking.placing import camera_names, cameras_around, cameras_of_records
 
     placed = {name: options[name] for name in ("cameras", "camera_distance", "view") if options[name] is not None}
     if options["camera"] is not None:
@@ -48,19 +45,9 @@ def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[s
             raise InputError("cameras come from the file", field="--" + name.replace("_", "-"), expected="no --camera with it")
         records = read_cameras(options["camera"])
         return cameras_of_records(records), tuple(record.name for record in records)
-    tree = subject.body.tree
-    root = tree.marker_names.index(subject.body.root)
-    turns = [index for index, (joint, axis) in enumerate(tree.coordinates) if (joint, axis) == (tree.joint_names[0], "Z")]
-    heading = float(np.median(subject.states[:, turns[0]])) if turns else 0.0
     count = placed.get("cameras", 1)
-    cameras = place_cameras(
-        subject.markers[:, root],
-        heading,
-        distance=placed.get("camera_distance", 5000.0),
-        count=count,
-        view=placed.get("view", 90.0),
-    )
-    return cameras, camera_names(count)
+    distance, view = placed.get("camera_distance", 5000.0), placed.get("view", 90.0)
+    return cameras_around(subject, distance=distance, count=count, view=view), camera_names(count)
 
 
 def stem_of(recording: str | None) -> str:

@@ -12,6 +12,7 @@ from poseppl.errors import InputError
 from poseppl.geometry import Cameras, depth, join_cameras, look_at
 from poseppl.geometry.cameras import NEAREST
 from poseppl.io import CameraRecord
+from poseppl.tracking.subjects import MovingSubject
 
 VIEWS = ("side", "front", "back")
 _WALKS = 300.0
@@ -62,6 +63,15 @@ def place_cameras(
         reach = float(np.max((seen - middle) @ towards))
         cameras.append(look_at(middle + (distance + reach) * towards, middle, focal))
     return join_cameras(cameras)
+
+
+def cameras_around(subject: MovingSubject, *, distance: float = 5000.0, count: int = 1, view: float = 90.0) -> Cameras:
+    """Place level cameras around a subject; arguments and errors as :func:`place_cameras`."""
+    tree = subject.body.tree
+    turns = [index for index, (joint, axis) in enumerate(tree.coordinates) if (joint, axis) == (tree.joint_names[0], "Z")]
+    heading = float(np.median(subject.states[:, turns[0]])) if turns else 0.0
+    path = subject.markers[:, tree.marker_names.index(subject.body.root)]
+    return place_cameras(path, heading, distance=distance, count=count, view=view)
 
 
 def cameras_of_records(records: Sequence[CameraRecord]) -> Cameras:

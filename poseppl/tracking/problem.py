@@ -64,24 +64,33 @@ class Problem(NamedTuple):
         return {name: np.asarray(values) for name, values in record.items()}
 
 
-def pose_problem(scene: Scene, params: Mapping[str, float] | None = None) -> Problem:
-    """Pose the problem of a scene; the start is the truth where it is known, else it is sought in the first frames.
+def pose_problem(scene: Scene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:
+    """Pose the problem of a scene.
 
     Args:
         scene: The scene.
         params: The programs' params; the body's own if None.
+        start: Prior of the first state; around the truth where it is known, else sought in the first frames, if None.
 
     Raises:
         InputError: The body clamps joints to a truth that is not known.
     """
     body = scene.body
     params = dict(body.params if params is None else params)
-    if scene.states is None:
-        start = seek_start(body, scene.cameras, scene.points, scene.noise)
-    else:
-        spread = scales(body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15))
-        start = Start(scene.states[0], spread)
+    if start is None:
+        start = _start(scene, params)
     return _problem(body, params, scene.cameras, scene.points, scene.noise, start, scene.states)
+
+
+def step_scales(body: Body, params: Mapping[str, float]) -> Any:
+    """Standard deviations (d,) of one step of the body's random walk."""
+    return scales(body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15))
+
+
+def _start(scene: Scene, params: Mapping[str, float]) -> Start:
+    if scene.states is None:
+        return seek_start(scene.body, scene.cameras, scene.points, scene.noise)
+    return Start(scene.states[0], step_scales(scene.body, params))
 
 
 def problem_of_result(tree: xr.DataTree) -> Problem:

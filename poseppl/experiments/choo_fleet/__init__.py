@@ -1,0 +1,1 @@
+"""Choo and Fleet 2001, sections 7.3 to 7.5 (doi:10.1109/ICCV.2001.937643)."""

@@ -1,0 +1,112 @@
+"""The jobs of the contest: which method has the smallest error of the 28-D mean at one frame per second and per evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from poseppl.experiments.choo_fleet.clock import timed
+from poseppl.experiments.choo_fleet.sequence import Settings
+from poseppl.experiments.choo_fleet.single_frame import model_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, observe, pose_frame, stage_of
+from poseppl.filters.registry import build_filter
+from poseppl.frame_sequence import frame_inputs
+from poseppl.jobs import Job
+
+_SEED = 28
+
+
+_PUBLISHED = {"chains": 10, "leapfrog": 40, "burn_in": 6, "step_size": 0.25, "rejection": 0.0, "jitter": 0.0}
+_DENSE = {"dense_mass": True, "leapfrog": 8, "burn_in": 6, "step_size": 0.4, "rejection": 0.15, "jitter": 0.5}
+CONTESTANTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "particle filter": ("particle", {"particles": 108_000}),
+    "HMC, as published": ("hmc", {**_PUBLISHED, "draws": 32}),
+    "HMC, dense mass": ("hmc", {**_DENSE, "chains": 10, "draws": 32}),
+    "HMC, dense mass, 60 chains": ("hmc", {**_DENSE, "chains": 60, "draws": 12}),
+    "assumed density": ("assumed-density", {}),
+    "assumed density, 3 Gaussians": ("assumed-density", {"components": 3}),
+    "assumed density, short": ("assumed-density", {"chains": 30, "draws": 12, "burn_in": 4, "starts": 20}),
+    "window of 3": ("window", {"window": 3}),
+    "tempered": ("tempered", {"particles": 500}),
+    "guided": ("guided", {"particles": 2000}),
+    "auxiliary": ("auxiliary", {"particles": 2000}),
+    "extended Kalman": ("extended-kalman", {"particles": 1000}),
+    "unscented Kalman": ("unscented-kalman", {"particles": 1000}),
+}
+"""Methods by name: a filter of the library and its settings."""
+
+
+def settings_of(method: str) -> tuple[str, Settings]:
+    """The filter and its settings, as a job holds them."""
+    filter, settings = CONTESTANTS[method]
+    return filter, tuple(sorted(settings.items()))
+
+
+@dataclass(frozen=True)
+class ContestRuns(Job):
+    """Runs of one filter at one frame; noise, prior and reference are those of :mod:`.single_frame`.
+
+    Attributes:
+        recording: Who is seen.
+        frame: Index of the frame.
+        method: What the filter is called in tables.
+        filter: Its name in the library.
+        settings: Its settings.
+        runs: Numbers of the runs.
+    """
+
+    recording: Recording
+    frame: int
+    method: str
+    filter: str
+    settings: Settings
+    runs: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Recording, frame and method."""
+        words = ("contest", self.recording.name, str(self.frame), self.method)
+        return "-".join(words).replace(" ", "-").replace(",", "")
+
+    @property
+    def cost(self) -> float:
+        """Relative to a second."""
+        return 5.0 + 0.2 * len(self.runs)
+
+
+def contest_frame(job: ContestRuns) -> dict[str, Any]:
+    """Run the filter.
+
+    Returns:
+        ``mean`` (run, d), ``seconds`` (run,) without compilation, ``num_likelihood`` and ``num_gradient`` (run,).
+    """
+    stage = stage_of(job.recording, SYSTEMS["full_body"])
+    problem = pose_frame(stage, job.frame)
+    inputs = frame_inputs(problem.inputs, 0)
+    function = _compiled(job.recording, job.filter, job.settings)
+    rows = []
+    for index, run in enumerate((job.runs[0], *job.runs)):
+        observation = observe(problem, stage, job.frame, run)
+        key = jax.random.fold_in(jax.random.key(_SEED), run * 1000 + job.frame)
+        (mean, info), seconds = timed(function, key, observation, inputs)
+        if index:  # the first one compiles
+            rows.append((mean, seconds, float(info.num_likelihood), float(info.num_gradient)))
+    names = ("mean", "seconds", "num_likelihood", "num_gradient")
+    return {name: np.array([row[number] for row in rows]) for number, name in enumerate(names)}
+
+
+@lru_cache(maxsize=16)
+def _compiled(recording: Recording, filter: str, settings: Settings) -> Any:
+    built, _ = build_filter(filter, model_of(recording, "full_body"), dict(settings))
+
+    def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:
+        state, info = built.init(rng_key, observation, inputs)
+        particles = state.particles.reshape(-1, state.particles.shape[-1])
+        return jax.nn.softmax(state.log_weights.reshape(-1)) @ particles, info
+
+    return jax.jit(run)

@@ -1,0 +1,170 @@
+"""Which jobs each part of the reproduction has, and how large they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from poseppl.experiments.choo_fleet.contest import CONTESTANTS, ContestRuns, contest_frame, settings_of
+from poseppl.experiments.choo_fleet.sequence import SequenceRuns, run_sequence
+from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns, estimate_frame
+from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, single_frames, stage_of
+from poseppl.experiments.choo_fleet.timing import FrameTiming, time_frame
+from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
+from poseppl.jobs import Job
+
+PARTS = ("single-frame", "sequence", "tuning", "contest")
+
+
+class Scale(NamedTuple):
+    """How much is computed.
+
+    Attributes:
+        runs: Of each experiment.
+        block: Runs of one job.
+        num_settings: How many settings of each row of Table 1.
+        reference_chains: Chains of a reference.
+        systems: The trackers.
+        sequence_systems: Those that are run on sequences.
+        num_frames: Of a sequence.
+        particles: Smaller numbers of particles than the paper's on sequences, by tracker; the paper's if None.
+        num_leapfrogs: Each L of the tuning curves.
+        tuning_updates: R of the tuning curves.
+        tuning_runs: Runs of each of them.
+        contestants: Who takes part in the contest.
+        contest_runs: Runs of the contest.
+    """
+
+    runs: int = 50
+    block: int = 10
+    num_settings: int = 7
+    reference_chains: int = 400
+    systems: tuple[str, ...] = tuple(SYSTEMS)
+    sequence_systems: tuple[str, ...] = ("lower_body", "full_body")
+    num_frames: int = 25
+    particles: Mapping[str, int] | None = None
+    num_leapfrogs: tuple[int, ...] = (1, 2, 5, 10, 20, 40, 80)
+    tuning_updates: int = 128
+    tuning_runs: int = 10
+    contestants: tuple[str, ...] = tuple(CONTESTANTS)
+    contest_runs: int = 20
+
+
+FULL = Scale()
+QUICK = Scale(
+    runs=8,
+    block=8,
+    num_settings=4,
+    reference_chains=100,
+    num_frames=10,
+    particles={"lower_body": 5_000, "full_body": 10_000},
+    num_leapfrogs=(1, 10, 40),
+    tuning_updates=64,
+    tuning_runs=3,
+    contestants=("HMC, as published", "HMC, dense mass", "assumed density", "auxiliary", "extended Kalman"),
+    contest_runs=8,
+)
+
+PUBLISHED_PARTICLES = {"lower_body": 23_000, "full_body": 108_000}
+"""N on sequences, section 7.4."""
+PUBLISHED_UPDATES = 32
+"""R on sequences."""
+
+
+class Task(NamedTuple):
+    """Jobs of one function."""
+
+    function: Callable[[Any], dict[str, Any]]
+    jobs: list[Job]
+
+
+def tasks_of(part: str, scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """The tasks of a part by name; those that parts share have the same jobs, which are computed once."""
+    plans: dict[str, Callable[[Scale, Sequence[Recording]], dict[str, Task]]] = {
+        "single-frame": _single_frame,
+        "sequence": _sequence,
+        "tuning": _tuning,
+        "contest": _contest,
+    }
+    return plans[part](scale, recordings)
+
+
+def frames_of(recording: Recording) -> tuple[int, ...]:
+    """The three frames of a recording."""
+    return single_frames(stage_of(recording, SYSTEMS["full_body"]))
+
+
+def _blocks(number: int, size: int) -> list[tuple[int, ...]]:
+    return [tuple(range(first, min(first + size, number))) for first in range(0, number, size)]
+
+
+def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[str], runs: int) -> Task:
+    jobs: list[Job] = [
+        FrameRuns(recording, system, frame, block, scale.num_settings, scale.reference_chains)
+        for recording in recordings
+        for system in systems
+        for frame in frames_of(recording)
+        for block in _blocks(runs, scale.block)
+    ]
+    return Task(estimate_frame, jobs)
+
+
+def _single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    timings: list[Job] = [
+        FrameTiming(BUILT_IN, system, method, setting, 5)
+        for system in scale.systems
+        for method in METHODS
+        for setting in range(scale.num_settings)
+    ]
+    return {"frames": _estimates(scale, recordings, scale.systems, scale.runs), "timings": Task(time_frame, timings)}
+
+
+def _sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    jobs: list[Job] = []
+    for system in scale.sequence_systems:
+        row = SYSTEMS[system]
+        chains: dict[str, Any] = {
+            "chains": row.num_chains,
+            "draws": PUBLISHED_UPDATES,
+            "leapfrog": row.num_leapfrog,
+            "burn_in": 6,
+            "step_size": row.step_size,
+            "rejection": 0.0,
+            "jitter": 0.0,
+        }
+        particles = {"particles": (scale.particles or PUBLISHED_PARTICLES)[system]}
+        for method, filter, settings in (("HMC filter", "hmc", chains), ("particle filter", "particle", particles)):
+            jobs += [
+                SequenceRuns(recordings[0], system, method, filter, tuple(sorted(settings.items())), scale.num_frames, block)
+                for block in _blocks(scale.runs, scale.block)
+            ]
+    return {"sequences": Task(run_sequence, jobs)}
+
+
+def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    jobs: list[Job] = [
+        TuningRuns(recordings[0], "full_body", number, STEP_SIZES, scale.tuning_updates, scale.tuning_runs)
+        for number in scale.num_leapfrogs
+    ]
+    return {"tuning": Task(tune, jobs)}
+
+
+def _contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    runs = min(scale.runs, scale.contest_runs)
+    one = [
+        ContestRuns(recording, frame, method, *settings_of(method), tuple(range(runs)))
+        for recording in recordings
+        for frame in frames_of(recording)
+        for method in scale.contestants
+        if method != "particle filter"
+    ]
+    many = [
+        SequenceRuns(recording, "full_body", method, *settings_of(method), scale.num_frames, tuple(range(runs)))
+        for recording in recordings
+        for method in scale.contestants
+    ]
+    return {
+        "frames": _estimates(scale, recordings, ["full_body"], scale.runs),
+        "contest": Task(contest_frame, list(one)),
+        "contest sequences": Task(run_sequence, list(many)),
+    }

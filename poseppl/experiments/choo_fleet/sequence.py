@@ -1,0 +1,163 @@
+"""The jobs of section 7.4 and of the contest: any filter of the library on a sequence of frames, run after run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.diagnostics.calibration import between, joint_error
+from poseppl.experiments.choo_fleet.clock import timed
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, noisy_points, pose_sequence, stage_of
+from poseppl.filters.chains import ChainState
+from poseppl.filters.registry import build_filter
+from poseppl.frame_sequence import frame_sequence
+from poseppl.jobs import Job
+from poseppl.results import QUANTILES
+from poseppl.tracking.problem import Problem
+
+Settings = tuple[tuple[str, Any], ...]
+LEVELS = (0.5, 0.9)
+_SEED = 74
+
+
+@dataclass(frozen=True)
+class SequenceRuns(Job):
+    """Runs of one filter on one sequence.
+
+    Attributes:
+        recording: Who is seen.
+        system: The tracker.
+        method: What the filter is called in tables.
+        filter: Its name in the library.
+        settings: Its settings.
+        num_frames: How many frames, from the second on.
+        runs: Numbers of the runs; each has noise of its own, which all filters share.
+    """
+
+    recording: Recording
+    system: str
+    method: str
+    filter: str
+    settings: Settings
+    num_frames: int
+    runs: tuple[int, ...]
+
+    @property
+    def name(self) -> str:
+        """Tracker, recording, method and the first run."""
+        words = (self.system, self.recording.name, self.method, str(self.runs[0]))
+        return "sequence-" + "-".join(words).replace(" ", "-").replace(",", "")
+
+    @property
+    def cost(self) -> float:
+        """Relative to a second."""
+        settings = dict(self.settings)
+        size = settings.get("particles", 1000) * 1.5e-6
+        if "leapfrog" in settings:
+            size = settings["chains"] * settings["draws"] * settings["leapfrog"] * 4e-6
+        return 5.0 + len(self.runs) * self.num_frames * max(float(size), 0.01)
+
+
+def run_sequence(job: SequenceRuns) -> dict[str, Any]:
+    """Run the filter.
+
+    Returns:
+        For each run and frame (run, frame): ``log_likelihood`` of the mean state, ``log_prior`` of the true state given the
+        past (NaN at the first frame), ``error`` and ``error_relative`` of the markers' means (mm), ``inside_state`` and
+        ``inside_markers``, the share of coordinates inside of their central intervals (run, level, frame); ``mean``
+        (run, frame, d) and ``markers`` (run, frame, marker, 3); ``seconds`` (run,) of the whole sequence, compilation apart;
+        ``num_likelihood`` and ``num_gradient`` (run, frame).
+    """
+    stage = stage_of(job.recording, SYSTEMS[job.system])
+    frames = slice(1, 1 + job.num_frames)
+    function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
+    free = list(stage.body.free_coordinates)
+    truth, markers = stage.states[frames][:, free], stage.markers[frames]
+    root = stage.body.tree.marker_names.index(stage.body.root)
+    rows: list[dict[str, Any]] = []
+    for run in job.runs:
+        problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
+        arguments = jax.device_put(_arguments(problem, job, truth))
+        key = jax.random.fold_in(jax.random.key(_SEED), run)
+        if not rows:
+            timed(function, key, *arguments)  # compiles
+        found, seconds = timed(function, key, *arguments)
+        distance = joint_error(found["markers_mean"], markers, root)
+        row = {name: found[name] for name in ("log_likelihood", "log_prior", "num_likelihood", "num_gradient")}
+        row |= {"mean": found["state_mean"], "markers": found["markers_mean"], "seconds": seconds}
+        row |= {"error": np.mean(distance.absolute, -1), "error_relative": np.mean(distance.relative, -1)}
+        row |= {"inside_state": _inside(found["state_quantile"], truth)}
+        row |= {"inside_markers": _inside(found["markers_quantile"], markers)}
+        rows.append(row)
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def _inside(quantiles: Any, truth: Any) -> np.ndarray[Any, Any]:
+    """Share of coordinates in the central intervals, (level, frame)."""
+    shares = []
+    for level in LEVELS:
+        low, high = (int(np.argmin(np.abs(np.array(QUANTILES) - (1 + sign * level) / 2))) for sign in (-1, 1))
+        hits = between(quantiles[:, low], quantiles[:, high], truth)
+        shares.append(hits.reshape(len(hits), -1).mean(1))
+    return np.stack(shares)
+
+
+def _arguments(problem: Problem, job: SequenceRuns, truth: Any) -> tuple[Any, ...]:
+    sequence = frame_sequence(problem.observations, problem.inputs, job.num_frames)
+    observations, varying = sequence.rows(0, job.num_frames)
+    return observations, varying, sequence.constant, jnp.asarray(truth)
+
+
+@lru_cache(maxsize=8)
+def _compiled(recording: Recording, system: str, filter: str, settings: Settings, num_frames: int) -> Callable[..., Any]:
+    stage = stage_of(recording, SYSTEMS[system])
+    frames = slice(1, 1 + num_frames)
+    problem = pose_sequence(stage, frames, stage.points[frames])
+    model = problem.model
+    built, _ = build_filter(filter, model, dict(settings))
+    layout = frame_sequence(problem.observations, problem.inputs, num_frames).layout
+    collect = problem.collector(2)
+
+    def measure(rng_key: jax.Array, state: Any, info: Any, observation: Any, inputs: Any) -> dict[str, jax.Array]:
+        summary = collect(rng_key, state, info, inputs).summary
+        kept = {name: summary[name] for name in ("state_mean", "state_quantile", "markers_mean", "markers_quantile")}
+        kept["log_likelihood"] = model.log_observation(summary["state_mean"], observation, inputs)
+        return kept | {"num_likelihood": info.num_likelihood, "num_gradient": info.num_gradient}
+
+    def log_prior(state: Any, truth: jax.Array, inputs: Any) -> jax.Array:
+        """Log-density of the true state under the mixture of transitions from the last frame's particles."""
+        particles, weights = state.particles, state.log_weights
+        if isinstance(state, ChainState):  # the last draw of each chain, as in Eq. 9
+            particles, weights = particles[:, -1], weights[:, -1]
+        terms = jax.vmap(lambda x: model.log_transition(truth, x, inputs))(particles.reshape(-1, model.dimension))
+        weights = weights.reshape(-1)
+        return jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights)
+
+    def run(rng_key: jax.Array, observations: Any, varying: Any, constant: Any, truth: jax.Array) -> dict[str, jax.Array]:
+        def step(state: Any, row: Any) -> tuple[Any, dict[str, jax.Array]]:
+            key, observation, varying, true = row
+            inputs = layout.join(varying, constant)
+            key_step, key_measure = jax.random.split(key)
+            prior = log_prior(state, true, inputs)
+            state, info = built.step(key_step, state, observation, inputs)
+            return state, measure(key_measure, state, info, observation, inputs) | {"log_prior": prior}
+
+        keys = jax.random.split(rng_key, num_frames)
+        first, rest = (
+            jax.tree.map(lambda leaf, part=part: leaf[part], (observations, varying)) for part in (0, slice(1, None))
+        )
+        inputs = layout.join(first[1], constant)
+        key_init, key_measure = jax.random.split(keys[0])
+        state, info = built.init(key_init, first[0], inputs)
+        start = measure(key_measure, state, info, first[0], inputs) | {"log_prior": jnp.full((), jnp.nan)}
+        _, later = jax.lax.scan(step, state, (keys[1:], *rest, truth[1:]))
+        whole: dict[str, jax.Array] = jax.tree.map(lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b]), start, later)
+        return whole
+
+    return jax.jit(run)

@@ -1,0 +1,95 @@
+"""The jobs of section 7.3: estimates of one frame's posterior mean by both filters, and the reference that they are held to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import numpy as np
+
+from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, observe, pose_frame, stage_of
+from poseppl.frame_sequence import frame_inputs
+from poseppl.jobs import Job
+from poseppl.program import CompiledModel
+
+METHODS = ("particle", "hmc")
+_COST = {"arm": 0.02, "lower_body": 0.35, "full_body": 1.0}
+_SEED = 2001
+
+
+@dataclass(frozen=True)
+class FrameRuns(Job):
+    """Runs of both filters and of the reference at one frame.
+
+    Attributes:
+        recording: Who is seen.
+        system: The tracker.
+        frame: Index of the frame.
+        runs: Numbers of the runs; each has noise of its own.
+        num_settings: How many settings of the row of Table 1.
+        num_chains: Of the reference.
+    """
+
+    recording: Recording
+    system: str
+    frame: int
+    runs: tuple[int, ...]
+    num_settings: int
+    num_chains: int
+
+    @property
+    def name(self) -> str:
+        """Tracker, recording, frame and the first run."""
+        return f"frame-{self.system}-{self.recording.name.replace(' ', '-')}-{self.frame}-{self.runs[0]}"
+
+    @property
+    def cost(self) -> float:
+        """Relative to a run of the full body at all settings."""
+        return len(self.runs) * _COST[self.system] * 2.0 ** (self.num_settings - 7)
+
+
+def estimate_frame(job: FrameRuns) -> dict[str, Any]:
+    """Compute the estimates.
+
+    Returns:
+        For each method ``METHOD_means`` (run, setting, d), ``METHOD_ess``, ``METHOD_num_likelihood`` and
+        ``METHOD_num_gradient`` (run, setting), ``METHOD_rejection`` (run,); ``reference_mean`` and
+        ``reference_standard_error`` (run, d), ``reference_covariance`` (run, d, d) and ``prior_sd`` (d,).
+    """
+    system = SYSTEMS[job.system]
+    stage = stage_of(job.recording, system)
+    problem = pose_frame(stage, job.frame)
+    inputs = frame_inputs(problem.inputs, 0)
+    functions = compiled(job.recording, job.system, job.num_settings, job.num_chains)
+    rows: list[dict[str, Any]] = []
+    for run in job.runs:
+        observation = observe(problem, stage, job.frame, run)
+        row: dict[str, Any] = {}
+        for number, (method, function) in enumerate(functions.items()):
+            key = jax.random.fold_in(jax.random.key(_SEED), (run * 1000 + job.frame) * 4 + number)
+            found = jax.device_get(function(key, observation, inputs))
+            row |= {f"{method}_{name}": values for name, values in found._asdict().items()}
+        rows.append(row)
+    arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    scale = np.asarray(problem.record()["start_scale"])
+    return arrays | {"prior_sd": scale[list(stage.body.free_coordinates)]}
+
+
+def model_of(recording: Recording, system: str) -> CompiledModel:
+    """The model of a tracker for the limbs of a recorded person; frames differ in their inputs alone."""
+    return pose_frame(stage_of(recording, SYSTEMS[system]), 1).model
+
+
+@lru_cache(maxsize=16)
+def compiled(recording: Recording, system: str, num_settings: int, num_chains: int) -> dict[str, Estimate]:
+    """The methods, ready to run at any frame."""
+    model = model_of(recording, system)
+    row = SYSTEMS[system]
+    return {
+        "particle": jax.jit(particle_estimates(model, row, num_settings)),
+        "hmc": jax.jit(hmc_estimates(model, row, UPDATES[:num_settings])),
+        "reference": jax.jit(reference(model, num_chains)),
+    }
