@@ -16,7 +16,10 @@ from poseppl.report.tables import Raw, flatten, table
 
 DASH = "–"
 COVERED = ("50 % intervals cover, %", "90 % intervals cover, %")
-COLORS = ("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896", "#8c5a3c", "#5b8def")
+COLORS = (
+    *("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896"),
+    *("#8c5a3c", "#5b8def", "#f08fc0", "#a3b18a", "#7f1d1d", "#14213d", "#c9ada7", "#84cc16"),
+)
 TITLES = {"ess_per_second": "ESS a second", "ess_per_evaluation": "ESS an evaluation", "error": "error against the truth"}
 _JUDGED = {"ess_per_second_all": "ess_per_second", "ess_per_evaluation_all": "ess_per_evaluation", "joint_error_all": "error"}
 _COLUMNS = (
