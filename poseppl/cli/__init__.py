@@ -14,6 +14,7 @@ import click
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
+from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
@@ -48,7 +49,15 @@ def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
 
 
-for command in (track_command, smooth_command, simulate_command, report_command, compare_command, gait_command):
+for command in (
+    track_command,
+    smooth_command,
+    simulate_command,
+    report_command,
+    compare_command,
+    reproduce_command,
+    gait_command,
+):
     cli.add_command(command)
 
 

@@ -1,0 +1,87 @@
+"""The command `poseppl reproduce`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.errors import InputError
+
+PAPERS = ("choo-fleet-2001",)
+PARTS = ("single-frame", "sequence", "tuning", "contest")
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl reproduce choo-fleet-2001 --quick
+      All parts on the built-in walk, small: some minutes.
+  poseppl reproduce choo-fleet-2001 single-frame --motion walk=02_01.amc,02.asf \\
+      --motion dance=humanoid3d_dance_a.txt,humanoid3d.txt
+      Table 1, Figs. 2 and 3 and the volumes, on recordings, in full.
+  poseppl reproduce choo-fleet-2001 --scheduler tcp://host:8786
+      On a Dask cluster.
+
+\b
+Files written to the folder: page.md, which says of each published claim whether it holds; tables
+as CSV and tables.nc; figures as PNG; jobs/, from which the same command goes on where it was
+stopped.
+Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(epilog=EXAMPLES, short_help="Run a paper's experiments again.")
+@click.argument("paper", type=click.Choice(PAPERS))
+@click.argument("parts", nargs=-1, type=click.Choice(PARTS))
+@click.option("--quick", is_flag=True, help="Fewer runs, settings, frames and particles: minutes instead of hours.")
+@click.option("--folder", "-o", metavar="DIR", type=click.Path(), help="Where everything goes. [default: the paper's name]")
+@click.option(
+    "--motion",
+    "motions",
+    metavar="NAME=FILE[,SKELETON]",
+    multiple=True,
+    help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given several"
+    " times. Sequences and tuning take the first. [default: the built-in walk]",
+)
+@click.option(
+    "--workers", metavar="N", type=int, default=None, help="Processes, each with its share of cores. [default: one a core]"
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of processes.")
+@common_options
+def reproduce(paper: str, parts: tuple[str, ...], **options: Any) -> None:
+    """Run the experiments of a paper again and say which of its claims hold.
+
+    PARTS are single-frame (variance against time, volumes), sequence (both filters over 25 frames), tuning, and contest (the
+    library's filters against the published ones); all of them by default. Interrupted runs go on where they were.
+    """
+    from poseppl.cli.console import start_jax
+    from poseppl.experiments.choo_fleet import BUILT_IN, FULL, QUICK, reproduce
+    from poseppl.jobs import JobBar, Processes
+
+    if options["workers"] is not None and (options["workers"] < 1 or options["scheduler"]):
+        raise InputError(f"{options['workers']}", field="--workers", expected="at least 1, and no --scheduler")
+    start_jax()
+    recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
+    folder = options["folder"] or paper
+    with JobBar(quiet=options["quiet"]).running() as progress:
+        reproduce(
+            folder,
+            parts=parts or PARTS,
+            recordings=recordings,
+            scale=QUICK if options["quick"] else FULL,
+            executor=options["scheduler"] or Processes(options["workers"], prepare=start_jax),
+            progress=progress,
+        )
+    if not options["quiet"]:
+        click.echo(f"{folder}/page.md")
+
+
+def _recording(word: str) -> Any:
+    from poseppl.experiments.choo_fleet import Recording
+
+    name, equals, files = word.partition("=")
+    path, _, skeleton = files.partition(",")
+    if not (name and equals and path):
+        raise InputError(f"{word!r}", field="--motion", expected="NAME=FILE or NAME=FILE,SKELETON")
+    return Recording.of_file(name, path, skeleton or None)

@@ -1,0 +1,131 @@
+"""The page: each published claim, theirs and ours, whether it holds, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from poseppl.experiments.tables import Table, markdown
+
+Tables = Mapping[str, Table]
+_NAMES = {"arm": "4-D arm", "lower_body": "10-D lower body", "full_body": "28-D full body"}
+
+
+class Claim(NamedTuple):
+    """A published claim.
+
+    Attributes:
+        what: The claim.
+        theirs: Their figure.
+        ours: Ours, with its error.
+        verdict: "holds", "does not hold", or "undecided".
+        why: In a sentence.
+    """
+
+    what: str
+    theirs: str
+    ours: str
+    verdict: str
+    why: str
+
+
+def claims(tables: Tables) -> list[Claim]:
+    """All claims that the tables at hand decide."""
+    found: list[Claim] = []
+    if "speed_ups" in tables:
+        found += [_speed_up(row) for row in tables["speed_ups"].select(by="seconds")]
+        found += [_bound(row) for row in tables["volumes"].select(volume="marginal")]
+    if "sequence" in tables:
+        for tracker in dict.fromkeys(tables["sequence"].column("tracker")):
+            found += [_higher(tables["sequence"], tracker, name, figure) for name, figure in _FIGURES.items()]
+    if "tuning" in tables:
+        found.append(_rejection(tables["tuning"]))
+    return found
+
+
+_FIGURES = {"log_likelihood": "log-likelihood of the mean state (Fig. 4)", "log_prior": "log prior of the true state (Fig. 5)"}
+
+
+def _speed_up(row: tuple[Any, ...]) -> Claim:
+    tracker, _, ratio, low, high, outside, published = row
+    faster = published > 1
+    theirs = f"HMC {published:,.0f} times faster" if faster else f"particle filter {1 / published:.0f} times faster"
+    ours = f"HMC {ratio:.3g} times faster ({low:.3g} to {high:.3g})"
+    if low <= 1 <= high:
+        verdict, why = "undecided", "the interval holds 1"
+    elif (ratio > 1) != faster:
+        verdict, why = "does not hold", "the other filter is the faster one"
+    elif 1 / 3 < ratio / published < 3:
+        verdict, why = "holds", "within a factor of three"
+    else:
+        side = "larger" if (ratio > published) == faster else "smaller"
+        verdict, why = "holds in direction", f"the advantage is {side} than published"
+    if outside:
+        why += f"; {outside:.0%} of the settings extrapolate the particle filter as 1/N, which flatters it"
+    return Claim(f"Time at equal variance, {_NAMES[tracker]} (Figs. 2, 3)", theirs, ours, verdict, why)
+
+
+def _bound(row: tuple[Any, ...]) -> Claim:
+    tracker, _, value, low, high, published = row
+    holds = abs(value - published) <= 1
+    why = (
+        "within a power of ten"
+        if holds
+        else "our posterior is wider against its prior"
+        if value < published
+        else "ours is narrower"
+    )
+    ours = f"10^{value:.1f} (frames from {low:.1f} to {high:.1f})"
+    verdict = "holds" if holds else "does not hold"
+    return Claim(f"Least particles, {_NAMES[tracker]} (section 7.3)", f"10^{published:.0f}", ours, verdict, why)
+
+
+def _higher(table: Table, tracker: str, name: str, label: str) -> Claim:
+    pairs = {
+        method: [table.column(each, tracker=tracker, method=method)[1:] for each in (name, f"{name}_standard_error")]
+        for method in ("HMC filter", "particle filter")
+    }
+    (hmc, hmc_error), (particle, particle_error) = pairs["HMC filter"], pairs["particle filter"]
+    difference = hmc - particle
+    error = np.sqrt(hmc_error**2 + particle_error**2)
+    share = float(np.mean(difference > 2 * error))
+    verdict = "holds" if share >= 0.8 else "does not hold" if np.mean(difference < -2 * error) >= 0.8 else "holds in part"
+    ours = f"mean difference {difference.mean():.3g}; higher by two standard errors in {share:.0%} of the frames"
+    return Claim(f"{label}, {_NAMES[tracker]}", "HMC higher", ours, verdict, "published settings of R and N")
+
+
+def _rejection(table: Table) -> Claim:
+    rows = [row for row in table.rows if np.isfinite(row[5])]
+    best = min(rows, key=lambda row: row[5])
+    near = 0.1 <= best[2] <= 0.25
+    ours = f"cheapest at {best[2]:.0%} (L = {best[0]}, step size {best[1]:g})"
+    why = "fixed step sizes stick in the frames where they are too long" if not near else "near the published rule"
+    verdict = "holds" if near else "does not hold"
+    return Claim("Best step size rejects about 15 % (section 7.5)", "15 %", ours, verdict, why)
+
+
+def write_page(tables: Tables, pictures: Mapping[str, str], notes: list[str]) -> str:
+    """The page as Markdown.
+
+    Args:
+        tables: By name.
+        pictures: Titles of the figures by their file names.
+        notes: What was run.
+    """
+    found = claims(tables)
+    rows = [(claim.what, claim.theirs, claim.ours, claim.verdict, claim.why) for claim in found]
+    parts = ["# Choo and Fleet 2001, run again", *notes]
+    if rows:
+        parts += ["## Claims", markdown(("claim", "theirs", "ours", "verdict", "why"), rows)]
+    for file, title in pictures.items():
+        parts += [f"## {title}", f"![{title}]({file})"]
+    for name in _SHOWN:
+        if name in tables:
+            table = tables[name]
+            parts += [f"## {name.replace('_', ' ').capitalize()}", table.about, markdown(table.columns, table.rows)]
+    return "\n\n".join(parts) + "\n"
+
+
+_SHOWN = ("speed_ups", "volumes", "references", "sequence_summary", "contest", "contest_sequences")

@@ -1,0 +1,78 @@
+"""Tables of an experiment: the one form from which CSV, NetCDF, figures and pages are made, so all carry the same numbers."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from poseppl.io.files import atomic_path
+
+
+class Table(NamedTuple):
+    """Rows under named columns.
+
+    Attributes:
+        name: Of the table and its file.
+        columns: Names.
+        rows: One value for each column: texts, integers or floats.
+        about: What the columns mean, in a sentence or two.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    rows: list[tuple[Any, ...]]
+    about: str = ""
+
+    def column(self, name: str, **where: Any) -> np.ndarray[Any, Any]:
+        """The values of a column in the rows whose other columns have the given values."""
+        index = self.columns.index(name)
+        return np.array([row[index] for row in self.select(**where)])
+
+    def select(self, **where: Any) -> list[tuple[Any, ...]]:
+        """The rows whose columns have the given values."""
+        wanted = [(self.columns.index(name), value) for name, value in where.items()]
+        return [row for row in self.rows if all(row[index] == value for index, value in wanted)]
+
+
+def write_csv(table: Table, folder: Path) -> Path:
+    """Write a table as FOLDER/NAME.csv, with six significant digits."""
+    path = folder / f"{table.name}.csv"
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(table.columns)
+        writer.writerows([shown(value) for value in row] for row in table.rows)
+    return path
+
+
+def shown(value: Any) -> str:
+    """A value as the CSV has it."""
+    return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)
+
+
+def write_netcdf(tables: Iterable[Table], path: Path) -> None:
+    """Write tables as one NetCDF file, a group each."""
+    groups = {table.name: _dataset(table) for table in tables}
+    with atomic_path(path) as temporary:
+        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+
+
+def _dataset(table: Table) -> xr.Dataset:
+    columns: dict[str, tuple[str, Any]] = {}
+    for index, name in enumerate(table.columns):
+        values = np.array([row[index] for row in table.rows])
+        columns[name] = ("row", values.astype(str).astype(object) if values.dtype.kind in "UO" else values)
+    return xr.Dataset(columns, attrs={"about": table.about})
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table; floats with three significant digits."""
+    lines = [f"| {' | '.join(columns)} |", "|" + " --- |" * len(columns)]
+    for row in rows:
+        cells = (f"{value:.3g}" if isinstance(value, float | np.floating) else str(value) for value in row)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
