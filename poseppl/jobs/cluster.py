@@ -74,9 +74,8 @@ class _Session:
     def __init__(self, distributed: Any, client: Any, function: Function, jobs: Mapping[str, Job], address: str) -> None:
         self._distributed, self._client, self._address = distributed, client, address
         self._function, self._jobs = function, jobs
-        self._group = (
-            f"poseppl-{secrets.token_hex(4)}"  # tasks of one group wait at the scheduler, not at a worker that may die
-        )
+        # tasks of one group wait at the scheduler, not at a worker that may die
+        self._group = f"poseppl-{secrets.token_hex(4)}"
         self._futures: dict[Any, str] = {}
 
     def outcomes(self, note: Note) -> Iterator[Outcome]:

@@ -17,6 +17,7 @@ True
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import re
 from dataclasses import asdict, dataclass
@@ -35,6 +36,11 @@ class Job:
     """
 
     version: ClassVar[int] = 1
+
+    def __init_subclass__(cls) -> None:
+        clashing = sorted({"name", "cost", "contents", "key"} & set(inspect.get_annotations(cls)))
+        if clashing:
+            raise TypeError(f"{cls.__name__}: a job has {clashing[0]} already. Give the field another name.")
 
     @property
     def name(self) -> str:

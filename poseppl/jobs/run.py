@@ -71,7 +71,8 @@ def run_jobs(
     wanted = _by_key(jobs)
     archive = Archive(folder, function, progress.note)
     results = {key: arrays for key, job in wanted.items() if (arrays := archive.load(job)) is not None}
-    missing = {key: wanted[key] for key in sorted(wanted.keys() - results, key=lambda key: -wanted[key].cost)}
+    costliest = sorted(wanted.items(), key=lambda item: -item[1].cost)
+    missing = {key: job for key, job in costliest if key not in results}
     progress.started(len(wanted), len(results), sum(job.cost for job in missing.values()))
     failed: list[Outcome] = []
     with ExitStack() as stack:

@@ -163,6 +163,10 @@ def test_keys():
     assert Draw(3).key.startswith("draw-3-") and Nested("../x").key.startswith("nested-")
     with pytest.raises(ValueError, match="Nested: .*not JSON serializable.*numbers, texts"):
         _ = Nested(np.zeros(2)).key
+    with pytest.raises(TypeError, match="Named: a job has name already"):
+
+        class Named(Job):
+            name: str
 
 
 def test_what_is_refused(tmp_path):
