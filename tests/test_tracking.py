@@ -109,6 +109,7 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
         ("particle", {"particles": 0}, "--particles"),
         ("particle", {"ess_threshold": 1.5}, "--ess-threshold"),
         ("assumed-density", {"components": 0}, "--components"),
+        ("window", {"window": 0}, "--window"),
         ("kalman", {}, "--filter"),
         ("tempered", {"ess_target": 1.0}, "--ess-target"),
         ("annealed", {"survival": 0.0}, "--survival"),

@@ -11,6 +11,7 @@ from poseppl.errors import InputError
 
 FILTERS = (
     "assumed-density",
+    "window",
     "hmc",
     "particle",
     "guided",
@@ -23,7 +24,7 @@ FILTERS = (
 )
 _CHAIN_OPTIONS = ("chains", "draws", "leapfrog", "burn_in", "step_size", "rejection", "jitter", "components", "starts")
 _PARTICLE_OPTIONS = ("particles", "resampling", "ess_threshold", "target", "ess_target", "chain_length", "layers", "survival")
-_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "dense_mass", *_PARTICLE_OPTIONS)
+_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "window", "dense_mass", *_PARTICLE_OPTIONS)
 
 EXAMPLES = """
 \b
@@ -85,7 +86,8 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     help="Fraction by which trajectories are shortened at random. [default: 0.5; 0 for hmc]",
 )
 @click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 1]")
-@click.option("--starts", metavar="S", type=int, help="assumed-density: climbs to the modes of a frame. [default: 40]")
+@click.option("--starts", metavar="S", type=int, help="assumed-density, window: climbs to the modes of a frame. [default: 40]")
+@click.option("--window", metavar="W", type=int, help="window: frames that are sampled together. [default: 3]")
 @click.option("--dense-mass/--diagonal-mass", default=None, help="hmc: form of the mass matrix. [default: diagonal]")
 @click.option(
     "--particles",

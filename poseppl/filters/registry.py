@@ -16,6 +16,7 @@ from poseppl.filters.hmc import hmc_filter
 from poseppl.filters.kalman import kalman_filter
 from poseppl.filters.particle import particle_filter
 from poseppl.filters.tempered import tempered_filter
+from poseppl.filters.window import window_filter
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.linearisation import Method
 from poseppl.program import CompiledModel
@@ -70,6 +71,16 @@ def _assumed_density(model: CompiledModel, settings: Settings) -> Filter:
         settings["chains"],
         _chain_settings(settings),
         num_components=settings["components"],
+        num_starts=settings["starts"],
+    )
+
+
+def _window(model: CompiledModel, settings: Settings) -> Filter:
+    return window_filter(
+        model,
+        settings["chains"],
+        _chain_settings(settings),
+        window=settings["window"],
         num_starts=settings["starts"],
     )
 
@@ -138,6 +149,15 @@ FILTERS: Mapping[str, FilterEntry] = {
         },
         "HMC with a Gaussian temporal prior fitted to all draws: intervals that hold what they say.",
     ),
+    "window": FilterEntry(
+        _window,
+        {
+            **_chain_defaults(window_filter, TRACKER),
+            "window": _default(window_filter, "window"),
+            "starts": _default(window_filter, "num_starts"),
+        },
+        "HMC on the last few frames together, the older past summarised by a Gaussian: slower, and less is summarised.",
+    ),
     "hmc": FilterEntry(
         _hmc,
         {**_chain_defaults(hmc_filter, HMCSettings()), "dense_mass": False, "resampling": "systematic"},
@@ -194,6 +214,7 @@ LEAST = {
     "particles": 1,
     "components": 1,
     "starts": 1,
+    "window": 1,
 }
 MOST = {"chains": 100_000, "draws": 1_000_000, "leapfrog": 100_000, "burn_in": 1_000_000, "particles": 2**24 - 1}
 

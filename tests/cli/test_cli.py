@@ -206,6 +206,7 @@ def test_help_is_quick_and_its_defaults_are_true(capsys: pytest.CaptureFixture[s
         assert shown[shown.index("[default:") :].startswith(f"[default: {default[name]:g}{other}]"), name
     assert f"temporal prior. [default: {default['components']}]" in text
     assert f"modes of a frame. [default: {default['starts']}]" in text
+    assert f"sampled together. [default: {FILTERS['window'].defaults['window']}]" in text
     assert f"[default: {particle['particles']} for particle, {FILTERS['guided'].defaults['particles']} for guided" in text
     assert f"{FILTERS['tempered'].defaults['particles']} for tempered" in text
     assert tuple(name for name in METHODS) == tuple(SMOOTHERS)

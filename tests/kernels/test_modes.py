@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.kernels import find_modes, whitening
+from poseppl.kernels import find_modes, share_masses, whitening
 
 
 def square_problem():
@@ -61,3 +61,25 @@ def test_whitening_makes_the_precision_the_identity():
         diagonal = whitening(jnp.ones(6), jnp.asarray(precision), dense=False)
         np.testing.assert_allclose(diagonal.scale, np.diag(precision) ** -0.5)
         np.testing.assert_allclose(diagonal.to_white(diagonal.to_state(z)), z, atol=1e-12)
+
+
+def test_climbers_that_came_to_one_mode_share_its_mass():
+    """Otherwise a mode counts as often as it is found: here the left one three times."""
+    log_density, information, precision = square_problem()
+    starts = jnp.array([[-1.0], [-2.5], [-3.0], [3.0]])
+    modes = find_modes(starts, jnp.broadcast_to(precision, (4, 1, 1)), log_density, information, 12)
+    once = np.asarray(jax.nn.softmax(modes.log_masses[2:]))
+    shared, plain = (np.asarray(jax.nn.softmax(masses)) for masses in (share_masses(modes), modes.log_masses))
+    # as far as the climbs converged: in one mode the Gaussians of the three are the same to some 1e-3
+    np.testing.assert_allclose([shared[:3].sum(), shared[3]], once, rtol=0.01)
+    assert plain[:3].sum() > 1.2 * once[0]
+    assert np.abs(plain[:3].sum() - 3 * once[0] / (3 * once[0] + once[1])) < 0.01
+
+
+def test_a_climb_that_broke_down_has_no_mass():
+    log_density, information, precision = square_problem()
+    starts = jnp.array([[-2.0], [2.0]])
+    modes = find_modes(starts, jnp.broadcast_to(precision, (2, 1, 1)), log_density, information, 2)
+    broken = modes._replace(states=modes.states.at[0].set(jnp.nan), log_masses=modes.log_masses.at[0].set(-jnp.inf))
+    shared = np.asarray(share_masses(broken))
+    assert shared[0] == -np.inf and np.isfinite(shared[1])
