@@ -1,4 +1,4 @@
-"""The jobs of the contest: which method has the smallest error of the 28-D mean at one frame per second and per evaluation."""
+"""The jobs of the contest: which method has the smallest error of one frame's mean per second and per evaluation."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class ContestRuns(Job):
 
     Attributes:
         recording: Who is seen.
+        system: The tracker.
         frame: Index of the frame.
         method: What the filter is called in tables.
         filter: Its name in the library.
@@ -61,6 +62,7 @@ class ContestRuns(Job):
     """
 
     recording: Recording
+    system: str
     frame: int
     method: str
     filter: str
@@ -69,8 +71,8 @@ class ContestRuns(Job):
 
     @property
     def name(self) -> str:
-        """Recording, frame and method."""
-        words = ("contest", self.recording.name, str(self.frame), self.method)
+        """Tracker, recording, frame and method."""
+        words = ("contest", self.system, self.recording.name, str(self.frame), self.method)
         return "-".join(words).replace(" ", "-").replace(",", "")
 
     @property
@@ -85,10 +87,10 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
     Returns:
         ``mean`` (run, d), ``seconds`` (run,) without compilation, ``num_likelihood`` and ``num_gradient`` (run,).
     """
-    stage = stage_of(job.recording, SYSTEMS["full_body"])
+    stage = stage_of(job.recording, SYSTEMS[job.system])
     problem = pose_frame(stage, job.frame)
     inputs = frame_inputs(problem.inputs, 0)
-    function = _compiled(job.recording, job.filter, job.settings)
+    function = _compiled(job.recording, job.system, job.filter, job.settings)
     rows = []
     for index, run in enumerate((job.runs[0], *job.runs)):
         observation = observe(problem, stage, job.frame, run)
@@ -101,8 +103,8 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=16)
-def _compiled(recording: Recording, filter: str, settings: Settings) -> Any:
-    built, _ = build_filter(filter, model_of(recording, "full_body"), dict(settings))
+def _compiled(recording: Recording, system: str, filter: str, settings: Settings) -> Any:
+    built, _ = build_filter(filter, model_of(recording, system), dict(settings))
 
     def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:
         state, info = built.init(rng_key, observation, inputs)

@@ -40,8 +40,6 @@ def _references(frames: Sequence[FrameRuns], results: Results) -> dict[tuple[str
     """Reference mean, standard error and posterior variance by recording, frame and run."""
     found: dict[tuple[str, int, int], Mapping[str, Any]] = {}
     for job in frames:
-        if job.system != "full_body":
-            continue
         block = results[job.key]
         for index, run in enumerate(job.runs):
             found[job.recording.name, job.frame, run] = {

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import NullFormatter
 
 from poseppl.experiments.choo_fleet.tuning_tables import choose
 from poseppl.experiments.tables import Table
@@ -30,8 +31,10 @@ def draw_variances(tables: Tables) -> Picture:
             for method in ("particle", "hmc"):
                 _curves(axis, table, tracker, method, by)
             axis.set(xscale="log", yscale="log", xlabel="seconds" if by == "seconds" else "likelihoods and gradients")
+            axis.xaxis.set_minor_formatter(NullFormatter())
         axes[0, column].set_title(LABELS[tracker])
-        axes[column // len(trackers), column].set_ylabel("variance / posterior variance" if column == 0 else "")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("variance / posterior variance")
     axes[0, 0].legend()
     return picture
 

@@ -49,7 +49,7 @@ def _cost(
     cost: dict[str, dict[str, Floats]] = {"seconds": {}, "evaluations": {}}
     for method in METHODS:
         chosen = sorted((j for j in timings if (j.system, j.method) == (system, method)), key=lambda job: job.setting)
-        cost["seconds"][method] = np.array([np.median(results[job.key]["seconds"]) for job in chosen])
+        cost["seconds"][method] = np.array([np.min(results[job.key]["seconds"]) for job in chosen])
         evaluations = np.asarray(first[f"{method}_num_likelihood"]) + np.asarray(first[f"{method}_num_gradient"])
         cost["evaluations"][method] = evaluations[0].astype(float)
     return cost

@@ -51,8 +51,8 @@ _FIGURES = {"log_likelihood": "log-likelihood of the mean state (Fig. 4)", "log_
 def _speed_up(row: tuple[Any, ...]) -> Claim:
     tracker, _, ratio, low, high, outside, published = row
     faster = published > 1
-    theirs = f"HMC {published:,.0f} times faster" if faster else f"particle filter {1 / published:.0f} times faster"
-    ours = f"HMC {ratio:.3g} times faster ({low:.3g} to {high:.3g})"
+    theirs = _faster(published)
+    ours = f"{_faster(ratio)} ({_times(low)} to {_times(high)})"
     if low <= 1 <= high:
         verdict, why = "undecided", "the interval holds 1"
     elif (ratio > 1) != faster:
@@ -65,6 +65,16 @@ def _speed_up(row: tuple[Any, ...]) -> Claim:
     if outside:
         why += f"; {outside:.0%} of the settings extrapolate the particle filter as 1/N, which flatters it"
     return Claim(f"Time at equal variance, {_NAMES[tracker]} (Figs. 2, 3)", theirs, ours, verdict, why)
+
+
+def _faster(ratio: float) -> str:
+    """Who is faster, and how many times."""
+    return f"{'HMC' if ratio > 1 else 'particle filter'} {_times(ratio)} times faster"
+
+
+def _times(ratio: float) -> str:
+    times = max(ratio, 1 / ratio)
+    return f"{times:,.0f}" if times >= 10 else f"{times:.1f}"
 
 
 def _bound(row: tuple[Any, ...]) -> Claim:

@@ -26,6 +26,7 @@ class Scale(NamedTuple):
         reference_chains: Chains of a reference.
         systems: The trackers.
         sequence_systems: Those that are run on sequences.
+        other_system: The tracker of tuning and contest.
         num_frames: Of a sequence.
         particles: Smaller numbers of particles than the paper's on sequences, by tracker; the paper's if None.
         num_leapfrogs: Each L of the tuning curves.
@@ -41,6 +42,7 @@ class Scale(NamedTuple):
     reference_chains: int = 400
     systems: tuple[str, ...] = tuple(SYSTEMS)
     sequence_systems: tuple[str, ...] = ("lower_body", "full_body")
+    other_system: str = "full_body"
     num_frames: int = 25
     particles: Mapping[str, int] | None = None
     num_leapfrogs: tuple[int, ...] = (1, 2, 5, 10, 20, 40, 80)
@@ -111,7 +113,7 @@ def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[
 
 def _single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     timings: list[Job] = [
-        FrameTiming(BUILT_IN, system, method, setting, 5)
+        FrameTiming(BUILT_IN, system, method, setting, 9)
         for system in scale.systems
         for method in METHODS
         for setting in range(scale.num_settings)
@@ -143,7 +145,7 @@ def _sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
 
 def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     jobs: list[Job] = [
-        TuningRuns(recordings[0], "full_body", number, STEP_SIZES, scale.tuning_updates, scale.tuning_runs)
+        TuningRuns(recordings[0], scale.other_system, number, STEP_SIZES, scale.tuning_updates, scale.tuning_runs)
         for number in scale.num_leapfrogs
     ]
     return {"tuning": Task(tune, jobs)}
@@ -152,19 +154,19 @@ def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
 def _contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     runs = min(scale.runs, scale.contest_runs)
     one = [
-        ContestRuns(recording, frame, method, *settings_of(method), tuple(range(runs)))
+        ContestRuns(recording, scale.other_system, frame, method, *settings_of(method), tuple(range(runs)))
         for recording in recordings
         for frame in frames_of(recording)
         for method in scale.contestants
         if method != "particle filter"
     ]
     many = [
-        SequenceRuns(recording, "full_body", method, *settings_of(method), scale.num_frames, tuple(range(runs)))
+        SequenceRuns(recording, scale.other_system, method, *settings_of(method), scale.num_frames, tuple(range(runs)))
         for recording in recordings
         for method in scale.contestants
     ]
     return {
-        "frames": _estimates(scale, recordings, ["full_body"], scale.runs),
+        "frames": _estimates(scale, recordings, [scale.other_system], scale.runs),
         "contest": Task(contest_frame, list(one)),
         "contest sequences": Task(run_sequence, list(many)),
     }

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import csv
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from poseppl.experiments.choo_fleet import BUILT_IN, Scale, reproduce
+from poseppl.experiments.choo_fleet.estimators import block_size, particle_estimates
+from poseppl.experiments.choo_fleet.plan import tasks_of
+from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, observe, pose_frame, stage_of
+from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
+from poseppl.filters import particle_filter
+from poseppl.frame_sequence import frame_inputs
+
+TINY = Scale(
+    runs=4,
+    block=2,
+    num_settings=2,
+    reference_chains=40,
+    systems=("arm",),
+    sequence_systems=("arm",),
+    other_system="arm",
+    num_frames=3,
+    particles={"arm": 300},
+    num_leapfrogs=(1, 2),
+    tuning_updates=24,
+    tuning_runs=2,
+    contestants=("assumed density", "extended Kalman"),
+    contest_runs=2,
+)
+
+
+@pytest.fixture(scope="module")
+def arm_runs():
+    job = FrameRuns(BUILT_IN, "arm", 30, tuple(range(24)), 5, 40)
+    return job, {job.key: estimate_frame(job)}
+
+
+def test_variance_falls_as_one_over_the_number_of_draws(arm_runs):
+    job, results = arm_runs
+    errors = frame_errors([job], results, "arm")[0]
+    squared = errors.squared["particle"]
+    logs, spread = np.log(geometric_variance(squared)), log_standard_error(squared)
+    fall = logs[1] - logs[4]
+    assert abs(fall - np.log(8)) < 4 * np.hypot(spread[1], spread[4])
+    # a variance that does not fall is seen
+    assert abs(0.0 - np.log(8)) > 4 * np.hypot(spread[1], spread[4])
+    chains = np.log(geometric_variance(errors.squared["hmc"]))
+    assert chains[4] < chains[0] - 1
+
+
+def test_both_filters_agree_with_the_reference(arm_runs):
+    job, results = arm_runs
+    found = results[job.key]
+    variance = np.diagonal(found["reference_covariance"], axis1=1, axis2=2)
+    for method in ("particle", "hmc"):
+        scaled = (found[f"{method}_means"][:, -1] - found["reference_mean"]) / np.sqrt(variance)
+        error = scaled.std(0, ddof=1) / len(scaled) ** 0.5
+        # a self-normalised mean of n draws is biased by about 1/n
+        allowed = 4.5 * error + (1 / found["particle_ess"][:, -1].mean() if method == "particle" else 0.0)
+        assert (np.abs(scaled.mean(0)) < allowed).all()
+
+
+def test_blocks_of_particles_are_one_large_filter():
+    system = SYSTEMS["arm"]
+    stage = stage_of(BUILT_IN, system)
+    problem = pose_frame(stage, 20)
+    inputs, observation = frame_inputs(problem.inputs, 0), observe(problem, stage, 20, 0)
+    model = model_of(BUILT_IN, "arm")
+    found = jax.jit(particle_estimates(model, system, 2))(jax.random.key(3), observation, inputs)
+    size, number = block_size(system.num_particles)
+    assert (size, number) == (320, 1)
+    block = jax.jit(particle_filter(model, size).init)
+    parts = [block(jax.random.fold_in(jax.random.key(3), index), observation, inputs)[0].particles for index in range(2)]
+    weights = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(jnp.concatenate(parts))
+    expected = jax.nn.softmax(weights) @ jnp.concatenate(parts)
+    np.testing.assert_allclose(found.means[1], expected, rtol=2e-4)
+    np.testing.assert_allclose(found.ess[1], 1 / jnp.sum(jax.nn.softmax(weights) ** 2), rtol=1e-3)
+    # the plain average of the blocks' means is another number
+    halves = [jax.nn.softmax(part) @ values for part, values in zip(jnp.split(weights, 2), parts, strict=True)]
+    assert np.abs((halves[0] + halves[1]) / 2 - expected).max() > 3e-4
+    assert list(found.num_likelihood) == [320, 640]
+
+
+@pytest.mark.parametrize(("number", "expected"), [(320, (320, 1)), (27_000, (13_500, 2)), (108_000, (15_428 + 0, 7))])
+def test_blocks_are_equal(number, expected):
+    size, count = block_size(number)
+    assert size * count == number and size <= 16_384
+    if expected[0] * expected[1] == number:
+        assert (size, count) == expected
+
+
+def test_everything_at_a_tiny_size(tmp_path):
+    tables = reproduce(tmp_path, scale=TINY, executor="inline")
+    page = (tmp_path / "page.md").read_text()
+    assert "| claim | theirs | ours | verdict | why |" in page and "4-D arm" in page
+    for name, table in tables.items():
+        with (tmp_path / f"{name}.csv").open() as file:
+            rows = list(csv.reader(file))
+        assert tuple(rows[0]) == table.columns and len(rows) == len(table.rows) + 1
+    for picture in ("variances.png", "sequence.png", "tuning.png", "contest.png"):
+        assert (tmp_path / picture).stat().st_size > 10_000 and picture in page
+    variances = tables["variances"]
+    assert (variances.column("seconds") > 0).all() and np.isfinite(variances.column("variance")).all()
+    assert set(tables["contest"].column("method")) == set(TINY.contestants)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()}
+    again = reproduce(tmp_path, scale=TINY, executor="inline", parts=["single-frame"])
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()} == before
+    assert again["variances"].rows == variances.rows
+
+
+def test_the_full_plan_is_the_papers():
+    from poseppl.experiments.choo_fleet import FULL
+
+    jobs = tasks_of("single-frame", FULL, [BUILT_IN])["frames"].jobs
+    assert len(jobs) == 3 * 3 * 5 and sum(len(job.runs) for job in jobs) == 450
+    sequences = tasks_of("sequence", FULL, [BUILT_IN])["sequences"].jobs
+    settings = {(job.system, job.filter): dict(job.settings) for job in sequences}
+    assert settings["lower_body", "particle"] == {"particles": 23_000}
+    assert settings["full_body", "particle"] == {"particles": 108_000}
+    assert settings["full_body", "hmc"]["draws"] == 32 and settings["full_body", "hmc"]["leapfrog"] == 40

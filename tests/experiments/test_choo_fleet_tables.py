@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseppl.experiments.choo_fleet.figures import draw_variances
+from poseppl.experiments.choo_fleet.page import claims
+from poseppl.experiments.choo_fleet.tuning_tables import choose
+from poseppl.experiments.choo_fleet.variances import FrameErrors, geometric_variance, log_standard_error, speed_up
+from poseppl.experiments.tables import Table, write_csv, write_netcdf
+
+COLUMNS = ("tracker", "recording", "frame", "method", "size", "seconds", "evaluations", "variance", "log_standard_error")
+
+
+def errors_of(particle, hmc, runs=60, seed=0):
+    """Chi-squared errors with the given variances (setting,)."""
+    rng = np.random.default_rng(seed)
+    squared = {
+        name: np.asarray(values)[:, None] * rng.chisquare(1, (runs, len(values), 5))
+        for name, values in (("particle", particle), ("hmc", hmc))
+    }
+    return FrameErrors("walk", 3, squared, np.zeros((runs, 5)), {"marginal": np.full(runs, 2.0)})
+
+
+def test_jackknife_is_the_spread_over_repetitions():
+    rng = np.random.default_rng(1)
+    repeated = [rng.chisquare(1, (30, 1, 6)) for _ in range(400)]
+    spread = np.std([np.log(geometric_variance(each)) for each in repeated])
+    estimate = np.mean([log_standard_error(each) for each in repeated])
+    assert estimate == pytest.approx(spread, rel=0.15)
+
+
+def test_speed_up_of_known_curves():
+    cost = {"particle": np.array([1.0, 2.0, 4.0]), "hmc": np.array([0.1, 0.2, 0.4])}
+    found = speed_up([errors_of([0.4, 0.2, 0.1], [0.4, 0.2, 0.1], runs=2000)], cost)
+    assert found.low < 10 < found.high and found.high / found.low < 1.3
+    # where no number of particles reaches the variance, 1/N is taken on trust
+    beyond = speed_up([errors_of([0.4, 0.2, 0.1], [0.01, 0.005, 0.0025], runs=2000)], cost)
+    assert beyond.extrapolated == 1.0 and beyond.ratio == pytest.approx(10 * 40, rel=0.2)
+
+
+def claim_tables(ratio):
+    low, high = ratio * 0.8, ratio * 1.25
+    speed = Table(
+        "speed_ups",
+        ("tracker", "by", "speed_up", "low", "high", "extrapolated", "published"),
+        [("full_body", "seconds", ratio, low, high, 0.5, 2000.0), ("arm", "seconds", 1 / ratio, 1 / high, 1 / low, 0.0, 1 / 8)],
+    )
+    volumes = Table(
+        "volumes",
+        ("tracker", "volume", "log10_bound", "lowest", "highest", "published"),
+        [("arm", "marginal", 2.3, 2.0, 2.5, 2.0), ("full_body", "marginal", 6.5, 6.0, 7.0, 13.0)],
+    )
+    return {"speed_ups": speed, "volumes": volumes}
+
+
+@pytest.mark.parametrize(("ratio", "verdict"), [(1500.0, "holds"), (30.0, "holds in direction"), (0.1, "does not hold")])
+def test_verdicts_follow_the_figures(ratio, verdict):
+    found = claims(claim_tables(ratio))
+    assert found[0].verdict == verdict and "28-D" in found[0].what
+    assert found[2].verdict == "holds" and found[3].verdict == "does not hold"
+
+
+def test_an_interval_that_holds_one_decides_nothing():
+    assert claims(claim_tables(1.1))[0].verdict == "undecided"
+
+
+def test_figures_and_files_carry_the_same_numbers(tmp_path):
+    rows = [
+        ("arm", "walk", 3, method, size, 0.1 * size, 10.0 * size, 1.0 / size, 0.1)
+        for method in ("particle", "hmc")
+        for size in (1, 2, 4)
+    ]
+    table = Table("variances", COLUMNS, rows)
+    picture = draw_variances({"variances": table})
+    lines = [line for line in picture.axes[0].lines if line.get_label() == "HMC filter"]
+    np.testing.assert_allclose(lines[0].get_ydata(), table.column("variance", method="hmc"))
+    np.testing.assert_allclose(lines[0].get_xdata(), table.column("seconds", method="hmc"))
+    text = write_csv(table, tmp_path).read_text().splitlines()
+    assert text[0] == ",".join(COLUMNS) and text[1] == "arm,walk,3,particle,1,0.1,10,1,0.1"
+    write_netcdf([table], tmp_path / "tables.nc")
+    import xarray as xr
+
+    with xr.open_datatree(tmp_path / "tables.nc", engine="h5netcdf") as tree:
+        np.testing.assert_allclose(tree["variances/variance"], table.column("variance"))
+
+
+def test_automatic_choice_is_the_cheapest_that_does_not_stick():
+    columns = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
+    mixing = Table(
+        "tuning", columns, [(10, 0.2, 0.05, 0.0, 2.0, 20.0), (10, 0.4, 0.6, 0.0, 1.0, 10.0), (40, 0.2, 0.05, 0.0, 1.0, 40.0)]
+    )
+    rhat = Table(
+        "burn_in",
+        ("leapfrog", "step_size", "burn_in", "rhat"),
+        [(10, 0.2, number, value) for number, value in enumerate([2.0, 1.3, 1.05, 1.2, 1.0, 1.0])],
+    )
+    found = choose([mixing, mixing, rhat])
+    assert (found["leapfrog"], found["step_size"], found["burn_in"]) == (10, 0.2, 4)
