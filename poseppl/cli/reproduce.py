@@ -41,8 +41,8 @@ Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
     "motions",
     metavar="NAME=FILE[,SKELETON]",
     multiple=True,
-    help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given several"
-    " times. Sequences and tuning take the first. [default: the built-in walk]",
+    help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given "
+    "several times. Sequences and tuning take the first. [default: the built-in walk]",
 )
 @click.option(
     "--workers", metavar="N", type=int, default=None, help="Processes, each with its share of cores. [default: one a core]"
