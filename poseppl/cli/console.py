@@ -30,9 +30,12 @@ def start_jax(devices: int = 1) -> None:
     import jax
 
     settings: Any = jax.config
-    if devices > 1 and "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
-        with suppress(RuntimeError):  # JAX has started already
-            settings.update("jax_num_cpu_devices", min(devices, os.cpu_count() or 1))
+    if devices > 1:
+        cores = os.cpu_count() or 1
+        os.environ.setdefault("NPROC", str(cores + 8 * devices))  # threads of jaxlib, see poseppl.filters.sharding
+        if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
+            with suppress(RuntimeError):  # JAX has started already
+                settings.update("jax_num_cpu_devices", min(devices, cores))
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")

@@ -136,7 +136,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="JAX devices that share the particles or chains: GPUs, or the cores of a CPU.",
+    help="JAX devices that share the particles or chains, such as GPUs; one CPU is no faster as several.",
 )
 @click.option(
     "--max-draws",

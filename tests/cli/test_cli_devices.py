@@ -14,12 +14,17 @@ from poseppl.cli import main
 from poseppl.results import load_result, provenance
 
 MAIN = "import sys; from poseppl.cli import main; sys.exit(main())"
-TRACK = ["track", "--filter", "particle", "--particles", "200", "--frames", "0:3", "--max-draws", "20", "--quiet"]
+TRACK = ["track", "--frames", "0:3", "--max-draws", "20", "--quiet"]
+FILTERS = {
+    "particle": ["--filter", "particle", "--particles", "200"],
+    "assumed-density": ["--filter", "assumed-density", "--chains", "10"],
+}
 
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NPROC", "18")  # as the command sets it; here it is put back afterwards
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
@@ -31,17 +36,20 @@ def _here(tmp_path, monkeypatch):
     ],
 )
 def test_devices_that_cannot_be_used(capsys, tmp_path, devices, message):
-    assert main([*TRACK, "--devices", devices]) == 1
+    assert main([*TRACK, *FILTERS["particle"], "--devices", devices]) == 1
     assert capsys.readouterr().err.startswith(f"poseppl: {message}")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="the machine has one core")
-def test_two_devices_give_what_one_gives():
+@pytest.mark.parametrize("name", FILTERS)
+def test_two_devices_give_what_one_gives(name):
     for number in ("1", "2"):
-        command = [sys.executable, "-c", MAIN, *TRACK, "--devices", number, "--output", f"{number}.nc"]
-        subprocess.run(command, check=True, timeout=600, env={**os.environ, "JAX_PLATFORMS": "cpu"})
+        command = [sys.executable, "-c", MAIN, *TRACK, *FILTERS[name], "--devices", number, "--output", f"{number}.nc"]
+        environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
+        del environment["NPROC"]
+        subprocess.run(command, check=True, timeout=600, env=environment)
     one, two = load_result("1.nc"), load_result("2.nc")
     assert [provenance(tree)["devices"] for tree in (one, two)] == [1, 2]
     np.testing.assert_allclose(two["summary/state_mean"], one["summary/state_mean"], rtol=1e-4, atol=1e-3)

@@ -31,6 +31,7 @@ def finished(names):
         "JAX_ENABLE_X64": "1",
         "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
         "JAX_PLATFORMS": "cpu",
+        "NPROC": "34",
         "PYTHONWARNINGS": "error",
     }
     return subprocess.run(
