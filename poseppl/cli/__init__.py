@@ -1,4 +1,4 @@
-"""The command line: track, smooth, simulate, report, compare, fit-gait.
+"""The command line: track, smooth, simulate, report, compare, reproduce, fit-gait.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """

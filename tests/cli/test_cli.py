@@ -104,13 +104,16 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         (["track", "--model", "nothing"], ["--model"]),
         (["track", "--model", "poseppl_models.choo_fleet:leg"], ["--model", "full_body"]),
         (["track", "absent.bvh"], ["absent.bvh", "no such file"]),
-        (["track", "walk.txt"], ["walk.txt", ".amc or .bvh or .c3d"]),
+        (["track", "walk.csv"], ["walk.csv", ".amc or .bvh or .c3d or .txt"]),
         (["track", "-o", "absent/x.nc"], ["absent", "does not exist"]),
         (["track", "-o", "x.txt"], ["--output", "NAME.nc"]),
         (["simulate", "--missing", "1"], ["--missing"]),
         (["simulate", "--focal", "-3"], ["--focal"]),
         (["report", "absent.nc"], ["absent.nc", "no such file"]),
         (["fit-gait", "absent.amc", "--harmonics", "0"], ["--harmonics"]),
+        (["reproduce", "choo-fleet-2001", "--motion", "walk.amc"], ["--motion", "NAME=FILE"]),
+        (["reproduce", "choo-fleet-2001", "--motion", "walk=absent.amc"], ["absent.amc", "no such file"]),
+        (["reproduce", "choo-fleet-2001", "--workers", "0"], ["--workers", "at least 1"]),
     ],
 )
 def test_bad_input_ends_with_one_message(capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]) -> None:
@@ -182,7 +185,7 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
     assert [path.name for path in Path().iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize("command", [[], ["track"], ["smooth"], ["simulate"], ["report"], ["compare"], ["fit-gait"]])
+@pytest.mark.parametrize("command", [[], ["track"], ["smooth"], ["simulate"], ["report"], ["compare"], ["reproduce"], ["fit-gait"]])
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
     text = capsys.readouterr().out
