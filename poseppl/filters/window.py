@@ -158,14 +158,21 @@ def _masked(model: CompiledModel, observation: Observation) -> Observation:
 
 
 def _pasts(model: CompiledModel, rng_key: jax.Array, past: WindowState, newest: jax.Array, inputs: Any) -> jax.Array:
-    """For each state of the newest frame (S, d) the window's frames before it (S, W - 1, d)."""
+    """For each state of the newest frame (S, d) the window's frames before it (S, W - 1, d).
+
+    Every other one is moved as a whole, so that it leads to the newest state: from a mode that no trajectory came to, the climb
+    would not find back to a past of its own.
+    """
     trajectories = past.trajectories.reshape(-1, *past.trajectories.shape[2:])
 
     def of_one(x: jax.Array) -> jax.Array:
         return jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(trajectories[:, -1])
 
     chosen = jax.random.categorical(rng_key, jax.vmap(of_one)(newest))
-    return trajectories[chosen, 1:]
+    pasts = trajectories[chosen]
+    leads_to = jax.vmap(lambda previous: model.transition_moments(previous, inputs)[0])(pasts[:, -1])
+    moved = jnp.arange(newest.shape[0])[:, None] % 2 == 1
+    return pasts[:, 1:] + jnp.where(moved, newest - leads_to, 0.0)[:, None]
 
 
 def _info(
