@@ -13,8 +13,8 @@ faster. It also needs more threads than it has cores: in jaxlib 0.10 a batch of 
 inside the very pool that is to compute it, and when every device does so, they wait for ever. The environment variable NPROC
 sets the size of that pool before JAX starts; eight a device are plenty. ``poseppl track --devices`` sees to it.
 
-In float32 a difference in the last digit can turn a resampling or an acceptance the other way, about once in 10^6 decisions;
-the run is then another one of the same law.
+In float32 a difference in the last digit can turn a resampling or an acceptance the other way, in HMC on the 28-D body within a
+few frames; from there on the run is another one of the same law.
 """
 
 from __future__ import annotations
