@@ -185,7 +185,9 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
     assert [path.name for path in Path().iterdir()] == ["run"]
 
 
-@pytest.mark.parametrize("command", [[], ["track"], ["smooth"], ["simulate"], ["report"], ["compare"], ["reproduce"], ["fit-gait"]])
+@pytest.mark.parametrize(
+    "command", [[], ["track"], ["smooth"], ["simulate"], ["report"], ["compare"], ["reproduce"], ["fit-gait"]]
+)
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
     text = capsys.readouterr().out
