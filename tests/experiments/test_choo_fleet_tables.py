@@ -93,7 +93,7 @@ def test_automatic_choice_is_the_cheapest_that_does_not_stick():
     rhat = Table(
         "burn_in",
         ("leapfrog", "step_size", "burn_in", "rhat"),
-        [(10, 0.2, number, value) for number, value in enumerate([2.0, 1.3, 1.05, 1.2, 1.0, 1.0])],
+        [(10, 0.2, number, value) for number, value in enumerate([2.0, 1.3, 1.05, 1.3, 1.0, 1.0])],
     )
     found = choose([mixing, mixing, rhat])
     assert (found["leapfrog"], found["step_size"], found["burn_in"]) == (10, 0.2, 4)

@@ -30,7 +30,7 @@ class Scale(NamedTuple):
         num_frames: Of a sequence.
         particles: Smaller numbers of particles than the paper's on sequences, by tracker; the paper's if None.
         num_leapfrogs: Each L of the tuning curves.
-        tuning_updates: R of the tuning curves.
+        tuning_updates: R of the tuning curves at L = 40; other L get as many gradients.
         tuning_runs: Runs of each of them.
         contestants: Who takes part in the contest.
         contest_runs: Runs of the contest.
@@ -145,7 +145,14 @@ def _sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
 
 def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     jobs: list[Job] = [
-        TuningRuns(recordings[0], scale.other_system, number, STEP_SIZES, scale.tuning_updates, scale.tuning_runs)
+        TuningRuns(
+            recordings[0],
+            scale.other_system,
+            number,
+            STEP_SIZES,
+            max(24, scale.tuning_updates * 40 // number),
+            scale.tuning_runs,
+        )
         for number in scale.num_leapfrogs
     ]
     return {"tuning": Task(tune, jobs)}

@@ -24,6 +24,8 @@ from poseppl.kernels import HMCSettings
 
 STEP_SIZES = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 NUM_LAGS = 40
+_SETTLING = 128
+"""Updates at the start of a run that R-hat is followed over."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def _describe(runs: list[Any]) -> dict[str, Any]:
     kept = [draws[:, BURN_IN:] for draws in runs]
     lags = min(NUM_LAGS, kept[0].shape[1] - 1)
     correlations = [np.nanmean(autocorrelation(draws, lags), axis=tuple(range(1, 2))) for draws in kept]
-    windows = range(16, runs[0].shape[1] + 1)
+    windows = range(16, min(runs[0].shape[1], _SETTLING) + 1)
     rhats = [[float(np.max(split_rhat(draws[:, end - 16 : end]))) for end in windows] for draws in runs]
     return {
         "tau": np.stack([inefficiency(draws) for draws in kept]),

@@ -51,7 +51,7 @@ def tuning_tables(jobs: Sequence[TuningRuns], results: Results) -> list[Table]:
 
 
 def choose(tables: Sequence[Table]) -> dict[str, Any]:
-    """The automatic choice: the fewest gradients an independent draw, and the first burn-in from which R-hat stays below 1.1.
+    """The automatic choice: the fewest gradients an independent draw, and the burn-in from which R-hat stays below 1.2.
 
     Settings whose rejection rate exceeds 30 % are left out: they mix by luck.
     """
@@ -61,7 +61,7 @@ def choose(tables: Sequence[Table]) -> dict[str, Any]:
         return {}
     best = min(rows, key=lambda row: row[5])
     rhat = burn_in.column("rhat", leapfrog=best[0], step_size=best[1])
-    above = np.flatnonzero(rhat > 1.1)
+    above = np.flatnonzero(rhat > 1.2)
     settled = int(above[-1]) + 1 if len(above) else 0
     return {
         "leapfrog": best[0],
