@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from PIL import Image
 
 FLAGS = (
     "--headless=new",
@@ -47,3 +51,26 @@ def start(profile: Path) -> Any:
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     return webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver") or ""))
+
+
+def open_page(driver: Any, path: Path) -> None:
+    """Open a page and wait until its script is done."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    driver.get_log("browser")
+    driver.get(path.as_uri())
+    WebDriverWait(driver, 60).until(lambda page: page.execute_script("return document.documentElement.dataset.ready") == "yes")
+
+
+def errors(driver: Any) -> list[str]:
+    """What the page's console calls severe."""
+    return [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+def picture_of(driver: Any, name: str) -> np.ndarray:
+    """An element of the page as it is seen, (height, width, 3)."""
+    from selenium.webdriver.common.by import By
+
+    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)
+    driver.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => setTimeout(done, 400));")
+    return np.asarray(Image.open(io.BytesIO(driver.find_element(By.ID, name).screenshot_as_png)).convert("RGB"), float)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import browser
 import numpy as np
 import pytest
-from PIL import Image
+from browser import errors, open_page, picture_of
 from synthetic import synthetic_result
 
 from poseppl.cli import main
@@ -29,39 +27,10 @@ slider.dispatchEvent(new Event("input"));
 _SPACE = "const t = document.getElementById('space').data; return [t.length, t[1].x.filter((v) => v !== null), t[0].x.length];"
 
 
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    started = browser.start(tmp_path_factory.mktemp("profile"))
-    started.set_page_load_timeout(60)
-    started.set_script_timeout(60)
-    yield started
-    started.quit()
-
-
-def _open(driver: Any, path: Path) -> None:
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    driver.get_log("browser")
-    driver.get(path.as_uri())
-    WebDriverWait(driver, 60).until(lambda page: page.execute_script("return document.documentElement.dataset.ready") == "yes")
-
-
-def _errors(driver: Any) -> list[str]:
-    return [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
-
-
-def _picture(driver: Any, name: str) -> np.ndarray:
-    from selenium.webdriver.common.by import By
-
-    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)
-    driver.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => setTimeout(done, 400));")
-    return np.asarray(Image.open(io.BytesIO(driver.find_element(By.ID, name).screenshot_as_png)).convert("RGB"), float)
-
-
 def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     tree = synthetic_result()
     write_report(tree, tmp_path / "report.html")
-    _open(driver, tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
     driver.execute_script(_MOVE, 3)
     assert driver.execute_script("return document.getElementById('frame').textContent") == "frame 13"
     traces, before, width = driver.execute_script(_SPACE)
@@ -69,7 +38,7 @@ def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     assert width == 20 * 14 * 3
     edges = tree["body/edges"].values
     np.testing.assert_allclose(before, tree["summary/markers_mean"].values[3, edges.ravel(), 0], atol=0.51)
-    pictures = {name: _picture(driver, name) for name in ("space", "image")}
+    pictures = {name: picture_of(driver, name) for name in ("space", "image")}
     for picture in pictures.values():
         assert picture.std() > 5, "something is drawn"
 
@@ -77,15 +46,15 @@ def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     assert driver.execute_script("return document.getElementById('frame').textContent") == "frame 19"
     assert driver.execute_script(_SPACE)[1] != before
     for name, picture in pictures.items():
-        moved = _picture(driver, name)
+        moved = picture_of(driver, name)
         assert (np.abs(moved - picture).max(axis=-1) > 30).mean() > 0.002, f"the picture {name} did not change"
-        assert (np.abs(_picture(driver, name) - moved).max(axis=-1) > 30).mean() < 0.0005, "it changes only when moved"
-    assert _errors(driver) == []
+        assert (np.abs(picture_of(driver, name) - moved).max(axis=-1) > 30).mean() < 0.0005, "it changes only when moved"
+    assert errors(driver) == []
 
 
 def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
     write_report(synthetic_result(num_frames=30), tmp_path / "report.html")
-    _open(driver, tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
     driver.execute_script("document.getElementById('play').click()")
     driver.execute_async_script("setTimeout(arguments[0], 1500)")
     driver.execute_script("document.getElementById('play').click()")
@@ -98,15 +67,15 @@ def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
     drawn = driver.execute_script("return [...document.querySelectorAll('[id^=chart-] .main-svg')].length")
     assert drawn >= 4
     assert driver.execute_script("return window.alert.toString().includes('native')")
-    assert _errors(driver) == []
+    assert errors(driver) == []
 
 
 @pytest.mark.parametrize("arguments", [{"weighted": True, "with_truth": False}, {"num_frames": 1}])
 def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, arguments: dict[str, Any]) -> None:
     write_report(synthetic_result(**arguments), tmp_path / "report.html")
-    _open(driver, tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
     assert driver.execute_script("return document.getElementById('space').data.length") == 3 + ("weighted" not in arguments)
-    assert _errors(driver) == []
+    assert errors(driver) == []
 
 
 @pytest.mark.parametrize(
@@ -123,9 +92,9 @@ def test_recorded_walks_are_tracked_and_reported(
     assert main(["report", str(output), "-o", str(tmp_path / "walk.html")]) == 0
     diagnostics = diagnose(load_result(output))["diagnostics"]
     assert float(diagnostics["joint_error"].mean()) < limit
-    _open(driver, tmp_path / "walk.html")
-    before = _picture(driver, "space")
+    open_page(driver, tmp_path / "walk.html")
+    before = picture_of(driver, "space")
     driver.execute_script(_MOVE, 19)
     assert driver.execute_script("return document.getElementById('frame').textContent") == "frame 59"
-    assert (np.abs(_picture(driver, "space") - before).max(axis=-1) > 30).mean() > 0.002
-    assert _errors(driver) == []
+    assert (np.abs(picture_of(driver, "space") - before).max(axis=-1) > 30).mean() > 0.002
+    assert errors(driver) == []

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import browser
 import numpy as np
 import pytest
-from PIL import Image
+from browser import errors, open_page, picture_of
 from same_data import DOFS, run_on, scene
 
 from poseppl.diagnostics import compare
@@ -23,35 +21,6 @@ _CHOOSE = "const s = document.getElementById(arguments[0]); s.value = arguments[
 DATA = scene(num_frames=30)
 
 
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    started = browser.start(tmp_path_factory.mktemp("profile"))
-    started.set_page_load_timeout(60)
-    started.set_script_timeout(60)
-    yield started
-    started.quit()
-
-
-def _open(driver: Any, path: Path) -> None:
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    driver.get_log("browser")
-    driver.get(path.as_uri())
-    WebDriverWait(driver, 60).until(lambda page: page.execute_script("return document.documentElement.dataset.ready") == "yes")
-
-
-def _errors(driver: Any) -> list[str]:
-    return [entry["message"] for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
-
-
-def _picture(driver: Any, name: str) -> np.ndarray:
-    from selenium.webdriver.common.by import By
-
-    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)
-    driver.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => setTimeout(done, 400));")
-    return np.asarray(Image.open(io.BytesIO(driver.find_element(By.ID, name).screenshot_as_png)).convert("RGB"), float)
-
-
 def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: Path) -> None:
     comparison = compare(
         {
@@ -61,22 +30,22 @@ def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: P
         }
     )
     write_comparison(comparison, tmp_path / "page.html")
-    _open(driver, tmp_path / "page.html")
+    open_page(driver, tmp_path / "page.html")
     z = driver.execute_script("return document.getElementById('heat').data.map((trace) => trace.z)")
     tau = comparison["figures"]["tau"].transpose("run", "dof", "frame").values
     np.testing.assert_allclose(np.array(z[:2]), np.log10(tau[:2]), atol=0.003)
     assert all(value is None for line in z[2] for value in line)
-    before = _picture(driver, "heat")
+    before = picture_of(driver, "heat")
     height, width = before.shape[:2]
     slow, quick = before[: height // 2, 120 : width // 2 - 60], before[: height // 2, width // 2 + 40 : width - 160]
     assert slow.mean() < quick.mean() - 10, "a larger inefficiency is darker"
     driver.execute_script(_CHOOSE, "quantity", "4")
     assert driver.execute_script("return document.getElementById('heat').layout.coloraxis.colorbar.title.text") == "R-hat"
-    assert (np.abs(_picture(driver, "heat") - before).max(axis=-1) > 30).mean() > 0.02
+    assert (np.abs(picture_of(driver, "heat") - before).max(axis=-1) > 30).mean() > 0.02
     names = driver.execute_script("return [...document.querySelectorAll('#heat .annotation-text')].map((t) => t.textContent)")
     assert any("slow <i>" in name for name in names) and any("closed form" in name for name in names)
     assert driver.execute_script("return document.querySelectorAll('#runs i, #verdicts i').length") == 0
-    assert _errors(driver) == []
+    assert errors(driver) == []
 
 
 def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) -> None:
@@ -88,7 +57,7 @@ def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) 
     } | {"other": run_on(DATA, method="assumed-density", seed=9)}
     comparison = compare(runs)
     write_comparison(comparison, tmp_path / "page.html")
-    _open(driver, tmp_path / "page.html")
+    open_page(driver, tmp_path / "page.html")
     script = """return document.getElementById('variance-chart').data.map(
       (t) => [t.name, t.x, t.y, t.marker.symbol, t.error_y.array]);"""
     traces = driver.execute_script(script)
@@ -101,18 +70,18 @@ def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) 
     assert traces[0][3] == ["circle", "circle"] and traces[1][3] == ["circle-open"]
     bars = points["variance"] * (np.exp(2 * points["variance_se"] / points["variance"]) - 1)
     np.testing.assert_allclose(traces[0][4], bars[:2], rtol=1e-3)
-    before = _picture(driver, "variance-chart")
+    before = picture_of(driver, "variance-chart")
     assert before.std() > 5
     driver.execute_script(_CHOOSE, "place", "2")
     np.testing.assert_allclose(driver.execute_script(script)[0][2], points["variance_by_dof"].sel(dof=DOFS[1])[:2], rtol=1e-4)
-    assert (np.abs(_picture(driver, "variance-chart") - before).max(axis=-1) > 30).mean() > 0.001
-    assert _errors(driver) == []
+    assert (np.abs(picture_of(driver, "variance-chart") - before).max(axis=-1) > 30).mean() > 0.001
+    assert errors(driver) == []
 
 
 def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
     """Every chart is drawn, nothing is wider than the page, and axes carry units."""
     write_comparison(compare({"a": run_on(DATA), "b": run_on(DATA, seed=1, rho=0.5)}), tmp_path / "page.html")
-    _open(driver, tmp_path / "page.html")
+    open_page(driver, tmp_path / "page.html")
     drawn = driver.execute_script("return [...document.querySelectorAll('.main-svg')].length")
     assert drawn >= 6
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
@@ -123,11 +92,11 @@ def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
         assert title in titles
     cells = driver.execute_script("return [...document.querySelectorAll('.strip tr:first-child td')].map((c) => c.title)")
     assert cells == [f"{dof}: a" for dof in DOFS]
-    assert _errors(driver) == []
+    assert errors(driver) == []
 
 
 def test_a_comparison_without_figures_opens_too(driver: Any, tmp_path: Path) -> None:
     runs = {name: run_on(DATA, method="extended-kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
     write_comparison(compare(runs), tmp_path / "page.html")
-    _open(driver, tmp_path / "page.html")
-    assert _errors(driver) == []
+    open_page(driver, tmp_path / "page.html")
+    assert errors(driver) == []
