@@ -45,7 +45,6 @@ class FilterRow(NamedTuple):
         build: A small instance for a model.
         unbiased_evidence: Whether exp(log_evidence) is an unbiased estimate of the evidence.
         consistent: Whether means and variances converge to the exact ones at every frame, with more particles or draws.
-        evidence_tolerance: How far from 0 log_evidence may be at a frame without data.
         num_replicates: Independent runs that the statistical laws make, at least 40.
         posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
     """
@@ -55,7 +54,6 @@ class FilterRow(NamedTuple):
     build: Callable[[CompiledModel], Filter]
     unbiased_evidence: bool = False
     consistent: bool = True
-    evidence_tolerance: float = 1e-5
     num_replicates: int = 200
     posterior: bool = True
 
@@ -110,13 +108,11 @@ FILTERS: list[FilterRow] = [
         "assumed-density",
         assumed_density_filter,
         lambda model: assumed_density_filter(model, 60, num_starts=4),
-        evidence_tolerance=1e-3,
     ),
     FilterRow(
         "window",
         window_filter,
         lambda model: window_filter(model, 60, num_starts=4),
-        evidence_tolerance=1e-3,
         num_replicates=40,
     ),
     FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40),

@@ -51,7 +51,8 @@ def test_means_and_covariances_are_kalmans(row):
 
 @every_filter
 def test_frame_without_data_has_no_evidence(row):
-    np.testing.assert_allclose(replicates(row)[2][:, MASKED], 0.0, atol=row.evidence_tolerance)
+    rounding = 1e-5  # a sum of some terms in float32; Laplace's approximation comes to 4e-7
+    np.testing.assert_allclose(replicates(row)[2][:, MASKED], 0.0, atol=rounding)
 
 
 @unbiased_filters

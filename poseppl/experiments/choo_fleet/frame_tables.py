@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -61,18 +61,22 @@ def _sizes(system: str, method: str, num_settings: int) -> list[int]:
     return [SYSTEMS[system].num_particles * 2**setting for setting in range(num_settings)]
 
 
-def _variances(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, Any]) -> Table:
-    rows = []
+def _by_method(errors: Mapping[str, Sequence[FrameErrors]]) -> Iterator[tuple[str, str, FrameErrors, Floats]]:
+    """Tracker, method, frame and squared errors (run, setting, d), one after the other."""
     for system, frames in errors.items():
         for each in frames:
             for method, squared in each.squared.items():
-                spread = log_standard_error(squared)
-                for setting, variance in enumerate(geometric_variance(squared)):
-                    size = _sizes(system, method, squared.shape[1])[setting]
-                    spent = [float(cost[system][by][method][setting]) for by in ("seconds", "evaluations")]
-                    rows.append(
-                        (system, each.recording, each.frame, method, size, *spent, float(variance), float(spread[setting]))
-                    )
+                yield system, method, each, squared
+
+
+def _variances(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, Any]) -> Table:
+    rows = []
+    for system, method, each, squared in _by_method(errors):
+        spread = log_standard_error(squared)
+        for setting, variance in enumerate(geometric_variance(squared)):
+            size = _sizes(system, method, squared.shape[1])[setting]
+            spent = [float(cost[system][by][method][setting]) for by in ("seconds", "evaluations")]
+            rows.append((system, each.recording, each.frame, method, size, *spent, float(variance), float(spread[setting])))
     columns = ("tracker", "recording", "frame", "method", "size", "seconds", "evaluations", "variance", "log_standard_error")
     about = (
         "Geometric mean over coordinates of the estimator's variance, in units of the posterior's; size is N for particles, R "
@@ -83,14 +87,12 @@ def _variances(errors: Mapping[str, Sequence[FrameErrors]], cost: Mapping[str, A
 
 def _coordinates(errors: Mapping[str, Sequence[FrameErrors]]) -> Table:
     rows = []
-    for system, frames in errors.items():
-        for each in frames:
-            for method, squared in each.squared.items():
-                for setting, size in enumerate(_sizes(system, method, squared.shape[1])):
-                    values = squared[:, setting].mean(0)
-                    spread = squared[:, setting].std(0, ddof=1) / len(squared) ** 0.5
-                    for coordinate, (value, error) in enumerate(zip(values, spread, strict=True)):
-                        rows.append((system, each.recording, each.frame, method, size, coordinate, float(value), float(error)))
+    for system, method, each, squared in _by_method(errors):
+        for setting, size in enumerate(_sizes(system, method, squared.shape[1])):
+            values = squared[:, setting].mean(0)
+            spread = squared[:, setting].std(0, ddof=1) / len(squared) ** 0.5
+            for coordinate, (value, error) in enumerate(zip(values, spread, strict=True)):
+                rows.append((system, each.recording, each.frame, method, size, coordinate, float(value), float(error)))
     columns = ("tracker", "recording", "frame", "method", "size", "coordinate", "variance", "standard_error")
     return Table("coordinates", columns, rows, "Estimator variance of single coordinates, in units of the posterior's.")
 

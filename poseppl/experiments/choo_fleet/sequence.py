@@ -83,11 +83,8 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     for run in job.runs:
         problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
-        arguments = jax.device_put(_arguments(problem, job, truth))
         key = jax.random.fold_in(jax.random.key(_SEED), run)
-        if not rows:
-            timed(function, key, *arguments)  # compiles
-        found, seconds = timed(function, key, *arguments)
+        found, seconds = timed(function, key, *_arguments(problem, truth))
         distance = joint_error(found["markers_mean"], markers, root)
         row = {name: found[name] for name in ("log_likelihood", "log_prior", "num_likelihood", "num_gradient")}
         row |= {"mean": found["state_mean"], "markers": found["markers_mean"], "seconds": seconds}
@@ -108,14 +105,16 @@ def _inside(quantiles: Any, truth: Any) -> np.ndarray[Any, Any]:
     return np.stack(shares)
 
 
-def _arguments(problem: Problem, job: SequenceRuns, truth: Any) -> tuple[Any, ...]:
-    sequence = frame_sequence(problem.observations, problem.inputs, job.num_frames)
-    observations, varying = sequence.rows(0, job.num_frames)
-    return observations, varying, sequence.constant, jnp.asarray(truth)
+def _arguments(problem: Problem, truth: Any) -> tuple[Any, ...]:
+    sequence = frame_sequence(problem.observations, problem.inputs, len(truth))
+    observations, varying = sequence.rows(0, len(truth))
+    arguments: tuple[Any, ...] = jax.device_put((observations, varying, sequence.constant, jnp.asarray(truth)))
+    return arguments
 
 
 @lru_cache(maxsize=8)
 def _compiled(recording: Recording, system: str, filter: str, settings: Settings, num_frames: int) -> Callable[..., Any]:
+    """The filter over a whole sequence, run once so that it is compiled."""
     stage = stage_of(recording, SYSTEMS[system])
     frames = slice(1, 1 + num_frames)
     problem = pose_sequence(stage, frames, stage.points[frames])
@@ -160,4 +159,7 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         whole: dict[str, jax.Array] = jax.tree.map(lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b]), start, later)
         return whole
 
-    return jax.jit(run)
+    function = jax.jit(run)
+    truth = stage.states[frames][:, list(stage.body.free_coordinates)]
+    timed(function, jax.random.key(0), *_arguments(problem, truth))
+    return function

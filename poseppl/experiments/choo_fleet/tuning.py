@@ -98,11 +98,12 @@ def _describe(runs: list[Any]) -> dict[str, Any]:
     """Mixing of runs (chain, update, d) each."""
     kept = [draws[:, BURN_IN:] for draws in runs]
     lags = min(NUM_LAGS, kept[0].shape[1] - 1)
-    correlations = [np.nanmean(autocorrelation(draws, lags), axis=tuple(range(1, 2))) for draws in kept]
+    stuck = 1.0  # the correlation of a coordinate that never moves
+    correlations = [np.nan_to_num(autocorrelation(draws, lags), nan=stuck).mean(1) for draws in kept]
     windows = range(16, min(runs[0].shape[1], _SETTLING) + 1)
     rhats = [[float(np.max(split_rhat(draws[:, end - 16 : end]))) for end in windows] for draws in runs]
     return {
         "tau": np.stack([inefficiency(draws) for draws in kept]),
-        "autocorrelation": np.nanmean(correlations, axis=0),
+        "autocorrelation": np.mean(correlations, axis=0),
         "rhat": np.median(rhats, axis=0),
     }
