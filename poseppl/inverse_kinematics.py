@@ -42,6 +42,8 @@ POSITION_PULL = 0.01
 """Weight (mm a mm) that holds the root's position to the frame before; it counts when no marker is seen."""
 LEAP = 250.0
 """A marker that moves as far (mm) between two frames makes the second one be sought from rest as well."""
+_MARGIN = 5.0
+"""Cost (mm^2) by which a frame sought from rest must be better; a thigh's mirror twin costs 20 mm^2."""
 NUM_HEADINGS = 8
 """Headings from which the first frame is sought."""
 
@@ -85,7 +87,7 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
                 states[frame] = _next_state(tree, solve, target[frame], previous, rest)
                 if _leaps(target[frame], target[frame - step]):
                     cut = _after_leap(tree, solve, target[frame], states[frame], rest)
-                    states[frame] = _near(cut, previous)
+                    states[frame] = _nearest_twin(tree, cut, previous)
         positions = np.asarray(jax.jit(jax.vmap(partial(marker_positions, _double(tree))))(states))
     return states, np.linalg.norm(positions - target, axis=-1)
 
@@ -154,17 +156,33 @@ def _leaps(target: Floats, before: Floats) -> bool:
 
 
 def _after_leap(tree: KinematicTree, solve: Solver, target: Floats, found: Floats, rest: Floats) -> Floats:
-    """Choose between a solution and one sought from rest, without regard to the frame before."""
+    """Choose between a solution and one sought from rest; what lets go of the frame before must be better without it."""
     anchor = np.where(_of_root(tree), found, rest)
     pull = np.where(_of_root(tree), 1e-6, REST_PULL)
-    best, _ = min((solve(target, guess, anchor, pull) for guess in (found, anchor)), key=lambda solution: solution[1])
-    return best
+    (_, kept), (fresh, cost) = (solve(target, guess, anchor, pull) for guess in (found, anchor))
+    return fresh if cost < kept - _MARGIN else found
 
 
 def _near(state: Floats, other: Floats) -> Floats:
     """Take whole turns from the angles until they are within pi of another state's."""
     near = state.copy()
     near[3:] -= 2 * np.pi * np.round((state[3:] - other[3:]) / (2 * np.pi))
+    return near
+
+
+def _nearest_twin(tree: KinematicTree, state: Floats, other: Floats) -> Floats:
+    """Of the angles that mean the same rotations take those nearest to another state's.
+
+    Turns z, y, x about the axes of a joint are the same rotation as z + pi, pi - y, x + pi.
+    """
+    near = _near(state, other)
+    axes = tree.coordinates
+    for first in range(3, len(axes) - 2):
+        joint = slice(first, first + 3)
+        if axes[joint] == tuple((axes[first][0], axis) for axis in "ZYX"):
+            twin = near.copy()
+            twin[joint] = np.array([1.0, -1.0, 1.0]) * near[joint] + np.pi
+            near = min(near, _near(twin, other), key=lambda each: float(np.abs(each - other)[joint].sum()))
     return near
 
 

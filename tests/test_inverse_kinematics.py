@@ -56,6 +56,19 @@ def test_any_heading_and_no_jumps(walker):
     np.testing.assert_allclose(found[-1, 3] - found[0, 3], 3 * np.pi, atol=0.1)
 
 
+def test_no_other_angles_for_the_same_rotation_after_a_leap(walker):
+    """An arm that swings past the pole of its angles, on a body that leaps: no angle jumps by pi."""
+    body, states, _ = walker
+    path = np.repeat(states[:1], 8, axis=0)
+    shoulder = [i for i, (joint, _) in enumerate(body.tree.coordinates) if joint == "shoulder_l"]
+    path[:, shoulder] = np.linspace([1.8, -1.0, -1.0], [1.6, -2.4, -0.8], 8)
+    path[:, 1] += 300.0 * np.arange(8)
+    markers = jax.vmap(lambda x: marker_positions(body.tree, x))(path.astype(np.float32))
+    found, residual = fit_states(body.tree, np.asarray(markers, np.float64), body.rest)
+    assert residual.max() < 2.0  # rest draws an arm of 500 mm by 1/2500 of 2 rad
+    assert np.abs(np.diff(found[:, shoulder], axis=0)).max() < 0.5
+
+
 def test_missing_markers(walker):
     """A marker, a limb, a whole frame: what is left decides, and what nothing shows stays as it was."""
     body, _, markers = walker

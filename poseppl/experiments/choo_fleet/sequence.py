@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ import numpy as np
 
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.clock import timed
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, noisy_points, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
 from poseppl.filters.chains import ChainState
 from poseppl.filters.registry import build_filter
 from poseppl.frame_sequence import frame_sequence
@@ -40,6 +40,7 @@ class SequenceRuns(Job):
         runs: Numbers of the runs; each has noise of its own, which all filters share.
     """
 
+    version: ClassVar[int] = 2
     recording: Recording
     system: str
     method: str
@@ -74,25 +75,44 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
         (run, frame, d) and ``markers`` (run, frame, marker, 3); ``seconds`` (run,) of the whole sequence, compilation apart;
         ``num_likelihood`` and ``num_gradient`` (run, frame).
     """
-    stage = stage_of(job.recording, SYSTEMS[job.system])
-    frames = slice(1, 1 + job.num_frames)
     function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
-    free = list(stage.body.free_coordinates)
-    truth, markers = stage.states[frames][:, free], stage.markers[frames]
-    root = stage.body.tree.marker_names.index(stage.body.root)
+
+    def find(rng_key: jax.Array, problem: Problem, truth: Floats) -> tuple[dict[str, Any], float]:
+        return timed(function, rng_key, *_arguments(problem, truth))
+
+    return score_runs(job, find)
+
+
+def score_runs(job: SequenceRuns, find: Callable[[jax.Array, Problem, Floats], tuple[dict[str, Any], float]]) -> dict[str, Any]:
+    """Compare what is found in each run of a job, and the seconds that it took, with the truth."""
+    frames = slice(1, 1 + job.num_frames)
     rows: list[dict[str, Any]] = []
     for run in job.runs:
+        stage = stage_of(job.recording, SYSTEMS[job.system], run)
         problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
-        key = jax.random.fold_in(jax.random.key(_SEED), run)
-        found, seconds = timed(function, key, *_arguments(problem, truth))
-        distance = joint_error(found["markers_mean"], markers, root)
-        row = {name: found[name] for name in ("log_likelihood", "log_prior", "num_likelihood", "num_gradient")}
-        row |= {"mean": found["state_mean"], "markers": found["markers_mean"], "seconds": seconds}
-        row |= {"error": np.mean(distance.absolute, -1), "error_relative": np.mean(distance.relative, -1)}
-        row |= {"inside_state": _inside(found["state_quantile"], truth)}
-        row |= {"inside_markers": _inside(found["markers_quantile"], markers)}
-        rows.append(row)
+        found, seconds = find(jax.random.fold_in(jax.random.key(_SEED), run), problem, true_states(stage, frames))
+        rows.append({"seconds": seconds} | _score(found, stage, frames))
     return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def true_states(stage: Stage, frames: slice) -> Floats:
+    """The free coordinates (T, d)."""
+    return stage.states[frames][:, list(stage.body.free_coordinates)]
+
+
+def _score(found: Mapping[str, Any], stage: Stage, frames: slice) -> dict[str, Any]:
+    markers = stage.markers[frames]
+    root = stage.body.tree.marker_names.index(stage.body.root)
+    distance = joint_error(found["markers_mean"], markers, root)
+    return {
+        **{name: found[name] for name in ("log_likelihood", "log_prior", "num_likelihood", "num_gradient")},
+        "mean": found["state_mean"],
+        "markers": found["markers_mean"],
+        "error": np.mean(distance.absolute, -1),
+        "error_relative": np.mean(distance.relative, -1),
+        "inside_state": _inside(found["state_quantile"], true_states(stage, frames)),
+        "inside_markers": _inside(found["markers_quantile"], markers),
+    }
 
 
 def _inside(quantiles: Any, truth: Any) -> np.ndarray[Any, Any]:
@@ -160,6 +180,5 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         return whole
 
     function = jax.jit(run)
-    truth = stage.states[frames][:, list(stage.body.free_coordinates)]
-    timed(function, jax.random.key(0), *_arguments(problem, truth))
+    timed(function, jax.random.key(0), *_arguments(problem, true_states(stage, frames)))
     return function

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.body import Body, load_builder
-from poseppl.geometry import Cameras, marker_positions, project
+from poseppl.geometry import Cameras, marker_positions, paper_camera, project
 from poseppl.io import read_motion
 from poseppl.io.files import check_file
 from poseppl.kernels import HMCSettings
@@ -109,6 +109,9 @@ class Recording:
 
 
 BUILT_IN = Recording("built-in walk")
+SIMULATED = Recording("simulated")
+"""Drawn from the model itself: here alone must intervals cover as often as they say."""
+_SIMULATED_FRAMES = 60
 
 
 class Stage(NamedTuple):
@@ -133,13 +136,17 @@ class Stage(NamedTuple):
     residual: float | None
 
 
-@lru_cache(maxsize=16)
-def stage_of(recording: Recording, system: System) -> Stage:
-    """Place a recorded subject before the camera.
+def stage_of(recording: Recording, system: System, run: int = 0) -> Stage:
+    """Place a subject before the camera; each run of :data:`SIMULATED` has a motion of its own.
 
     Raises:
         InputError: The recording cannot be used.
     """
+    return _simulated(system, run) if recording == SIMULATED else _recorded(recording, system)
+
+
+@lru_cache(maxsize=16)
+def _recorded(recording: Recording, system: System) -> Stage:
     subject = _subject(recording)
     body = load_builder(system.model)(subject.body.lengths)
     cameras = cameras_around(subject)
@@ -147,6 +154,20 @@ def stage_of(recording: Recording, system: System) -> Stage:
     markers = np.where(np.isnan(subject.markers), own, subject.markers)
     points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(markers)), np.float64), 0, 1)
     return Stage(body, cameras, subject.states, markers, points, noise_of(body, cameras, None), subject.residual)
+
+
+@lru_cache(maxsize=64)
+def _simulated(system: System, run: int) -> Stage:
+    """The random walk of the model itself, which starts from standing."""
+    body = load_builder(system.model)(None)
+    free = list(body.free_coordinates)
+    steps = np.random.default_rng((2001, run)).standard_normal((_SIMULATED_FRAMES, len(free)))
+    states = np.tile(np.asarray(body.rest, np.float64), (1 + _SIMULATED_FRAMES, 1))
+    states[1:, free] += np.cumsum(steps * step_scales(body, body.params)[free], axis=0)
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
+    cameras = paper_camera((0.0, -5000.0, 1000.0))
+    points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(markers)), np.float64), 0, 1)
+    return Stage(body, cameras, states, markers, points, noise_of(body, cameras, None), None)
 
 
 @lru_cache(maxsize=4)
@@ -172,13 +193,18 @@ def noisy_points(stage: Stage, frames: slice, run: int) -> Floats:
 
 def pose_frame(stage: Stage, frame: int) -> Problem:
     """The problem of one frame alone, whose prior is a step of the random walk from the true state of the frame before."""
-    start = Start(stage.states[frame - 1], step_scales(stage.body, stage.body.params))
-    return pose_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=start)
+    return pose_problem(
+        _scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=_start(stage, frame)
+    )
 
 
 def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
-    """The problem of a sequence, which starts around the truth."""
-    return pose_problem(_scene(stage, frames, points))
+    """The problem of a sequence, whose prior is a step of the random walk from the true state of the frame before."""
+    return pose_problem(_scene(stage, frames, points), start=_start(stage, frames.start))
+
+
+def _start(stage: Stage, frame: int) -> Start:
+    return Start(stage.states[frame - 1], step_scales(stage.body, stage.body.params))
 
 
 def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation:
