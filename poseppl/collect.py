@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from poseppl.checks import check_at_least
 from poseppl.program import CompiledModel
+from poseppl.quantiles import column_quantiles
 from poseppl.resampling import systematic
 from poseppl.results import QUANTILES
 from poseppl.run import Collect
@@ -69,22 +71,23 @@ def collect_draws(
         """State and extras of states (N, d), each (N, ...)."""
         return {"state": states, **jax.vmap(lambda x: of_state(x, inputs))(states)}
 
-    def summarise(name: str, values: jax.Array, weights: jax.Array | None, sample: jax.Array) -> dict[str, jax.Array]:
-        mean = _average(values, weights)
-        if name in mean_only:
-            return {f"{name}_mean": mean}
+    def summarise(
+        values: Mapping[str, jax.Array], weights: jax.Array | None, sample: Mapping[str, jax.Array]
+    ) -> dict[str, jax.Array]:
+        summary = {f"{name}_mean": _average(value, weights) for name, value in values.items()}
         # Bessel's correction where draws count alike
-        count = values.shape[0]
+        count = values["state"].shape[0]
         scale = count / max(count - 1, 1) if weights is None else 1.0
-        spread = jnp.sqrt(scale * _average(jnp.square(values - mean), weights))
-        return {f"{name}_mean": mean, f"{name}_sd": spread, f"{name}_quantile": _quantiles(sample, levels)}
+        spread = {name: value for name, value in values.items() if name not in mean_only}
+        for name, value in spread.items():
+            summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
+        between = _quantiles({name: sample[name] for name in spread}, levels)
+        return summary | {f"{name}_quantile": value for name, value in between.items()}
 
     def of_chains(state: Any, inputs: Any) -> Draws:
         chains, length, dimension = state.particles.shape
         values = values_of(state.particles.reshape(chains * length, dimension), inputs)
-        summary: dict[str, jax.Array] = {}
-        for name, value in values.items():
-            summary |= summarise(name, value, None, value)
+        summary = summarise(values, None, values)
         every = -(-length // max_draws)
         kept = {
             name: value.reshape(chains, length, *value.shape[1:])[:, (length - 1) % every :: every]
@@ -102,9 +105,7 @@ def collect_draws(
         values = values_of(states, inputs)
         chosen = systematic(key_sample, log_weights, min(_NUM_QUANTILE_DRAWS, max(states.shape[0], 1)))
         thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
-        summary: dict[str, jax.Array] = {}
-        for name, value in values.items():
-            summary |= summarise(name, value, weights, value[chosen])
+        summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()})
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
         return Draws(kept.pop("state"), kept, summary)
 
@@ -118,12 +119,11 @@ def _average(values: jax.Array, weights: jax.Array | None) -> jax.Array:
     return jnp.mean(values, 0) if weights is None else jnp.tensordot(weights, values, 1)
 
 
-def _quantiles(sample: jax.Array, levels: jax.Array) -> jax.Array:
-    """Quantiles (levels, ...) of a sample (N, ...), interpolated between its order statistics."""
-    ordered = jnp.sort(jnp.moveaxis(sample, 0, -1), axis=-1)
-    place = levels * (sample.shape[0] - 1)
-    below = jnp.floor(place).astype(jnp.int32)
-    above = jnp.minimum(below + 1, sample.shape[0] - 1)
-    fraction = (place - below).astype(sample.dtype)
-    between = ordered[..., below] * (1 - fraction) + ordered[..., above] * fraction
-    return jnp.moveaxis(between, -1, 0)
+def _quantiles(sample: Mapping[str, jax.Array], levels: jax.Array) -> dict[str, jax.Array]:
+    """Quantiles (levels, ...) of each array (N, ...), all of them side by side."""
+    sizes = [value[0].size for value in sample.values()]
+    together = jnp.concatenate([value.reshape(value.shape[0], -1).astype(float) for value in sample.values()], 1)
+    parts = jnp.split(column_quantiles(together, levels), np.cumsum(sizes)[:-1], axis=1)
+    return {
+        name: part.reshape(len(levels), *value.shape[1:]) for (name, value), part in zip(sample.items(), parts, strict=True)
+    }

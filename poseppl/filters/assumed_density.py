@@ -2,21 +2,23 @@
 
 The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains; in 28 dimensions its M narrow bumps
 hold the chains near their ancestors, and the intervals come out too narrow. Here the posterior of the last frame is summarised
-by a Gaussian (or a small mixture of K) fitted to all draws of all chains after burn-in, and the prior is its image under the
-transition, by its first two moments given each draw:
+by a small mixture of K Gaussians, fitted to all draws of all chains after burn-in, and the prior is its image under the
+transition, by its first two moments given each draw; with K = 1:
 
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
 
 A frame seen by one camera has many modes (each limb may lean towards the camera or away), and chains seldom cross between them.
-So the chains start in all of them: draws from the prior climb to their nearest modes by Gauss-Newton, and each chain starts
-from the Laplace approximation of one of these, chosen by its mass. The frame's target N(x; m, P) p(z_t | x) is then sampled in
-coordinates whitened by the curvature of the posterior, averaged over the modes.
+So the chains start in all of them: some draws from the prior, and most from the last frame's own draws after a step of the
+transition, climb to their nearest modes by Gauss-Newton, and each chain starts from the Laplace approximation of one of these.
+Modes get chains by their masses, which climbers that came to the same one share, with as little chance as a number of chains
+allows (systematic resampling): a mode that now and then gets no chain is lost. The frame's target N(x; m, P) p(z_t | x) is then
+sampled in coordinates whitened by the curvature of the posterior, averaged over the modes.
 
 A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
 (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
 over-confidence: the first term of P is multiplied by that factor, n being estimated from the spread of the chains' means.
 
-It is exact for linear Gaussian models up to the Monte Carlo error of m and P.
+With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """
 
 from __future__ import annotations
@@ -32,11 +34,13 @@ from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_imp
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture
 from poseppl.kernels.hmc import HMCSettings
-from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
 
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
+_MOVED = 0.9
+"""Share of the climbers that set out from draws of the last frame."""
 
 
 def assumed_density_filter(
@@ -44,7 +48,7 @@ def assumed_density_filter(
     num_chains: int = 30,
     settings: HMCSettings = TRACKER,
     *,
-    num_components: int = 1,
+    num_components: int = 3,
     num_starts: int = 40,
     num_mode_steps: int = 4,
 ) -> Filter:
@@ -55,7 +59,7 @@ def assumed_density_filter(
         num_chains: M.
         settings: R, L, b, epsilon and so on.
         num_components: K, Gaussians in the temporal prior.
-        num_starts: Draws from the prior that climb to modes.
+        num_starts: States that climb to modes.
         num_mode_steps: Gauss-Newton steps of each.
 
     Returns:
@@ -64,6 +68,7 @@ def assumed_density_filter(
     """
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
+    moved = int(_MOVED * (num_starts - 1))
 
     def run(
         rng_key: jax.Array,
@@ -72,10 +77,13 @@ def assumed_density_filter(
         log_step_size: jax.Array,
         observation: Observation,
         inputs: Any,
+        last: jax.Array | None = None,
     ) -> tuple[ChainState, Info]:
-        key_climb, key_start, key_chains = jax.random.split(rng_key, 3)
+        key_climb, key_move, key_start, key_chains = jax.random.split(rng_key, 4)
         climbers, component = draw_mixture(key_climb, prior, num_starts)
         climbers = climbers.at[0].set(prior.means[component[0]])
+        if last is not None:
+            climbers = climbers.at[num_starts - moved :].set(_move(model, key_move, last, inputs, moved))
         possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
         failed = ~jnp.any(jnp.isfinite(possible))
         seen = drop_impossible(model, observation, failed)
@@ -87,10 +95,11 @@ def assumed_density_filter(
             return model.observation_information(x, seen, inputs)
 
         precisions = jnp.linalg.inv(prior.covariances)[component]
-        modes = find_modes(climbers, precisions, log_density, information, num_mode_steps)
+        found = find_modes(climbers, precisions, log_density, information, num_mode_steps)
+        modes = found._replace(log_masses=share_masses(found))
         draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, log_step_size, num_chains, settings)
         info = Info(
-            log_evidence=jnp.where(failed, -jnp.inf, jnp.max(modes.log_masses)),
+            log_evidence=jnp.where(failed, -jnp.inf, jnp.max(found.log_masses)),
             ess=effective_draws(chains.draws),
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
@@ -115,9 +124,16 @@ def assumed_density_filter(
         fitted = fit_mixture(key_fit, means, num_components)
         spread = fitted.covariances * covariance_inflation(means.reshape(state.particles.shape))
         prior = fitted._replace(covariances=spread + jnp.mean(covariances, 0))
-        return run(key_run, prior, log_mixture(prior), state.log_step_size, observation, inputs)
+        return run(key_run, prior, log_mixture(prior), state.log_step_size, observation, inputs, draws)
 
     return Filter(init, step)
+
+
+def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: Any, number: int) -> jax.Array:
+    """Draws (number, d) of the next frame from some of the draws (N, d) of this one."""
+    key_choose, key_move = jax.random.split(rng_key)
+    chosen = draws[jax.random.randint(key_choose, (number,), 0, draws.shape[0])]
+    return jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(jax.random.split(key_move, number), chosen)
 
 
 def covariance_inflation(draws: jax.Array) -> jax.Array:

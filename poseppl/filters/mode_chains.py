@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, whitening
+from poseppl.resampling import systematic
 
 CANDIDATES = 4
 """Draws from which each chain picks its start."""
@@ -49,7 +50,7 @@ def start_chains(rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_
     them lie so far out that a chain would not come back within the burn-in.
     """
     key_choose, key_noise, key_pick = jax.random.split(rng_key, 3)
-    chosen = jax.random.categorical(key_choose, modes.log_masses, shape=(num_chains,))
+    chosen = systematic(key_choose, modes.log_masses, num_chains)
     noise = jax.random.normal(key_noise, (num_chains, CANDIDATES, modes.states.shape[1]), modes.states.dtype)
     candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
     importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)

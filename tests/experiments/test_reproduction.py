@@ -31,6 +31,7 @@ TINY = Scale(
     tuning_runs=2,
     contestants=("assumed density", "extended Kalman"),
     contest_runs=2,
+    smoothers=(("NUTS on all frames", (("num_draws", 5), ("num_warmup", 5))),),
 )
 
 

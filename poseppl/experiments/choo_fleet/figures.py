@@ -14,6 +14,7 @@ from poseppl.report.picture import Picture, new_picture
 
 Tables = Mapping[str, Table]
 COLOURS = {"particle": "#e4572e", "hmc": "#1f6f8b", "particle filter": "#e4572e", "HMC filter": "#1f6f8b"}
+COLOURS |= {"particle filter, equal time": "#c58b1b"}
 LABELS = {"particle": "particle filter", "hmc": "HMC filter", "arm": "arm, 4-D", "lower_body": "lower body, 10-D"}
 LABELS |= {"full_body": "full body, 28-D"}
 _CYCLE = ("#1f6f8b", "#e4572e", "#6b8f3c", "#8a5fa8", "#c58b1b", "#3f3f46", "#b3261e", "#2f9c95")

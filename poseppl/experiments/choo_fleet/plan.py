@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from poseppl.experiments.choo_fleet.contest import CONTESTANTS, ContestRuns, contest_frame, settings_of
-from poseppl.experiments.choo_fleet.sequence import SequenceRuns, run_sequence
+from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, run_sequence
 from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns, estimate_frame
-from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, single_frames, stage_of
+from poseppl.experiments.choo_fleet.systems import BUILT_IN, SIMULATED, SYSTEMS, Recording, single_frames, stage_of
 from poseppl.experiments.choo_fleet.timing import FrameTiming, time_frame
+from poseppl.experiments.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
 from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
 from poseppl.jobs import Job
 
@@ -28,12 +29,14 @@ class Scale(NamedTuple):
         sequence_systems: Those that are run on sequences.
         other_system: The tracker of tuning and contest.
         num_frames: Of a sequence.
-        particles: Smaller numbers of particles than the paper's on sequences, by tracker; the paper's if None.
+        particles: Smaller numbers of particles than the paper's on sequences, by tracker; if None the paper's, and those that
+            take as long as HMC.
         num_leapfrogs: Each L of the tuning curves.
         tuning_updates: R of the tuning curves at L = 40; other L get as many gradients.
         tuning_runs: Runs of each of them.
         contestants: Who takes part in the contest.
         contest_runs: Runs of the contest.
+        smoothers: Whole-trajectory smoothers that take part on sequences, with their settings.
     """
 
     runs: int = 50
@@ -50,6 +53,7 @@ class Scale(NamedTuple):
     tuning_runs: int = 10
     contestants: tuple[str, ...] = tuple(CONTESTANTS)
     contest_runs: int = 20
+    smoothers: tuple[tuple[str, Settings], ...] = (("NUTS on all frames", (("num_draws", 100), ("num_warmup", 100))),)
 
 
 FULL = Scale()
@@ -65,10 +69,13 @@ QUICK = Scale(
     tuning_runs=3,
     contestants=("HMC, as published", "HMC, dense mass", "assumed density", "auxiliary", "extended Kalman"),
     contest_runs=8,
+    smoothers=(),
 )
 
 PUBLISHED_PARTICLES = {"lower_body": 23_000, "full_body": 108_000}
 """N on sequences, section 7.4."""
+EQUAL_PARTICLES = {"lower_body": 37_000, "full_body": 40_000}
+"""N that took as long as HMC's R = 32 on two shared cores; the published ones took half and nearly three times as long."""
 PUBLISHED_UPDATES = 32
 """R on sequences."""
 
@@ -124,23 +131,31 @@ def _single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
 def _sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     jobs: list[Job] = []
     for system in scale.sequence_systems:
-        row = SYSTEMS[system]
-        chains: dict[str, Any] = {
-            "chains": row.num_chains,
-            "draws": PUBLISHED_UPDATES,
-            "leapfrog": row.num_leapfrog,
-            "burn_in": 6,
-            "step_size": row.step_size,
-            "rejection": 0.0,
-            "jitter": 0.0,
-        }
-        particles = {"particles": (scale.particles or PUBLISHED_PARTICLES)[system]}
-        for method, filter, settings in (("HMC filter", "hmc", chains), ("particle filter", "particle", particles)):
+        for method, (filter, settings) in _rivals(scale, system).items():
             jobs += [
                 SequenceRuns(recordings[0], system, method, filter, tuple(sorted(settings.items())), scale.num_frames, block)
                 for block in _blocks(scale.runs, scale.block)
             ]
     return {"sequences": Task(run_sequence, jobs)}
+
+
+def _rivals(scale: Scale, system: str) -> dict[str, tuple[str, dict[str, Any]]]:
+    """The filters of section 7.4 with their settings, by name."""
+    row = SYSTEMS[system]
+    chains: dict[str, Any] = {
+        "chains": row.num_chains,
+        "draws": PUBLISHED_UPDATES,
+        "leapfrog": row.num_leapfrog,
+        "burn_in": 6,
+        "step_size": row.step_size,
+        "rejection": 0.0,
+        "jitter": 0.0,
+    }
+    numbers = {"particle filter": (scale.particles or PUBLISHED_PARTICLES)[system]}
+    if scale.particles is None:
+        numbers["particle filter, equal time"] = EQUAL_PARTICLES[system]
+    particles = {method: ("particle", {"particles": number}) for method, number in numbers.items()}
+    return {"HMC filter": ("hmc", chains), **particles}
 
 
 def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
@@ -169,11 +184,17 @@ def _contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     ]
     many = [
         SequenceRuns(recording, scale.other_system, method, *settings_of(method), scale.num_frames, tuple(range(runs)))
-        for recording in recordings
+        for recording in (recordings[0], SIMULATED)
         for method in scale.contestants
+    ]
+    whole = [
+        TrajectoryRuns(recording, scale.other_system, method, "nuts", settings, scale.num_frames, tuple(range(runs)))
+        for recording in (recordings[0], SIMULATED)
+        for method, settings in scale.smoothers
     ]
     return {
         "frames": _estimates(scale, recordings, [scale.other_system], scale.runs),
         "contest": Task(contest_frame, list(one)),
         "contest sequences": Task(run_sequence, list(many)),
+        "contest trajectories": Task(run_trajectory, list(whole)),
     }

@@ -77,7 +77,7 @@ def _tabulate_frames(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> l
 def _tabulate_contest(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> list[Table]:
     one: Any = tasks["contest"].jobs
     frames: Any = tasks["frames"].jobs
-    many: Any = tasks["contest sequences"].jobs
+    many: Any = [*tasks["contest sequences"].jobs, *tasks["contest trajectories"].jobs]
     return [contest_table(one, frames, results), performance("contest_sequences", many, results)]
 
 

@@ -193,9 +193,7 @@ def noisy_points(stage: Stage, frames: slice, run: int) -> Floats:
 
 def pose_frame(stage: Stage, frame: int) -> Problem:
     """The problem of one frame alone, whose prior is a step of the random walk from the true state of the frame before."""
-    return pose_problem(
-        _scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=_start(stage, frame)
-    )
+    return pose_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=_start(stage, frame))
 
 
 def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
