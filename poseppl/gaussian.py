@@ -37,6 +37,19 @@ def log_mixture(mixture: GaussianMixture) -> Callable[[jax.Array], jax.Array]:
     return log_density
 
 
+def mixture_curvature(mixture: GaussianMixture) -> Callable[[jax.Array], jax.Array]:
+    """Return a positive definite curvature (d, d) of the negative log-density at one state.
+
+    It is the components' precisions, each by the probability that the state comes from it. The Hessian has one term more, which
+    between components may make it indefinite; with one component they are the same.
+    """
+    precisions = jnp.linalg.inv(mixture.covariances)
+    if precisions.shape[0] == 1:
+        return lambda x: precisions[0]
+    terms = log_mixture_terms(mixture)
+    return lambda x: jnp.tensordot(jax.nn.softmax(terms(x)), precisions, 1)
+
+
 def draw_mixture(rng_key: jax.Array, mixture: GaussianMixture, num_draws: int) -> tuple[jax.Array, jax.Array]:
     """Draw states (N, d) and tell which component each came from (N,)."""
     key_component, key_noise = jax.random.split(rng_key)
@@ -46,37 +59,74 @@ def draw_mixture(rng_key: jax.Array, mixture: GaussianMixture, num_draws: int) -
     return mixture.means[component] + jnp.einsum("nij,nj->ni", lower[component], noise), component
 
 
-def fit_mixture(rng_key: jax.Array, draws: jax.Array, num_components: int) -> GaussianMixture:
-    """Fit K Gaussians to equally weighted draws by expectation maximisation, seeded at random draws.
+class Fitted(NamedTuple):
+    """A mixture fitted to draws.
+
+    Attributes:
+        mixture: The mixture.
+        residuals: Each draw less the mean of the component that it comes from, in the shape of the draws.
+    """
+
+    mixture: GaussianMixture
+    residuals: jax.Array
+
+
+def fit_mixture(chains: jax.Array, num_components: int) -> Fitted:
+    """Fit K Gaussians to equally weighted draws of M chains by expectation maximisation.
+
+    Chains seldom cross from one mode of a posterior to another, so modes show as chains whose means lie far apart in units of
+    the covariance within chains, in any number of dimensions. Components start at the means of K chains, each of which is the
+    farthest from those before it. A component of few draws has no covariance of its own: each is shrunk towards that within
+    chains by one pseudo-draw a dimension.
 
     Args:
-        rng_key: For the seeds; unused with one component, which is the sample mean and covariance.
-        draws: Shape (N, d).
-        num_components: K.
+        chains: Draws (M, R, d).
+        num_components: K, at most M are used; one is the sample mean and covariance.
     """
+    draws = chains.reshape(-1, chains.shape[-1])
+    number, dimension = draws.shape
     mean = jnp.mean(draws, 0)
-    centred = draws - mean
-    covariance = centred.T @ centred / max(draws.shape[0] - 1, 1)
-    if num_components == 1:
-        return GaussianMixture(jnp.zeros(1, draws.dtype), mean[None], covariance[None])
-    seeds = jax.random.choice(rng_key, draws, (num_components,), replace=False)
-    uniform = jnp.full(num_components, -jnp.log(float(num_components)), draws.dtype)
-    # a component of few draws has no covariance of its own: shrink each towards the common one by one pseudo-draw a dimension
-    ridge = draws.shape[1] / draws.shape[0]
+    covariance = (draws - mean).T @ (draws - mean) / max(number - 1, 1)
+    if min(num_components, chains.shape[0]) == 1:
+        return Fitted(GaussianMixture(jnp.zeros(1, draws.dtype), mean[None], covariance[None]), chains - mean)
+    ridge = dimension / number
+    centres = jnp.mean(chains, 1)
+    inside = (chains - centres[:, None]).reshape(-1, dimension)
+    within = (inside.T @ inside / number + ridge * covariance) / (1 + ridge)
+    seeds = centres[_far_apart(centres, within, min(num_components, chains.shape[0]))]
+
+    def responsibilities(mixture: GaussianMixture) -> jax.Array:
+        return jax.nn.softmax(jax.vmap(log_mixture_terms(mixture))(draws), axis=1)
 
     def update(mixture: GaussianMixture, _: None) -> tuple[GaussianMixture, None]:
-        parts = jax.vmap(log_mixture_terms(mixture))(draws)
-        share = jax.nn.softmax(parts, axis=1)
+        share = responsibilities(mixture)
         mass = jnp.mean(share, 0) + 1e-6
-        means = share.T @ draws / (mass[:, None] * draws.shape[0])
+        means = share.T @ draws / (mass[:, None] * number)
         offset = draws - means[:, None]
-        scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset) / draws.shape[0]
-        covariances = (scatter + ridge * covariance) / (mass + ridge)[:, None, None]
+        scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset) / number
+        covariances = (scatter + ridge * within) / (mass + ridge)[:, None, None]
         return GaussianMixture(jnp.log(mass / jnp.sum(mass)), means, covariances), None
 
-    start = GaussianMixture(uniform, seeds, jnp.broadcast_to(covariance, (num_components, *covariance.shape)))
+    uniform = jnp.full(len(seeds), -jnp.log(float(len(seeds))), draws.dtype)
+    start = GaussianMixture(uniform, seeds, jnp.broadcast_to(within, (len(seeds), dimension, dimension)))
     mixture, _ = jax.lax.scan(update, start, None, length=_EM_STEPS)
-    return mixture
+    return Fitted(mixture, chains - (responsibilities(mixture) @ mixture.means).reshape(chains.shape))
+
+
+def _far_apart(points: jax.Array, covariance: jax.Array, number: int) -> jax.Array:
+    """Indices of points (M, d): the one farthest from the mean, and then each the farthest from those before it."""
+    precision = jnp.linalg.inv(covariance)
+
+    def distance(centre: jax.Array) -> jax.Array:
+        offset = points - centre
+        return jnp.einsum("ni,ij,nj->n", offset, precision, offset)
+
+    chosen = [jnp.argmax(distance(jnp.mean(points, 0)))]
+    nearest = distance(points[chosen[0]])
+    for _ in range(number - 1):
+        chosen.append(jnp.argmax(nearest))
+        nearest = jnp.minimum(nearest, distance(points[chosen[-1]]))
+    return jnp.stack(chosen)
 
 
 def log_mixture_terms(mixture: GaussianMixture) -> Callable[[jax.Array], jax.Array]:

@@ -107,7 +107,7 @@ FILTERS: list[FilterRow] = [
     FilterRow(
         "assumed-density",
         assumed_density_filter,
-        lambda model: assumed_density_filter(model, 60, num_starts=4),
+        lambda model: assumed_density_filter(model, 60, num_starts=4, num_components=1),
     ),
     FilterRow(
         "window",

@@ -32,7 +32,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
-from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture
+from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
@@ -63,8 +63,8 @@ def assumed_density_filter(
         num_mode_steps: Gauss-Newton steps of each.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.chains.ChainState`. ``log_evidence`` is Laplace's approximation at the
-        highest mode.
+        The filter; its state is :class:`~poseppl.filters.chains.ChainState`. ``log_evidence`` is the sum
+        of Laplace's approximations at the modes that were found.
     """
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
@@ -84,6 +84,7 @@ def assumed_density_filter(
         climbers = climbers.at[0].set(prior.means[component[0]])
         if last is not None:
             climbers = climbers.at[num_starts - moved :].set(_move(model, key_move, last, inputs, moved))
+        prior_curvature = mixture_curvature(prior)
         possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
         failed = ~jnp.any(jnp.isfinite(possible))
         seen = drop_impossible(model, observation, failed)
@@ -91,15 +92,14 @@ def assumed_density_filter(
         def log_density(x: jax.Array) -> jax.Array:
             return model.log_observation(x, seen, inputs) + log_prior(x)
 
-        def information(x: jax.Array) -> jax.Array:
-            return model.observation_information(x, seen, inputs)
+        def curvature(x: jax.Array) -> jax.Array:
+            return prior_curvature(x) + model.observation_information(x, seen, inputs)
 
-        precisions = jnp.linalg.inv(prior.covariances)[component]
-        found = find_modes(climbers, precisions, log_density, information, num_mode_steps)
+        found = find_modes(climbers, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=share_masses(found))
         draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, log_step_size, num_chains, settings)
         info = Info(
-            log_evidence=jnp.where(failed, -jnp.inf, jnp.max(found.log_masses)),
+            log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
             ess=effective_draws(chains.draws),
             ancestors=jnp.arange(num_chains, dtype=jnp.int32),
             acceptance=chains.acceptance,
@@ -118,21 +118,21 @@ def assumed_density_filter(
         return run(rng_key, prior, lambda x: model.log_initial(x, inputs), start, observation, inputs)
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        key_fit, key_run = jax.random.split(rng_key)
-        draws = state.particles.reshape(-1, model.dimension)
-        means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(draws)
-        fitted = fit_mixture(key_fit, means, num_components)
-        spread = fitted.covariances * covariance_inflation(means.reshape(state.particles.shape))
-        prior = fitted._replace(covariances=spread + jnp.mean(covariances, 0))
-        return run(key_run, prior, log_mixture(prior), state.log_step_size, observation, inputs, draws)
+        means, covariances = jax.vmap(jax.vmap(lambda x: model.transition_moments(x, inputs)))(state.particles)
+        fitted, residuals = fit_mixture(means, num_components)
+        spread = fitted.covariances * covariance_inflation(residuals)
+        prior = fitted._replace(covariances=spread + jnp.mean(covariances, (0, 1)))
+        return run(rng_key, prior, log_mixture(prior), state.log_step_size, observation, inputs, state.particles)
 
     return Filter(init, step)
 
 
 def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: Any, number: int) -> jax.Array:
-    """Draws (number, d) of the next frame from some of the draws (N, d) of this one."""
-    key_choose, key_move = jax.random.split(rng_key)
-    chosen = draws[jax.random.randint(key_choose, (number,), 0, draws.shape[0])]
+    """Draws (number, d) of the next frame from some of the draws (M, R, d) of this one, of each chain in turn."""
+    key_chain, key_draw, key_move = jax.random.split(rng_key, 3)
+    num_chains, num_draws, _ = draws.shape
+    chain = jax.random.permutation(key_chain, num_chains)[jnp.arange(number) % num_chains]
+    chosen = draws[chain, jax.random.randint(key_draw, (number,), 0, num_draws)]
     return jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(jax.random.split(key_move, number), chosen)
 
 

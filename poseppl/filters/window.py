@@ -101,20 +101,19 @@ def window_filter(
         failed = ~jnp.any(jnp.isfinite(possible))
         seen = _masked(model, drop_impossible(model, observation, failed))
         frames = move_on(past.window, prediction, seen, inputs)
+        precision = precision_of(prediction.covariance)
         newest = find_modes(
             climbers,
-            jnp.broadcast_to(precision_of(prediction.covariance), (num_starts, dimension, dimension)),
             lambda x: model.log_observation(x, seen, inputs) + log_mixture(prior)(x),
-            lambda x: model.observation_information(x, seen, inputs),
+            lambda x: precision + model.observation_information(x, seen, inputs),
             num_mode_steps,
         )
         target = window_target(model, frames)
         pasts = _pasts(model, key_past, past, newest.states, inputs)
         whole = find_modes(
             jnp.concatenate([pasts, newest.states[:, None]], 1).reshape(num_starts, -1),
-            jnp.broadcast_to(target.prior_precision, (num_starts, *target.prior_precision.shape)),
             target.log_density,
-            target.information,
+            lambda x: target.prior_precision + target.information(x),
             num_mode_steps,
         )
         modes = whole._replace(log_masses=share_masses(whole))

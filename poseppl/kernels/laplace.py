@@ -78,25 +78,23 @@ class Modes(NamedTuple):
 
 def find_modes(
     starts: jax.Array,
-    prior_precisions: jax.Array,
     log_density: Callable[[jax.Array], jax.Array],
-    information: Callable[[jax.Array], jax.Array],
+    curvature: Callable[[jax.Array], jax.Array],
     num_steps: int,
 ) -> Modes:
     """Climb from many starts by damped Gauss-Newton, side by side.
 
     Args:
         starts: Shape (S, d).
-        prior_precisions: P for each start (S, d, d).
         log_density: Unnormalised log posterior density of one state, a scalar.
-        information: Gauss-Newton curvature (d, d) of the negative log-likelihood at one state.
+        curvature: P + I(x) (d, d) at one state.
         num_steps: How many steps; each is damped, or left out, so that the density never falls.
     """
     damping = jnp.array(_DAMPING, starts.dtype)
 
-    def describe_and_climb(x: jax.Array, prior_precision: jax.Array) -> tuple[Modes, jax.Array]:
+    def describe_and_climb(x: jax.Array) -> tuple[Modes, jax.Array]:
         value, gradient = jax.value_and_grad(log_density)(x)
-        precision = prior_precision + information(x)
+        precision = curvature(x)
         scale = whitening(x, precision).scale
         volume = jnp.sum(jnp.log(jnp.diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
         mass = jnp.where(jnp.isnan(value + volume), -jnp.inf, value + volume)
@@ -106,10 +104,11 @@ def find_modes(
         return Modes(x, precision, scale, mass), jnp.where(jnp.all(jnp.isfinite(best)), best, x)
 
     def step(carry: tuple[Modes, jax.Array], _: None) -> tuple[tuple[Modes, jax.Array], None]:
-        return jax.vmap(describe_and_climb)(carry[1], prior_precisions), None
+        return jax.vmap(describe_and_climb)(carry[1]), None
 
     # a last turn whose climb nobody uses: cheaper than compiling the description a second time
-    empty = Modes(starts, prior_precisions, jnp.zeros_like(prior_precisions), jnp.zeros_like(starts[:, 0]))
+    square = jnp.zeros((*starts.shape, starts.shape[1]), starts.dtype)
+    empty = Modes(starts, square, square, jnp.zeros_like(starts[:, 0]))
     (modes, _), _ = jax.lax.scan(step, (empty, starts), None, length=num_steps + 1)
     return modes
 

@@ -16,16 +16,16 @@ def square_problem():
     def log_density(x):
         return -0.5 * precision * (x[0] - mean) ** 2 - 0.5 * ((x[0] ** 2 - data) / noise) ** 2
 
-    def information(x):
-        return jnp.reshape((2 * x[0] / noise) ** 2, (1, 1))
+    def curvature(x):
+        return jnp.reshape(precision + (2 * x[0] / noise) ** 2, (1, 1))
 
-    return log_density, information, jnp.eye(1) * precision
+    return log_density, curvature
 
 
 def test_both_modes_are_found_with_their_masses():
-    log_density, information, precision = square_problem()
+    log_density, curvature = square_problem()
     starts = jnp.array([[-1.0], [0.4], [3.0]])
-    modes = find_modes(starts, jnp.broadcast_to(precision, (3, 1, 1)), log_density, information, 12)
+    modes = find_modes(starts, log_density, curvature, 12)
     grid = np.linspace(-4, 4, 80001)
     density = np.exp(np.asarray(jax.vmap(log_density)(jnp.asarray(grid)[:, None]), float))
     left, right = (density * (grid < 0)).sum(), (density * (grid > 0)).sum()
@@ -37,12 +37,11 @@ def test_both_modes_are_found_with_their_masses():
 
 
 def test_density_never_falls_on_the_way():
-    log_density, information, precision = square_problem()
+    log_density, curvature = square_problem()
     starts = jax.random.normal(jax.random.key(0), (50, 1)) * 3
-    prior = jnp.broadcast_to(precision, (50, 1, 1))
     heights = [np.asarray(jax.vmap(log_density)(starts))]
     for steps in (1, 3, 9):
-        states = find_modes(starts, prior, log_density, information, steps).states
+        states = find_modes(starts, log_density, curvature, steps).states
         heights.append(np.asarray(jax.vmap(log_density)(states)))
     for before, after in zip(heights, heights[1:], strict=False):
         assert (after >= before - 1e-5 * np.abs(before)).all()  # rounding of float32 between two compilations
@@ -65,9 +64,9 @@ def test_whitening_makes_the_precision_the_identity():
 
 def test_climbers_that_came_to_one_mode_share_its_mass():
     """Otherwise a mode counts as often as it is found: here the left one three times."""
-    log_density, information, precision = square_problem()
+    log_density, curvature = square_problem()
     starts = jnp.array([[-1.0], [-2.5], [-3.0], [3.0]])
-    modes = find_modes(starts, jnp.broadcast_to(precision, (4, 1, 1)), log_density, information, 12)
+    modes = find_modes(starts, log_density, curvature, 12)
     once = np.asarray(jax.nn.softmax(modes.log_masses[2:]))
     shared, plain = (np.asarray(jax.nn.softmax(masses)) for masses in (share_masses(modes), modes.log_masses))
     # as far as the climbs converged: in one mode the Gaussians of the three are the same to some 1e-3
@@ -77,9 +76,9 @@ def test_climbers_that_came_to_one_mode_share_its_mass():
 
 
 def test_a_climb_that_broke_down_has_no_mass():
-    log_density, information, precision = square_problem()
+    log_density, curvature = square_problem()
     starts = jnp.array([[-2.0], [2.0]])
-    modes = find_modes(starts, jnp.broadcast_to(precision, (2, 1, 1)), log_density, information, 2)
+    modes = find_modes(starts, log_density, curvature, 2)
     broken = modes._replace(states=modes.states.at[0].set(jnp.nan), log_masses=modes.log_masses.at[0].set(-jnp.inf))
     shared = np.asarray(share_masses(broken))
     assert shared[0] == -np.inf and np.isfinite(shared[1])

@@ -67,7 +67,9 @@ def _compiled(
             log_likelihood = model.log_observation(summary["state_mean"], observation, inputs)
             return {"log_likelihood": log_likelihood, **{name: summary[name] for name in _KEPT}}
 
-        found = jax.lax.map(measure, (keys, smoothed.particles, smoothed.log_weights, observations, inputs))
+        found: dict[str, jax.Array] = jax.lax.map(
+            measure, (keys, smoothed.particles, smoothed.log_weights, observations, inputs)
+        )
         return found | {"num_gradient": jnp.full(num_frames, smoothed.info.num_gradient / num_frames)}
 
     compiled = jax.jit(smooth)
