@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from poseppl.experiments.choo_fleet.figures import draw_variances
-from poseppl.experiments.choo_fleet.page import claims
+from poseppl.experiments.choo_fleet.goals import goals
+from poseppl.experiments.choo_fleet.page import claims, write_page
 from poseppl.experiments.choo_fleet.tuning_tables import choose
 from poseppl.experiments.choo_fleet.variances import FrameErrors, geometric_variance, log_standard_error, speed_up
 from poseppl.experiments.tables import Table, write_csv, write_netcdf
@@ -97,3 +98,43 @@ def test_automatic_choice_is_the_cheapest_that_does_not_stick():
     )
     found = choose([mixing, mixing, rhat])
     assert (found["leapfrog"], found["step_size"], found["burn_in"]) == (10, 0.2, 4)
+
+
+TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
+
+
+def test_the_rule_of_rejection_is_judged_over_all_lengths_and_at_the_published_one():
+    rows = [(10, 0.4, 0.15, 0.0, 1.4, 14.0), (40, 0.2, 0.02, 0.0, 0.8, 33.0), (40, 0.3, 0.1, 0.0, 2.0, 80.0)]
+    anywhere, published = claims({"tuning": Table("tuning", TUNING, rows)})
+    assert anywhere.verdict == "holds" and "L = 10" in anywhere.ours
+    assert published.verdict == "does not hold" and "cheapest at 2%" in published.ours
+
+
+def contest_tables(ratio, inside, rate):
+    one = Table(
+        "contest",
+        ("method", "bias", "effective_draws_per_second", "effective_draws_per_evaluation"),
+        [("HMC, as published", 0.0, 10.0, 1.0), ("ours", 0.01, 10.0 * ratio, 2.0), ("biased", 3.0, 1e6, 1e6)],
+    )
+    many = Table(
+        "contest_sequences",
+        ("recording", "method", "markers_in_90", "markers_in_50", "error", "frames_per_second"),
+        [("walk", "ours", inside, 0.5, 40.0, rate), ("walk", "over-confident", 0.7, 0.3, 30.0, 500.0)],
+    )
+    return {"contest": one, "contest_sequences": many}
+
+
+@pytest.mark.parametrize(
+    ("ratio", "inside", "rate", "verdicts"),
+    [
+        (12.0, 0.9, 70.0, ["reached", "not reached", "reached"]),
+        (8.0, 0.9, 40.0, ["not reached", "not reached", "not reached"]),
+        (12.0, 0.8, 70.0, ["reached", "not reached", "not reached"]),
+    ],
+)
+def test_goals_need_honest_methods(ratio, inside, rate, verdicts):
+    tables = contest_tables(ratio, inside, rate)
+    found = goals(tables)
+    assert [goal.verdict for goal in found] == verdicts
+    assert all(goal.ours.startswith("ours") for goal in found[:2]) and "over-confident" not in found[2].ours
+    assert "## Goals" in write_page(tables, {}, [])
