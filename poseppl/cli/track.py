@@ -85,7 +85,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     type=float,
     help="Fraction by which trajectories are shortened at random. [default: 0.5; 0 for hmc]",
 )
-@click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 1]")
+@click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 3]")
 @click.option("--starts", metavar="S", type=int, help="assumed-density, window: climbs to the modes of a frame. [default: 40]")
 @click.option("--window", metavar="W", type=int, help="window: frames that are sampled together. [default: 3]")
 @click.option("--dense-mass/--diagonal-mass", default=None, help="hmc: form of the mass matrix. [default: diagonal]")
