@@ -138,3 +138,16 @@ def test_goals_need_honest_methods(ratio, inside, rate, verdicts):
     assert [goal.verdict for goal in found] == verdicts
     assert all(goal.ours.startswith("ours") for goal in found[:2]) and "over-confident" not in found[2].ours
     assert "## Goals" in write_page(tables, {}, [])
+
+
+@pytest.mark.parametrize(("lead", "verdict"), [(5.0, "holds"), (0.0, "does not hold"), (-5.0, "does not hold")])
+def test_a_filter_has_to_be_higher_in_most_frames(lead, verdict):
+    columns = ("tracker", "method", "frame", *(c for n in ("log_likelihood", "log_prior") for c in (n, f"{n}_standard_error")))
+    rows = [
+        ("full_body", method, frame, 100.0 + lead * (method == "HMC filter"), 1.0, 5.0 + lead * (method == "HMC filter"), 1.0)
+        for method in ("HMC filter", "particle filter")
+        for frame in range(10)
+    ]
+    found = claims({"sequence": Table("sequence", columns, rows)})
+    assert [claim.verdict for claim in found] == [verdict] * 2
+    assert ("both filters do as well" in found[0].why) == (lead == 0.0)
