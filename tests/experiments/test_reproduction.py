@@ -128,3 +128,12 @@ def test_the_full_plan_is_the_papers():
     assert settings["lower_body", "particle"] == {"particles": 23_000}
     assert settings["full_body", "particle"] == {"particles": 108_000}
     assert settings["full_body", "hmc"]["draws"] == 32 and settings["full_body", "hmc"]["leapfrog"] == 40
+
+
+def test_every_job_of_the_full_plan_has_a_name_and_a_cost():
+    from poseppl.experiments.choo_fleet import FULL
+    from poseppl.experiments.choo_fleet.plan import PARTS
+
+    jobs = [job for part in PARTS for task in tasks_of(part, FULL, [BUILT_IN]).values() for job in task.jobs]
+    assert all(job.cost > 0 and job.name for job in jobs)
+    assert len({job.key for job in jobs}) == len(set(jobs))

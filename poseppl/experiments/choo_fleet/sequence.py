@@ -59,9 +59,9 @@ class SequenceRuns(Job):
     def cost(self) -> float:
         """Relative to a second."""
         settings = dict(self.settings)
-        size = settings.get("particles", 1000) * 1.5e-6
+        size = settings.get("particles", 10_000) * 3e-6
         if "leapfrog" in settings:
-            size = settings["chains"] * settings["draws"] * settings["leapfrog"] * 4e-6
+            size = settings.get("chains", 30) * settings.get("draws", 24) * settings["leapfrog"] * 4e-6
         return 5.0 + len(self.runs) * self.num_frames * max(float(size), 0.01)
 
 
