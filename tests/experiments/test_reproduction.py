@@ -124,10 +124,10 @@ def test_the_full_plan_is_the_papers():
     jobs = tasks_of("single-frame", FULL, [BUILT_IN])["frames"].jobs
     assert len(jobs) == 3 * 3 * 5 and sum(len(job.runs) for job in jobs) == 450
     sequences = tasks_of("sequence", FULL, [BUILT_IN])["sequences"].jobs
-    settings = {(job.system, job.filter): dict(job.settings) for job in sequences}
-    assert settings["lower_body", "particle"] == {"particles": 23_000}
-    assert settings["full_body", "particle"] == {"particles": 108_000}
-    assert settings["full_body", "hmc"]["draws"] == 32 and settings["full_body", "hmc"]["leapfrog"] == 40
+    settings = {(job.system, job.method): dict(job.settings) for job in sequences}
+    assert settings["lower_body", "particle filter"] == {"particles": 23_000}
+    assert settings["full_body", "particle filter"] == {"particles": 108_000}
+    assert settings["full_body", "HMC filter"]["draws"] == 32 and settings["full_body", "HMC filter"]["leapfrog"] == 40
 
 
 def test_every_job_of_the_full_plan_has_a_name_and_a_cost():
