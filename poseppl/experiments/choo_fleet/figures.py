@@ -126,9 +126,11 @@ def draw_tuning(tables: Tables) -> Picture:
         for axis in (rejected, costly):
             axis.axvline(chosen["step_size"], color="#69727d", linewidth=0.8)
         rejected.set_title(f"chosen: L = {chosen['leapfrog']}, step size {chosen['step_size']:g}", fontsize=10)
-        settled.axvline(chosen["burn_in"], color="#69727d", linewidth=0.8)
+        if chosen["is_settled"]:
+            settled.axvline(chosen["burn_in"], color="#69727d", linewidth=0.8)
         correlated.set_title(f"at step size {chosen['step_size']:g}", fontsize=10)
-        settled.set_title(f"chosen: burn-in {chosen['burn_in']}", fontsize=10)
+        told = f"chosen: burn-in {chosen['burn_in']}" if chosen["is_settled"] else "no burn-in brings R-hat below 1.2"
+        settled.set_title(told, fontsize=10)
     correlated.set(xlabel="lag", ylabel="autocorrelation")
     settled.set(xlabel="burn-in", ylabel="largest R-hat of the next 16 updates", yscale="log")
     rejected.legend(fontsize=8)
