@@ -12,7 +12,7 @@ from poseppl.experiments.choo_fleet.contest_tables import contest_table
 from poseppl.experiments.choo_fleet.figures import draw_contest, draw_poses, draw_sequence, draw_tuning, draw_variances
 from poseppl.experiments.choo_fleet.frame_tables import frame_tables
 from poseppl.experiments.choo_fleet.page import write_page
-from poseppl.experiments.choo_fleet.plan import FULL, PARTS, Scale, Task, tasks_of
+from poseppl.experiments.choo_fleet.plan import FULL, PARTS, QUICK, Scale, Task, tasks_of
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns
 from poseppl.experiments.choo_fleet.sequence_tables import performance, sequence_tables
 from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, stage_of
@@ -139,7 +139,18 @@ def _notes(scale: Scale, recordings: Sequence[Recording]) -> list[str]:
         f"{scale.runs} runs ({size}) on: {seen}. One camera at 5 m, noise 0.003, random walk of 15 mm and 0.15 rad, 30 "
         "frames a second. Each process has one core to itself. A gradient counts as one evaluation.",
         f"With {used}.",
+        f"To make it again: `{_command(scale, recordings)}`. What the folder holds already is not computed again.",
     ]
+
+
+def _command(scale: Scale, recordings: Sequence[Recording]) -> str:
+    """The command line, with the names of the files alone."""
+    words = ["poseppl reproduce choo-fleet-2001"] + ["--quick"] * (scale == QUICK)
+    for recording in recordings:
+        if recording.path:
+            files = [Path(file).name for file in (recording.path, recording.skeleton) if file]
+            words.append(f"--motion {recording.name}={','.join(files)}")
+    return " ".join(words)
 
 
 def _write(target: Path, tables: Tables, pictures: Mapping[str, tuple[str, Picture]], notes: list[str]) -> None:
