@@ -147,7 +147,7 @@ FILTERS: Mapping[str, FilterEntry] = {
             "components": _default(assumed_density_filter, "num_components"),
             "starts": _default(assumed_density_filter, "num_starts"),
         },
-        "HMC with a few Gaussians, fitted to all draws, for the past: intervals that hold what they say.",
+        "HMC with a few Gaussians, fitted to all draws, for the past: near-honest intervals.",
     ),
     "window": FilterEntry(
         _window,
