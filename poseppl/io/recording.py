@@ -45,13 +45,13 @@ def read_motion(
         raise InputError(f"unknown format {suffix!r}", file=path, expected=" or ".join(SUFFIXES))
     if suffix == ".amc":
         if skeleton is None:
-            raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf")
+            raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf, or FILE.amc,FILE.asf")
         if rate is not None and not 0.0 < rate < 1e6:
             raise InputError(f"{rate:g} frames a second", field="rate", expected="a positive number")
         return read_amc(path, read_asf(skeleton), rate=CMU_RATE if rate is None else rate)
     if suffix == ".txt":
         if skeleton is None:
-            raise InputError("a DeepMimic motion needs its character", file=path, expected="--skeleton humanoid3d.txt")
+            raise InputError("a DeepMimic motion needs its character", file=path, expected="--skeleton humanoid3d.txt, or FILE.txt,humanoid3d.txt")
         return read_deepmimic(path, skeleton)
     if skeleton is not None:
         raise InputError(f"a {suffix} file takes no skeleton", file=path, field="skeleton")
