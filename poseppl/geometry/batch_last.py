@@ -19,12 +19,14 @@ _LANES = 8
 """Batches are filled up to a multiple of this: left-over particles run one by one, so that 30 take longer than 32."""
 
 
-def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
+def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Callable[..., Tree]:
     """Make a single-particle function of one that is written for a batch in the last axis.
 
     Args:
         function: Takes pytrees whose leaves have shape (..., N) or (..., 1), the latter shared by all particles, and returns a
             pytree with leaves (..., N).
+        chunk: Larger batches are cut into pieces of so many particles, one after the other: where a function makes many numbers
+            of each particle, those of a piece stay in the cache.
 
     Returns:
         A function of the same pytrees without the last axis. Any nesting of ``jax.vmap`` around it becomes one call of
@@ -35,7 +37,8 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
     @jax.custom_batching.custom_vmap
     def batched(*args: Tree) -> Tree:  # leaves (N or 1, ...)
         count = max(leaf.shape[0] for leaf in jax.tree.leaves(args))
-        out = compiled(*jax.tree.map(lambda leaf: _fill_up(jnp.moveaxis(leaf, 0, -1)), args))
+        last = jax.tree.map(lambda leaf: _fill_up(jnp.moveaxis(leaf, 0, -1), _LANES if chunk is None else chunk), args)
+        out = compiled(*last) if chunk is None or count <= chunk else _in_chunks(compiled, last, chunk)
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf[..., :count], -1, 0), out)
 
     @batched.def_vmap
@@ -55,9 +58,21 @@ def batch_last(function: Callable[..., Tree]) -> Callable[..., Tree]:
     return single
 
 
-def _fill_up(leaf: jax.Array) -> jax.Array:
-    """Repeat the last particle until the batch in the last axis is a multiple of the vector length; one stays one."""
-    missing = -leaf.shape[-1] % _LANES
+def _in_chunks(function: Callable[..., Tree], args: Tree, chunk: int) -> Tree:
+    """Call a batch-last function for `chunk` particles at a time; leaves of one particle are shared by all."""
+    leaves, treedef = jax.tree.flatten(args)
+    varying = [jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], -1, chunk), -2, 0) for leaf in leaves if leaf.shape[-1] > 1]
+
+    def piece(rows: list[jax.Array]) -> Tree:
+        row = iter(rows)
+        return function(*jax.tree.unflatten(treedef, [next(row) if leaf.shape[-1] > 1 else leaf for leaf in leaves]))
+
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], -1), jax.lax.map(piece, varying))
+
+
+def _fill_up(leaf: jax.Array, lanes: int) -> jax.Array:
+    """Repeat the last particle until the batch in the last axis is a multiple of `lanes`; one stays one."""
+    missing = -leaf.shape[-1] % lanes
     if leaf.shape[-1] == 1 or not missing:
         return leaf
     return jnp.concatenate([leaf, jnp.broadcast_to(leaf[..., -1:], (*leaf.shape[:-1], missing))], -1)
