@@ -135,7 +135,8 @@ def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[st
         os.replace(temporary, target)
         _flush(target.parent)
     except OSError as error:
-        raise _told(error, path) from error
+        _tell(error, path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -167,15 +168,15 @@ def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
         os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
         _flush(target.parent)
     except OSError as error:
-        raise _told(error, path) from error
+        _tell(error, path)
+        raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _told(error: OSError, path: str | PathLike[str]) -> Exception:
-    """The error as a user understands it, or itself."""
+def _tell(error: OSError, path: str | PathLike[str]) -> None:
+    """Raise the error in words that a user understands, if there are some."""
     if _is_full(error):
-        return PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)")
+        raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
-        return InputError(f"cannot be written: {error.strerror}", file=path)
-    return error
+        raise InputError(f"cannot be written: {error.strerror}", file=path) from error

@@ -1,7 +1,7 @@
 """A table and chairs that stand in the way of the cameras, but not of the person.
 
-Places are drawn at random on both sides of the path; the nearest to it are taken that keep clear of it and of each other. Lengths are
-millimetres; MuJoCo's are metres, and the XML is written in these.
+Places are drawn at random on both sides of the path; those are taken that keep clear of it and of each other and are nearest to
+where they are wished. Lengths are millimetres; MuJoCo's are metres, and the XML is written in these.
 """
 
 from __future__ import annotations
@@ -63,9 +63,7 @@ def place_furniture(room: Room, path: Floats, seed: int = 0) -> tuple[Piece, ...
     return tuple(pieces)
 
 
-def _place(
-    kind: str, target: Floats, room: Room, route: Floats, others: list[Piece], rng: np.random.Generator
-) -> Piece | None:
+def _place(kind: str, target: Floats, room: Room, route: Floats, others: list[Piece], rng: np.random.Generator) -> Piece | None:
     """The nearest of many places to a target that keeps clear of everything."""
     reach = room.size / 2 - FROM_WALL
     trials = np.clip(target + 800.0 * rng.standard_normal((_TRIALS, 2)), room.centre - reach, room.centre + reach)

@@ -53,9 +53,7 @@ class Stage:
     def __enter__(self) -> Stage:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self.close()
 
     def close(self) -> None:
@@ -76,15 +74,15 @@ class Stage:
 
     def visible(self, camera: int) -> Mask:
         """Pixels (H, W) that show the person."""
-        return self._groups(camera, figure=True, furniture=True) == FIGURE_GROUP
+        return self._mask(camera, FIGURE_GROUP, figure=True, furniture=True)
 
     def whole(self, camera: int) -> Mask:
         """Pixels (H, W) that would show the person if there were no furniture."""
-        return self._groups(camera, figure=True, furniture=False) == FIGURE_GROUP
+        return self._mask(camera, FIGURE_GROUP, figure=True, furniture=False)
 
     def occluder(self, camera: int) -> Mask:
         """Pixels (H, W) that show furniture in the empty room: nobody behind it is seen there."""
-        return self._groups(camera, figure=False, furniture=True) == FURNITURE_GROUP
+        return self._mask(camera, FURNITURE_GROUP, figure=False, furniture=True)
 
     def beads(self, camera: int, places: Sequence[Sequence[float]] | Floats) -> NDArray[np.int64]:
         """Show balls at places (B, 3) in mm, alone: for each pixel (H, W) the number of the ball, -1 for none."""
@@ -97,10 +95,11 @@ class Stage:
         self._data.mocap_pos[len(SEGMENTS) :] = places / 1000.0
         self._mujoco.mj_forward(self._model, self._data)
 
-    def _groups(self, camera: int, *, figure: bool, furniture: bool) -> NDArray[np.int64]:
-        """Group of the geometry that each pixel shows; -1 for none."""
+    def _mask(self, camera: int, group: int, *, figure: bool, furniture: bool) -> Mask:
+        """Pixels that show geometry of a group."""
         geoms = self._segments(camera, self._choice(figure, furniture))
-        return np.where(geoms >= 0, self._group[geoms], -1)
+        mask: Mask = (geoms >= 0) & (self._group[geoms] == group)
+        return mask
 
     def _segments(self, camera: int, option: Any) -> NDArray[np.int64]:
         self._renderer.enable_segmentation_rendering()

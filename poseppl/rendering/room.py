@@ -136,6 +136,7 @@ def _box_xml(box: tuple[str, tuple[float, ...], tuple[float, ...]]) -> str:
 def _lamps(x: float, y: float, z: float, half: Floats) -> list[str]:
     return [
         f'<light type="spot" pos="{x + sign * 0.35 * half[0]:.4f} {y + sign * 0.2 * half[1]:.4f} {z:.4f}" dir="0 0 -1" '
-        f'cutoff="85" exponent="0.6" castshadow="{shadow}" diffuse="{level} {level} {0.92 * level:.4f}" specular="0.1 0.1 0.1"/>'
+        f'cutoff="85" exponent="0.6" castshadow="{shadow}" specular="0.1 0.1 0.1" '
+        f'diffuse="{level} {level} {0.92 * level:.4f}"/>'
         for sign, level, shadow in ((-1, 0.52, "true"), (1, 0.36, "false"))
     ]

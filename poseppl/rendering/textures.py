@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,7 +87,7 @@ def _blotches(rng: np.random.Generator) -> Pixels:
     return _pixels(np.kron(coarse, np.ones((SIDE // 6 + 1, SIDE // 6 + 1, 1)))[:SIDE, :SIDE])
 
 
-def _pixels(values: NDArray[np.float64]) -> Pixels:
+def _pixels(values: NDArray[np.floating[Any]]) -> Pixels:
     return np.clip(np.round(values), 0, 255).astype(np.uint8)
 
 
