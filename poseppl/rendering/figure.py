@@ -85,7 +85,7 @@ def _limbs(side: str) -> tuple[Segment, ...]:
             (
                 Shape("skin", (40,), (0.0, 1.0)),
                 Shape("shirt", (56,), (0.5, 1.0)),
-                Shape("shirt", (62, 64, 66), (0.98,), (inwards, 0.0)),
+                Shape("shirt", (57, 60, 62), (0.98,), (inwards, 0.0)),
             ),
         ),
         Segment(
@@ -127,6 +127,12 @@ SEGMENTS = (
             Shape("shirt", (185, 82, 85), (0.82,)),
         ),
     ),
+    Segment(  # sideways: x is down
+        "shoulder_l",
+        "shoulder_r",
+        "shoulder",
+        (Shape("shirt", (55,), (0.05, 0.95)), Shape("shirt", (130, 92, 165), (0.5,), (85.0, 0.0))),
+    ),
     Segment("neck", "skull", "shoulder", (Shape("skin", (54,), (-0.2, 1.1)),)),
     Segment(
         "skull",
@@ -165,10 +171,11 @@ def dress_figure(points: Mapping[str, Floats], seed: int = 0) -> Figure:
         seed: Of the thicknesses; left and right of a body have the same.
     """
     rng = np.random.default_rng([seed, 1])
-    left = [shape for segment in SEGMENTS if not segment.start.endswith("_r") for shape in segment.shapes]
-    factors = np.exp(_VARIATION * rng.standard_normal(len(left)))
-    arms_and_legs = sum(len(segment.shapes) for segment in SEGMENTS if segment.start.endswith("_l"))
-    return Figure(points, figure_scale(points), np.concatenate([factors, factors[-arms_and_legs:]]))
+    factors: dict[str, Floats] = {}
+    keys = [f"{segment.start}-{segment.end}".replace("_r", "_l") for segment in SEGMENTS]
+    for key, segment in zip(keys, SEGMENTS, strict=True):
+        factors.setdefault(key, np.exp(_VARIATION * rng.standard_normal(len(segment.shapes))))
+    return Figure(points, figure_scale(points), np.concatenate([factors[key] for key in keys]))
 
 
 def figure_xml(figure: Figure) -> str:

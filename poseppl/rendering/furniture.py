@@ -17,15 +17,15 @@ Floats = NDArray[np.float64]
 
 FURNITURE_GROUP = 2
 """MuJoCo's geometry group of the furniture."""
-CLEARANCE = 260.0
+CLEARANCE = 190.0
 """Least distance (mm) from the points of the person to a piece of furniture."""
 APART = 60.0
 """Least distance (mm) between two pieces."""
-BESIDE = 700.0
+BESIDE = 550.0
 """How far beside the path (mm) pieces are wished to stand, on this side and that in turn."""
 FROM_WALL = 900.0
 """Least distance (mm) of a piece's middle from the walls."""
-NUM_CHAIRS = 4
+NUM_CHAIRS = 6
 _TRIALS = 600
 _HALF = {"table": np.array([700.0, 400.0]), "chair": np.array([225.0, 225.0])}
 
@@ -40,7 +40,7 @@ class Piece(NamedTuple):
 
 
 def place_furniture(room: Room, path: Floats, seed: int = 0) -> tuple[Piece, ...]:
-    """Put a table and four chairs along a path.
+    """Put a table and six chairs along a path.
 
     Args:
         room: The room.

@@ -52,7 +52,7 @@ def test_a_build_is_symmetric_and_has_a_seed(walker: Build) -> None:
     factors = iter(one.thickness)
     by_segment = {segment.start + segment.end: [next(factors) for _ in segment.shapes] for segment in SEGMENTS}
     for name, thickness in by_segment.items():
-        if "_l" in name:
+        if "_l" in name and "_r" not in name:
             assert thickness == by_segment[name.replace("_l", "_r")]
 
 
@@ -65,11 +65,8 @@ def test_what_cannot_be_rendered_is_told(walker: Build) -> None:
     with pytest.raises(InputError, match="knee_r is unknown in frame 2"):
         figure_points(JOINTS, places)
     room = room_around(np.zeros((1, 2)), 0.0)
-    for count, size, focal, field in (
-        (5, (96, 72), None, "--cameras"),
-        (4, (97, 72), None, "--size"),
-        (4, (96, 72), 1, "--focal"),
-    ):
+    bad = ((5, (96, 72), None, "--cameras"), (4, (97, 72), None, "--size"), (4, (96, 72), 1.0, "--focal"))
+    for count, size, focal, field in bad:
         with pytest.raises(InputError, match=field):
             corner_cameras(room, count, size, focal)
 
