@@ -1,7 +1,7 @@
 """A table and chairs that stand in the way of the cameras, but not of the person.
 
-Places are drawn at random on both sides of the path; those are taken that keep clear of it and of each other and are nearest to
-where they are wished. Lengths are millimetres; MuJoCo's are metres, and the XML is written in these.
+Places are drawn at random beside the path; those are taken that keep clear of it and of each other and are nearest to where
+they are wished. Lengths are millimetres; MuJoCo's are metres, and the XML is written in these.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.rendering.room import Room
+from poseppl.rendering.room import CORNERS, Room
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ CLEARANCE = 190.0
 APART = 60.0
 """Least distance (mm) between two pieces."""
 BESIDE = 550.0
-"""How far beside the path (mm) pieces are wished to stand, on this side and that in turn."""
+"""How far from the path (mm), towards the corners in turn, pieces are wished to stand: where they hide the legs best."""
 FROM_WALL = 900.0
 """Least distance (mm) of a piece's middle from the walls."""
 NUM_CHAIRS = 6
@@ -53,10 +53,11 @@ def place_furniture(room: Room, path: Floats, seed: int = 0) -> tuple[Piece, ...
     rng = np.random.default_rng([seed, 4])
     route = path[:: max(1, len(path) // 4000)]
     shares = [0.5, *((number + 0.5) / NUM_CHAIRS for number in range(NUM_CHAIRS))]
-    across = np.linalg.svd(route - route.mean(0), full_matrices=False)[2][1]
     pieces: list[Piece] = []
     for number, (share, kind) in enumerate(zip(shares, ["table"] + ["chair"] * NUM_CHAIRS, strict=True)):
-        target = route[int(share * (len(route) - 1))] + (-1) ** number * BESIDE * across
+        passed = route[int(share * (len(route) - 1))]
+        corner = room.centre + room.size / 2 * CORNERS[number % len(CORNERS)]
+        target = passed + BESIDE * (corner - passed) / np.linalg.norm(corner - passed)
         piece = _place(kind, target, room, route, pieces, rng)
         if piece is not None:
             pieces.append(piece)
