@@ -48,9 +48,15 @@ def start_jax(devices: int = 1) -> None:
 
 
 class ConsoleProgress:
-    """A bar on stderr; off where stderr is no terminal, or when asked to be quiet. Notes are always written."""
+    """A bar on stderr; off where stderr is no terminal, or when asked to be quiet. Notes are always written.
 
-    def __init__(self, quiet: bool) -> None:
+    Args:
+        quiet: Whether to show no bar.
+        doing: What is being done while frames advance.
+    """
+
+    def __init__(self, quiet: bool, doing: str = "tracking") -> None:
+        self._doing = doing
         self.console = Console(stderr=True, soft_wrap=True, highlight=False)
         self._bar = Progress(
             SpinnerColumn(),
@@ -82,7 +88,7 @@ class ConsoleProgress:
     def advance(self, frames: int) -> None:
         """So many more frames are done."""
         if self._task is not None:
-            self._bar.update(self._task, description="tracking", advance=frames)
+            self._bar.update(self._task, description=self._doing, advance=frames)
 
     def note(self, message: str) -> None:
         """Tell of something, above the bar."""

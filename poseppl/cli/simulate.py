@@ -18,12 +18,22 @@ Examples:
       A recording through two cameras; a tenth of the markers is missing.
   poseppl track --observations poseppl-walk.csv --camera poseppl-walk.toml
       Track what was written, without the truth.
+  poseppl simulate 02_01.amc --skeleton 02.asf --frames ::4 --video -o room/
+      Videos of a person in a room with four cameras and furniture in the way, with masks and truth.
 
 \b
 Files written:
   poseppl-NAME.csv   the points: frame, marker, x, y (pixels), and camera where there are several
   poseppl-NAME.toml  the cameras
   poseppl-NAME.nc    the truth: markers in mm and the body's states, an xarray DataTree
+With --video a folder poseppl-NAME, new, with these, N being a camera's number:
+  camera_N.mp4             what it saw; camera_N/000000.png and on are the same without loss (--lossless)
+  camera_N_visible.npz     pixels that show the person: keys masks (packed bits) and shape (frames, height, width)
+  camera_N_whole.npz       pixels that would show the person if there were no furniture
+  camera_N_background.png  the empty room; camera_N_occluder.png: where furniture is seen in it
+  Calib.toml               the cameras; image points have their origin in the centre of the first pixel
+  truth.csv, truth.nc      true places of the markers in mm; the second has the body's states, too
+  scene.toml               what the scene was made of
 Inputs are never overwritten.
 
 \b
@@ -31,15 +41,24 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 """
 
 
-@click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion.")
+@click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion, or videos.")
 @click.argument("recording", required=False, type=click.Path())
 @subject_options
 @camera_options
 @click.option(
-    "--focal", metavar="PIXELS", type=float, default=1500.0, show_default=True, help="Focal length of placed cameras."
+    "--focal",
+    metavar="PIXELS",
+    type=float,
+    default=None,
+    help="Focal length of placed cameras. [default: 1500; a view of 70 degrees with --video]",
 )
 @click.option(
-    "--size", metavar="W H", type=int, nargs=2, default=(1920, 1080), show_default=True, help="Their image, in pixels."
+    "--size",
+    metavar="W H",
+    type=int,
+    nargs=2,
+    default=None,
+    help="Their image, in pixels. [default: 1920 1080; 640 480 with --video]",
 )
 @click.option(
     "--missing",
@@ -49,15 +68,48 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     show_default=True,
     help="Fraction of the markers that are not seen, at random.",
 )
-@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise.")
-@click.option("--output", "-o", metavar="DIR|FILE.csv", help="Where the points go. [default: poseppl-NAME.csv, here]")
+@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise, and of the room.")
+@click.option(
+    "--video",
+    is_flag=True,
+    help="Render videos instead: a clothed person in a room with a camera in every corner (--cameras, 4 by default). Needs "
+    "pip install 'poseppl[render]'.",
+)
+@click.option(
+    "--clutter/--no-clutter",
+    default=None,
+    help="Whether a table and chairs stand in the way of a video's cameras. [default: --clutter]",
+)
+@click.option("--lossless", is_flag=True, help="Write every frame of a video as a PNG file, too.")
+@click.option(
+    "--output",
+    "-o",
+    metavar="DIR|FILE.csv",
+    help="Where the points go; with --video a new folder. [default: poseppl-NAME.csv, here; poseppl-NAME]",
+)
 @common_options
 def simulate(recording: str | None, **options: Any) -> None:
-    """Look at a motion through cameras and write the noisy 2-D markers.
+    """Look at a motion through cameras and write the noisy 2-D markers, or videos of a person who moves so.
 
     RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d); without it, the built-in walk
     is seen.
     """
+    if not 0 <= options["seed"] < 2**32:
+        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    if options["video"]:
+        from poseppl.cli.video import simulate_video
+
+        simulate_video(recording, options)
+        return
+    for name, given in (("clutter", options["clutter"] is not None), ("lossless", options["lossless"])):
+        if given:
+            raise InputError("this is of videos", field=f"--{name}", expected="--video with it")
+    options["focal"] = 1500.0 if options["focal"] is None else options["focal"]
+    options["size"] = options["size"] or (1920, 1080)
+    _simulate_points(recording, options)
+
+
+def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     from poseppl.cli.console import print_table, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.subject import find_subject, look_at_subject, stem_of
@@ -74,8 +126,6 @@ def simulate(recording: str | None, **options: Any) -> None:
         raise InputError(f"{options['focal']:g}", field="--focal", expected="1 to 1000000 pixels")
     if not all(1 <= side <= 100_000 for side in options["size"]):
         raise InputError(f"{options['size']}", field="--size", expected="1 to 100000 pixels")
-    if not 0 <= options["seed"] < 2**32:
-        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
     start_jax()
     subject = find_subject(recording, options)
     cameras, names = look_at_subject(subject, options)

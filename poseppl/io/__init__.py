@@ -12,6 +12,7 @@ from poseppl.io.cameras import CameraRecord as CameraRecord
 from poseppl.io.cameras import read_cameras as read_cameras
 from poseppl.io.cameras import write_cameras as write_cameras
 from poseppl.io.deepmimic import read_deepmimic as read_deepmimic
+from poseppl.io.files import atomic_folder as atomic_folder
 from poseppl.io.files import atomic_path as atomic_path
 from poseppl.io.motion import Motion as Motion
 from poseppl.io.motion import slice_frames as slice_frames
@@ -19,4 +20,6 @@ from poseppl.io.motion import to_z_up as to_z_up
 from poseppl.io.observations import Observations as Observations
 from poseppl.io.observations import read_observations as read_observations
 from poseppl.io.observations import write_observations as write_observations
+from poseppl.io.places import read_places as read_places
+from poseppl.io.places import write_places as write_places
 from poseppl.io.recording import read_motion as read_motion

@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from os import PathLike
@@ -134,12 +135,48 @@ def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[st
         os.replace(temporary, target)
         _flush(target.parent)
     except OSError as error:
-        if _is_full(error):
-            raise PosepplError(
-                f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)"
-            ) from error
-        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
-            raise InputError(f"cannot be written: {error.strerror}", file=path) from error
+        _tell(error, path)
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside a folder that does not exist yet; on success it becomes that, on failure it is removed.
+
+    Args:
+        path: The folder to write.
+
+    Yields:
+        The temporary folder, which the block fills.
+
+    Raises:
+        InputError: There is something of this name, or the folder around it is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    target = Path(os.path.abspath(path))
+    if os.path.lexists(target):
+        raise InputError("the output exists", file=path, expected="a name that is not taken; move it away or choose another")
+    _check_target(path, ())
+    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    try:
+        temporary.mkdir()
+        yield temporary
+        for file in temporary.rglob("*"):
+            _flush(file)
+        os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
+        _flush(target.parent)
+    except OSError as error:
+        _tell(error, path)
+        raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _tell(error: OSError, path: str | PathLike[str]) -> None:
+    """Raise the error in words that a user understands, if there are some."""
+    if _is_full(error):
+        raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
+        raise InputError(f"cannot be written: {error.strerror}", file=path) from error

@@ -10,6 +10,7 @@ import xarray as xr
 from poseppl.errors import InputError
 from poseppl.io.files import atomic_path
 from poseppl.tracking.scene import Scene
+from poseppl.tracking.subjects import MovingSubject
 
 
 def save_truth(scene: Scene, path: str | PathLike[str]) -> None:
@@ -25,17 +26,25 @@ def save_truth(scene: Scene, path: str | PathLike[str]) -> None:
     """
     if scene.states is None or scene.markers is None:
         raise InputError("the truth is not known", file=path)
-    tree = scene.body.tree
+    rate = scene.rate or 0.0
+    save_subject_truth(
+        MovingSubject(scene.body, scene.states, scene.markers, scene.residual, scene.frames, rate, scene.source), path
+    )
+
+
+def save_subject_truth(subject: MovingSubject, path: str | PathLike[str]) -> None:
+    """Write a body in motion as :func:`save_truth` does."""
+    tree = subject.body.tree
     truth = xr.Dataset(
-        {"state": (("frame", "dof"), scene.states), "markers": (("frame", "marker", "axis"), scene.markers)},
+        {"state": (("frame", "dof"), subject.states), "markers": (("frame", "marker", "axis"), subject.markers)},
         coords={
-            "frame": scene.frames,
+            "frame": subject.frames,
             "dof": list(tree.coordinate_names),
             "marker": list(tree.marker_names),
             "axis": ["x", "y", "z"],
         },
     )
-    lengths = {name: float(value) for name, value in scene.body.lengths.items()}
-    root = xr.Dataset(attrs={"input": scene.source, "rate": scene.rate or 0.0, "lengths": json.dumps(lengths)})
+    lengths = {name: float(value) for name, value in subject.body.lengths.items()}
+    root = xr.Dataset(attrs={"input": subject.source, "rate": subject.rate, "lengths": json.dumps(lengths)})
     with atomic_path(path) as temporary:
         xr.DataTree.from_dict({"/": root, "truth": truth}).to_netcdf(temporary, engine="h5netcdf")

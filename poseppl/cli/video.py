@@ -1,0 +1,108 @@
+"""What `poseppl simulate --video` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseppl.errors import InputError
+
+
+def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
+    """Render a subject in a room and write the folder of the scene.
+
+    Args:
+        recording: The motion capture file; the built-in walk if None.
+        options: Of the command.
+
+    Raises:
+        InputError: An option or an input cannot be used.
+        PosepplError: A package or OpenGL is missing, or the disk is full.
+    """
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.subject import find_subject, stem_of
+    from poseppl.rendering import SensorNoise, Truth, build_setting, write_scene
+    from poseppl.rendering.noise import check_noise
+    from poseppl.rendering.packages import load_mujoco, load_opencv
+    from poseppl.tracking.truth import save_subject_truth
+
+    folder = _folder(options["output"], stem_of(recording))
+    _refuse(options)
+    noise = SensorNoise() if options["noise"] is None else SensorNoise(level=options["noise"])
+    check_noise(noise)
+    load_mujoco()
+    load_opencv()
+    start_jax()
+    subject = find_subject(recording, options)
+    setting = build_setting(
+        subject.body.tree.marker_names,
+        _complete(subject),
+        toes=_toes(recording, options),
+        clutter=options["clutter"] is not False,
+        cameras=4 if options["cameras"] is None else options["cameras"],
+        size=options["size"] or (640, 480),
+        focal=options["focal"],
+        seed=options["seed"],
+    )
+    truth = Truth(subject.frames, subject.rate, subject.body.tree.marker_names, subject.markers, subject.source)
+    progress = ConsoleProgress(options["quiet"], doing="rendering")
+    with progress.running():
+        progress.stage("rendering", setting.num_frames)
+        write_scene(
+            folder,
+            setting,
+            truth,
+            noise=noise,
+            lossless=options["lossless"],
+            advance=progress.advance,
+            besides=lambda place: save_subject_truth(subject, place / "truth.nc"),
+        )
+    if not options["quiet"]:
+        cameras = f"{len(setting.cameras)} of {setting.size[0]} x {setting.size[1]} pixels"
+        furniture = ", ".join(piece.kind for piece in setting.furniture) or "none"
+        rows = [("frames", f"{setting.num_frames} at {subject.rate:g} Hz"), ("cameras", cameras), ("furniture", furniture)]
+        print_table("poseppl simulate", [*rows, ("scene", str(folder))])
+
+
+def _folder(given: str | None, stem: str) -> Path:
+    folder = Path(stem if given is None else given)
+    if folder.exists() or folder.is_symlink():
+        raise InputError("the output exists", file=folder, field="--output", expected="the name of a new folder")
+    if not folder.absolute().parent.is_dir():
+        raise InputError("the output folder does not exist", file=folder.parent, expected="an existing folder")
+    return folder
+
+
+def _refuse(options: dict[str, Any]) -> None:
+    for name in ("camera", "camera_distance", "view"):
+        if options[name] is not None:
+            field = "--" + name.replace("_", "-")
+            raise InputError("a video's cameras hang in the corners of the room", field=field, expected="no --video with it")
+    if options["missing"]:
+        raise InputError("a video has no markers that could be missing", field="--missing", expected="no --video with it")
+
+
+def _complete(subject: Any) -> Any:
+    """The recorded places of the markers, those of the fitted body where a recording has none."""
+    import jax
+    import jax.numpy as jnp
+
+    from poseppl.geometry import marker_positions
+
+    tree = subject.body.tree
+    fitted = np.asarray(jax.vmap(lambda state: marker_positions(tree, state))(jnp.asarray(subject.states)), np.float64)
+    return np.where(np.isfinite(subject.markers), subject.markers, fitted)
+
+
+def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:
+    """The toes of a recording, which the body that is tracked does not have."""
+    from poseppl.io import read_motion, slice_frames
+    from poseppl.rendering import find_toes
+
+    if recording is None:
+        return {}
+    asked = {name: options[name] for name in ("rate", "scale", "up")}
+    motion = read_motion(recording, options["skeleton"], **asked)
+    return find_toes(motion if options["frames"] is None else slice_frames(motion, options["frames"]))
