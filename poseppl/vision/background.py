@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.io.opencv import Image, check_image, opencv, place
+from poseppl.vision.window import window
 
 Mask = NDArray[np.uint8]
 MAX_LEARNING_BYTES = 2**30
@@ -184,12 +185,13 @@ def clean_mask(mask: Mask, settings: BackgroundSettings) -> Mask:
     Returns:
         (H, W) uint8, 0 or 1.
     """
-    cv2 = opencv()
-    for operation, diameter in ((cv2.MORPH_OPEN, settings.opening), (cv2.MORPH_CLOSE, settings.closing)):
-        if diameter > 1:
-            mask = cv2.morphologyEx(mask, operation, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter)))
-    mask = _without_small(mask, settings.least_area, 8)
-    return (1 - _without_small((1 - mask).astype(np.uint8), settings.largest_hole + 1, 4)).astype(np.uint8)
+    opened = _morphology("MORPH_OPEN", mask, settings.opening)
+    cleaned = np.zeros_like(opened)
+    part = window(opened, settings.closing + 1)
+    if part is not None:
+        closed = _without_small(_morphology("MORPH_CLOSE", opened[part], settings.closing), settings.least_area, 8)
+        cleaned[part] = 1 - _without_small(1 - closed, settings.largest_hole + 1, 4)
+    return cleaned
 
 
 def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:
@@ -246,6 +248,15 @@ def _new_mixture(settings: BackgroundSettings) -> Any:
     mixture.setBackgroundRatio(settings.background_share)
     mixture.setShadowThreshold(settings.shadow)
     return mixture
+
+
+def _morphology(operation: str, mask: Mask, diameter: int) -> Mask:
+    cv2 = opencv()
+    if diameter <= 1:
+        return mask
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
+    changed: Mask = cv2.morphologyEx(mask, getattr(cv2, operation), disc)
+    return changed
 
 
 def _without_small(mask: Mask, least: int, connectivity: int) -> Mask:

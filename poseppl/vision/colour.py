@@ -1,7 +1,7 @@
 """Colour histograms of regions, and the Bhattacharyya distance between them.
 
 The histogram is that of Perez et al. (2002, doi:10.1007/3-540-47969-4_44): pixels with colour are counted by hue and
-saturation, which light changes little; pixels too dark or too pale to have a hue by their brightness. A gray image so falls back to a
+saturation, which light changes little; pixels too dark or too pale to have a hue by their brightness. So a gray image has a
 histogram of gray. Du and Guan (2006, section 3) compare the colours of body and image by a weighted Bhattacharyya distance and
 leave the formula of the weights to another paper; here the weights are the caller's, those of pixels within a region and those
 of regions within a body.
@@ -67,7 +67,10 @@ def colour_bins(image: Image, settings: ColourSettings | None = None) -> NDArray
     Returns:
         (H, W) numbers of bins: hue by hue its saturations, then the grays.
     """
-    chosen, checked = (settings or ColourSettings()).check(), check_image(image)
+    chosen = (settings or ColourSettings()).check()
+    if image.size == 0:
+        return np.zeros(image.shape[:2], np.int64)
+    checked = check_image(image)
     if checked.ndim == 2:
         return chosen.hues * chosen.saturations + checked.astype(np.int64) * chosen.grays // 256
     cv2 = opencv()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least
 from poseppl.io.opencv import Image, check_image, opencv
 from poseppl.vision.background import Mask
+from poseppl.vision.window import window
 
 Map = NDArray[np.float32]
 BENCHMARK_SQUARED_THRESHOLD = 16.0
@@ -89,14 +90,21 @@ def find_edges(image: Image, settings: EdgeSettings, foreground: Mask | None = N
     Returns:
         (H, W) uint8, 1 at an edge.
     """
-    cv2 = opencv()
-    right, down = gradient(image)
-    edges: Mask = (cv2.magnitude(right, down) >= np.float32(max(settings.threshold, 1e-6))).astype(np.uint8)
+    cv2, plane = opencv(), gray(image)
+    edges = np.zeros(plane.shape, np.uint8)
     if foreground is None:
-        return edges
-    diameter = 2 * settings.dilation + 1
-    wide: Mask = cv2.dilate(foreground, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter)))
-    return edges & wide
+        part, wide = (slice(None), slice(None)), None
+    else:
+        # A margin of 2 px more: the gradient at the window's rim is that of the whole image.
+        found = window(foreground, settings.dilation + 2)
+        if found is None:
+            return edges
+        part, diameter = found, 2 * settings.dilation + 1
+        wide = cv2.dilate(foreground[part], cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter)))
+    right, down = gradient(plane[part])
+    strong = (cv2.magnitude(right, down) >= np.float32(max(settings.threshold, 1e-6))).astype(np.uint8)
+    edges[part] = strong if wide is None else strong & wide
+    return edges
 
 
 def edge_proximity(edges: Mask, sigma: float) -> Map:
@@ -117,8 +125,11 @@ def edge_proximity(edges: Mask, sigma: float) -> Map:
     line = np.zeros((1, 2 * int(np.ceil(4 * sigma)) + 2), np.float32)
     line[0, line.shape[1] // 2 - 1 : line.shape[1] // 2 + 1] = 1.0
     peak = float(cv2.GaussianBlur(line, (0, 0), sigma).max())
-    smooth: Map = cv2.GaussianBlur(edges.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    proximity: Map = np.minimum(smooth / np.float32(peak), np.float32(1.0))
+    proximity = np.zeros(edges.shape, np.float32)
+    part = window(edges, 5 * sigma)
+    if part is not None:
+        smooth = cv2.GaussianBlur(edges[part].astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        proximity[part] = np.minimum(smooth / np.float32(peak), np.float32(1.0))
     return proximity
 
 

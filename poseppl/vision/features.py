@@ -150,7 +150,7 @@ def extract(
         edge_proximity=edge_proximity(edges, chosen.edges.sigma),
         edge_distance=edge_distance(edges, chosen.truncation),
         silhouette_distance=silhouette_distance(foreground, chosen.truncation),
-        histogram=colour_histogram(colour_bins(scaled, chosen.colour), chosen.colour, foreground),
+        histogram=colour_histogram(colour_bins(scaled[foreground != 0][None], chosen.colour), chosen.colour),
         descriptors=fourier_descriptors(outer_contour(foreground), chosen.descriptors),
         flow=flow,
         flow_outliers=outliers,

@@ -95,8 +95,8 @@ def flow_outliers(forth: Flow, back: Flow, settings: FlowSettings | None = None)
     returning = cv2.remap(back, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     # Planes in one piece: sums over a last axis of length 2 take five times as long.
     (u, v), (s, t) = cv2.split(forth), cv2.split(returning)
-    miss = (u + s) ** 2 + (v + t) ** 2
-    allowed = chosen.relative * (u * u + v * v + s * s + t * t) + chosen.absolute
+    miss = np.square(u + s) + np.square(v + t)
+    allowed = np.float32(chosen.relative) * (u * u + v * v + s * s + t * t) + np.float32(chosen.absolute)
     outside = (x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)
-    outliers: Mask = ((miss > allowed) | outside).astype(np.uint8)
+    outliers: Mask = ((miss > allowed) | outside).view(np.uint8)
     return outliers

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from poseppl.io.opencv import opencv
 from poseppl.vision.background import Mask
 from poseppl.vision.edges import Map
+from poseppl.vision.window import window
 
 
 def edge_distance(edges: Mask, truncation: float) -> Map:
@@ -24,7 +25,12 @@ def edge_distance(edges: Mask, truncation: float) -> Map:
     Returns:
         (H, W) px: 0 on an edge, at most ``truncation``; that everywhere where there is no edge.
     """
-    return np.minimum(_distance_to(edges), np.float32(truncation))
+    limit = np.float32(truncation)
+    distance = np.full(edges.shape, limit, np.float32)
+    part = window(edges, truncation)
+    if part is not None:
+        distance[part] = np.minimum(_distance_to(edges[part]), limit)
+    return distance
 
 
 def silhouette_distance(foreground: Mask, truncation: float) -> Map:
@@ -38,11 +44,15 @@ def silhouette_distance(foreground: Mask, truncation: float) -> Map:
         (H, W) px in [-truncation, truncation]: negative inside, -0.5 and 0.5 at the two sides of the outline. All
         ``truncation`` where nothing is inside, and -``truncation`` where everything is.
     """
-    inside = foreground != 0
-    outward = _distance_to(inside.astype(np.uint8)) - np.float32(0.5)
-    inward = _distance_to((~inside).astype(np.uint8)) - np.float32(0.5)
     limit = np.float32(truncation)
-    return np.clip(np.where(inside, -inward, outward), -limit, limit)
+    distance = np.full(foreground.shape, limit, np.float32)
+    part = window(foreground, truncation + 1.0)
+    if part is not None:
+        inside = (foreground[part] != 0).astype(np.uint8)
+        # Of the two distances one is 0 at each pixel; the half px is from a centre to the outline.
+        signed = _distance_to(inside) - _distance_to(1 - inside) + (np.float32(0.5) * (2 * inside.astype(np.float32) - 1))
+        distance[part] = np.clip(signed, -limit, limit)
+    return distance
 
 
 def integral_image(plane: NDArray[np.generic]) -> NDArray[np.float64]:
