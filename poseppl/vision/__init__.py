@@ -34,6 +34,7 @@ from poseppl.vision.features import scale_mask as scale_mask
 from poseppl.vision.flow import FlowSettings as FlowSettings
 from poseppl.vision.flow import dense_flow as dense_flow
 from poseppl.vision.flow import flow_outliers as flow_outliers
+from poseppl.vision.flow import foreground_flow as foreground_flow
 from poseppl.vision.maps import box_sum as box_sum
 from poseppl.vision.maps import edge_distance as edge_distance
 from poseppl.vision.maps import integral_image as integral_image

@@ -17,6 +17,7 @@ from poseppl.errors import InputError
 from poseppl.io.opencv import Image, opencv
 from poseppl.vision.background import Mask
 from poseppl.vision.edges import gray
+from poseppl.vision.window import window
 
 Flow = NDArray[np.float32]
 
@@ -28,11 +29,13 @@ class FlowSettings(NamedTuple):
         method: "dis", dense inverse search (Kroeger et al. 2016) at one of three speeds, or "farneback" (2003).
         relative: How far a pixel may miss its start, squared, as a share of the squared lengths of its way forth and back.
         absolute: How far it may miss besides, px squared.
+        margin: Flow is sought in the rectangle of the foreground, widened by so many px.
     """
 
     method: Literal["dis_ultrafast", "dis_fast", "dis_medium", "farneback"] = "dis_ultrafast"
     relative: float = 0.01
     absolute: float = 0.5
+    margin: int = 32
 
     def check(self) -> FlowSettings:
         """Refuse settings that cannot be used.
@@ -46,7 +49,7 @@ class FlowSettings(NamedTuple):
         if self.method not in ("dis_ultrafast", "dis_fast", "dis_medium", "farneback"):
             raise ValueError(f"method is {self.method!r}. Expected 'dis_ultrafast', 'dis_fast', 'dis_medium' or 'farneback'.")
         check_fraction("[0, 1]", relative=self.relative)
-        check_at_least(0, absolute=self.absolute)
+        check_at_least(0, absolute=self.absolute, margin=self.margin)
         return self
 
 
@@ -100,3 +103,25 @@ def flow_outliers(forth: Flow, back: Flow, settings: FlowSettings | None = None)
     outside = (x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)
     outliers: Mask = ((miss > allowed) | outside).view(np.uint8)
     return outliers
+
+
+def foreground_flow(before: Image, after: Image, foreground: Mask, settings: FlowSettings | None = None) -> tuple[Flow, Mask]:
+    """Find the flow around the foreground, and where it cannot be believed; the rest of the frame is not looked at.
+
+    Args:
+        before: (H, W, 3) RGB or (H, W) gray, 16 px at least.
+        after: The frame of the foreground.
+        foreground: (H, W) uint8, 1 at the foreground.
+        settings: The settings.
+
+    Returns:
+        (H, W, 2) px from ``before`` to ``after``, and (H, W) uint8, 1 where it cannot be believed; 0 and 1 beyond the margin.
+    """
+    chosen = (settings or FlowSettings()).check()
+    flow, outliers = np.zeros((*foreground.shape, 2), np.float32), np.ones(foreground.shape, np.uint8)
+    part = window(foreground, max(chosen.margin, 16))
+    if part is not None:
+        first, second = gray(before)[part], gray(after)[part]
+        flow[part] = dense_flow(first, second, chosen.method)
+        outliers[part] = flow_outliers(flow[part], dense_flow(second, first, chosen.method), chosen)
+    return flow, outliers

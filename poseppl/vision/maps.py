@@ -48,10 +48,11 @@ def silhouette_distance(foreground: Mask, truncation: float) -> Map:
     distance = np.full(foreground.shape, limit, np.float32)
     part = window(foreground, truncation + 1.0)
     if part is not None:
-        inside = (foreground[part] != 0).astype(np.uint8)
-        # Of the two distances one is 0 at each pixel; the half px is from a centre to the outline.
-        signed = _distance_to(inside) - _distance_to(1 - inside) + (np.float32(0.5) * (2 * inside.astype(np.float32) - 1))
-        distance[part] = np.clip(signed, -limit, limit)
+        inside = (foreground != 0).astype(np.uint8)
+        distance[part] = np.minimum(_distance_to(inside[part]) - np.float32(0.5), limit)
+        near = window(foreground, 1.0) or part
+        inward = np.float32(0.5) - _distance_to(1 - inside[near])
+        np.copyto(distance[near], np.maximum(inward, -limit), where=inside[near] != 0)
     return distance
 
 
