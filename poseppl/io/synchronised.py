@@ -10,8 +10,8 @@ from poseppl.errors import InputError
 from poseppl.io.opencv import Image, place
 from poseppl.io.video import Video
 
-RATE_TOLERANCE = 1e-3
-"""Relative difference up to which two rates count as one: 30 and 29.97 frames a second do."""
+RATE_TOLERANCE = 1e-4
+"""Relative difference up to which two rates count as one: a slip of a frame in 10,000, above the rounding in headers."""
 Mismatch = Literal["raise", "shortest"]
 
 
