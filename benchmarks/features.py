@@ -4,7 +4,7 @@
 
 The pictures are those of PARSEC's bodytrack where FOLDER (or $POSEPPL_DATA) holds them, with the person painted out for a
 background, or else drawn. The frame before is the same picture shifted by 2 px. The rival in the same run is OpenCV's own
-background subtraction of the four pictures, which nothing that starts from video can do without. Goal: 0.15 s a frame on 2 cores.
+background subtraction of the four pictures, which nothing that starts from video can do without. Goal: 0.15 s on 2 cores.
 """
 
 from __future__ import annotations

@@ -143,7 +143,7 @@ def read_features(path: str | PathLike[str], settings: FeatureSettings) -> Frame
         The features; None where there is no such file, or it is broken.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             features = FrameFeatures(**{name: archive[name] for name in FrameFeatures._fields})
     except _BROKEN:
         return None
