@@ -5,6 +5,12 @@ saturation, which light changes little; pixels too dark or too pale to have a hu
 histogram of gray. Du and Guan (2006, section 3) compare the colours of body and image by a weighted Bhattacharyya distance and
 leave the formula of the weights to another paper; here the weights are the caller's, those of pixels within a region and those
 of regions within a body.
+
+>>> red, blue = (np.full((8, 8, 3), colour, np.uint8) for colour in ((200, 0, 0), (0, 0, 200)))
+>>> both = np.concatenate([red, blue])
+>>> first, second = (colour_histogram(colour_bins(image)) for image in (red, both))
+>>> print(f"{bhattacharyya_distance(first, second):.3f}")  # they share half: sqrt(1 - sqrt(1/2))
+0.541
 """
 
 from __future__ import annotations

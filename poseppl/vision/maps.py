@@ -2,6 +2,11 @@
 
 Distances are in px between centres of pixels, exact Euclidean ones (Felzenszwalb and Huttenlocher 2012), and truncated: a far
 pixel says no more than that it is far, which bounds what clutter can cost.
+
+>>> mask = np.zeros((5, 9), np.uint8)
+>>> mask[1:4, 2:7] = 1
+>>> silhouette_distance(mask, truncation=2.0)[2].tolist()
+[1.5, 0.5, -0.5, -1.5, -1.5, -1.5, -0.5, 0.5, 1.5]
 """
 
 from __future__ import annotations
