@@ -137,8 +137,8 @@ def benchmark_edge_map(image: Image) -> Image:
     """Compute the edge map of the PARSEC benchmark bodytrack.
 
     A 3 x 3 Sobel mask divided by 8; 0 where the squared magnitude is under 16, 255 elsewhere; a Gaussian of 7 taps and a sigma
-    of 4 px along rows, cut to whole numbers, then along columns, cut again. There is no edge in the outermost row and column,
-    and what lies outside the image is 0.
+    of 4 px along rows, cut to whole numbers, then along columns, cut again. Where a mask would reach beyond the image the
+    benchmark computes nothing; here the map is 0 there, in the 3 outermost rows and columns.
 
     Args:
         image: (H, W, 3) RGB or (H, W) gray.
@@ -152,7 +152,8 @@ def benchmark_edge_map(image: Image) -> Image:
     binary[[0, -1], :] = 0.0
     binary[:, [0, -1]] = 0.0
     kernel = cv2.getGaussianKernel(BENCHMARK_TAPS, BENCHMARK_SIGMA, cv2.CV_32F)
-    rows = np.floor(cv2.filter2D(binary, cv2.CV_32F, kernel.T, borderType=cv2.BORDER_CONSTANT))
-    columns = cv2.filter2D(rows, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT)
-    cut: Image = np.floor(columns).astype(np.uint8)
-    return cut
+    rows = np.floor(cv2.filter2D(binary, cv2.CV_32F, kernel.T))
+    columns = np.floor(cv2.filter2D(rows, cv2.CV_32F, kernel))
+    edge_map, reach = np.zeros(binary.shape, np.uint8), BENCHMARK_TAPS // 2
+    edge_map[reach:-reach, reach:-reach] = columns[reach:-reach, reach:-reach]
+    return edge_map

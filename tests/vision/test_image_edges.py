@@ -65,11 +65,14 @@ def plain_benchmark_map(image):
             down = (np.array([-1, 0, 1]) @ patch @ np.array([1, 2, 1])) / 8
             binary[y, x] = 0 if across**2 + down**2 < 16 else 255
     taps = np.exp(-np.square(np.arange(-3, 4)) / 32)
-    taps /= taps.sum()
-    padded = np.pad(binary, 3)
-    rows = np.floor(sum(tap * padded[3:-3, k : k + width] for k, tap in enumerate(taps)) + 1e-9)
-    padded = np.pad(rows, 3)
-    return np.floor(sum(tap * padded[k : k + height, 3:-3] for k, tap in enumerate(taps)) + 1e-9)
+    taps = (taps / taps.sum()).astype(np.float32)
+    rows, columns = np.zeros(image.shape, np.float32), np.zeros(image.shape, np.float32)
+    for k, tap in enumerate(taps):  # float32, one tap after the other, as the benchmark adds them
+        rows[:, 3:-3] += tap * binary.astype(np.float32)[:, k : k + width - 6]
+    rows = np.floor(rows)
+    for k, tap in enumerate(taps):
+        columns[3:-3] += tap * rows[k : k + height - 6]
+    return np.floor(columns)
 
 
 def test_the_benchmark_edge_map():
@@ -77,7 +80,7 @@ def test_the_benchmark_edge_map():
     image = rng.integers(0, 4, (30, 40)).repeat(2, 0).repeat(2, 1).astype(np.uint8) * 12
     found = benchmark_edge_map(image)
     assert found.dtype == np.uint8
-    # One gray level: sums of float32 that are whole numbers in exact arithmetic may be cut on either side.
+    # One gray level: OpenCV adds in another order, and a sum next to a whole number may be cut on either side of it.
     difference = np.abs(found.astype(int) - plain_benchmark_map(image))
     assert difference.max() <= 1 and np.mean(difference > 0) < 0.05
     assert not benchmark_edge_map(np.full((20, 20), 77, np.uint8)).any()
@@ -98,7 +101,8 @@ def test_recorded_edges(data_dir):
         found = benchmark_edge_map(image)
         patch = np.s_[100:180, 200:300]
         expected = plain_benchmark_map(image[..., 0][np.s_[90:190, 190:310]])[10:-10, 10:-10]
-        assert np.abs(found[patch] - expected).max() <= 1
+        # Over the whole images 0.02 to 0.12 % of the pixels differ, by one gray level.
+        assert np.abs(found[patch] - expected).max() <= 1 and np.mean(found[patch] != expected) < 0.005
         # A person's outline has more edges than the room about it: found 2.8 to 3.9 % of all px, of 5 to 7.5 % foreground.
         masked = find_edges(image, EdgeSettings(), foreground)
         assert 0.02 < masked.mean() < 0.05
