@@ -6,8 +6,6 @@ from poseppl.vision.background import Background as Background
 from poseppl.vision.background import BackgroundSettings as BackgroundSettings
 from poseppl.vision.background import Foreground as Foreground
 from poseppl.vision.background import background_from_plate as background_from_plate
-from poseppl.vision.background import check_mask as check_mask
-from poseppl.vision.background import clean_mask as clean_mask
 from poseppl.vision.background import learn_background as learn_background
 from poseppl.vision.cache import feature_key as feature_key
 from poseppl.vision.cache import read_features as read_features
@@ -39,5 +37,7 @@ from poseppl.vision.maps import box_sum as box_sum
 from poseppl.vision.maps import edge_distance as edge_distance
 from poseppl.vision.maps import integral_image as integral_image
 from poseppl.vision.maps import silhouette_distance as silhouette_distance
+from poseppl.vision.masks import check_mask as check_mask
+from poseppl.vision.masks import clean_mask as clean_mask
 from poseppl.vision.picture import features_picture as features_picture
 from poseppl.vision.picture import save_features_picture as save_features_picture

@@ -18,14 +18,12 @@ from collections.abc import Iterable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
-from poseppl.io.opencv import Image, check_image, opencv, place
-from poseppl.vision.window import window
+from poseppl.io.opencv import Image, check_image, opencv
+from poseppl.vision.masks import Mask, clean_mask
 
-Mask = NDArray[np.uint8]
 MAX_LEARNING_BYTES = 2**30
 
 
@@ -130,7 +128,14 @@ class Background(NamedTuple):
         blind = np.zeros(found.shape, bool) if unknown is None else np.asarray(unknown) != 0
         if self.settings.shadows == "foreground":
             found |= shadow
-        mask = clean_mask((found & ~blind).astype(np.uint8), self.settings) * ~blind
+        mask = clean_mask(
+            (found & ~blind).astype(np.uint8),
+            opening=self.settings.opening,
+            closing=self.settings.closing,
+            least_area=self.settings.least_area,
+            largest_hole=self.settings.largest_hole,
+        )
+        mask = mask * ~blind
         if self.settings.shadows == "unknown":
             blind = blind | (shadow & (mask == 0))
         return Foreground(mask.astype(np.uint8), blind.astype(np.uint8))
@@ -175,48 +180,6 @@ def background_from_plate(plate: Image, settings: BackgroundSettings | None = No
     return learn_background([plate], settings)
 
 
-def clean_mask(mask: Mask, settings: BackgroundSettings) -> Mask:
-    """Remove specks, close gaps, remove small regions and fill small holes, in this order.
-
-    Args:
-        mask: (H, W) uint8, 0 or 1.
-        settings: Of them ``opening``, ``closing``, ``least_area`` and ``largest_hole``.
-
-    Returns:
-        (H, W) uint8, 0 or 1.
-    """
-    opened = _morphology("MORPH_OPEN", mask, settings.opening)
-    cleaned = np.zeros_like(opened)
-    part = window(opened, settings.closing + 1)
-    if part is not None:
-        closed = _without_small(_morphology("MORPH_CLOSE", opened[part], settings.closing), settings.least_area, 8)
-        cleaned[part] = 1 - _without_small(1 - closed, settings.largest_hole + 1, 4)
-    return cleaned
-
-
-def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:
-    """Refuse a foreground mask that says nothing: nobody in it, or everything.
-
-    A caller may catch the error and go on with that camera as unknown in this frame.
-
-    Args:
-        mask: (H, W), not 0 at the foreground.
-        camera: The camera.
-        frame: The frame number.
-        least: The least share of foreground.
-        most: The largest share.
-
-    Raises:
-        InputError: The mask is empty or full, or nearly so.
-    """
-    share = float(np.count_nonzero(mask)) / max(mask.size, 1)
-    if least <= share <= most:
-        return
-    kind = "all black: no foreground" if share == 0 else "all white: no background" if share == 1 else f"{share:.2%} foreground"
-    expected = f"{least:.2%} to {most:.0%} foreground; look at the background plate and the threshold, or mask this camera out"
-    raise InputError(f"the foreground mask is {kind}", field=place(camera, frame), expected=expected)
-
-
 def _rgb(image: Image) -> Image:
     checked = check_image(image)
     return checked if checked.ndim == 3 else np.repeat(checked[..., None], 3, axis=-1)
@@ -248,22 +211,3 @@ def _new_mixture(settings: BackgroundSettings) -> Any:
     mixture.setBackgroundRatio(settings.background_share)
     mixture.setShadowThreshold(settings.shadow)
     return mixture
-
-
-def _morphology(operation: str, mask: Mask, diameter: int) -> Mask:
-    cv2 = opencv()
-    if diameter <= 1:
-        return mask
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
-    changed: Mask = cv2.morphologyEx(mask, getattr(cv2, operation), disc)
-    return changed
-
-
-def _without_small(mask: Mask, least: int, connectivity: int) -> Mask:
-    if least <= 1:
-        return mask
-    _, labels, regions, _ = opencv().connectedComponentsWithStats(mask, connectivity=connectivity)
-    kept = regions[:, -1] >= least
-    kept[0] = False
-    cleaned: Mask = kept.astype(np.uint8)[labels]
-    return cleaned

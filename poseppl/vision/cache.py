@@ -19,8 +19,9 @@ from poseppl.errors import InputError
 from poseppl.io.files import atomic_path
 from poseppl.io.opencv import Image, opencv
 from poseppl.io.video import Video
-from poseppl.vision.background import Background, Mask, learn_background
+from poseppl.vision.background import Background, learn_background
 from poseppl.vision.features import BadMask, FeatureSettings, FrameFeatures, extract, scale_image
+from poseppl.vision.masks import Mask
 
 VERSION = 1
 """Counted up when the same settings come to mean other features."""

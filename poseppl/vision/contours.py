@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.io.opencv import opencv
-from poseppl.vision.background import Mask
+from poseppl.vision.masks import Mask
 
 Contour = NDArray[np.float64]
 SAMPLES = 512

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from poseppl.checks import check_at_least
 from poseppl.io.opencv import Image, check_image, opencv
-from poseppl.vision.background import Mask
+from poseppl.vision.masks import Mask
 from poseppl.vision.window import window
 
 Map = NDArray[np.float32]

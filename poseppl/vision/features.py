@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.io.opencv import Image, check_image, opencv, to_rgb
-from poseppl.vision.background import Background, BackgroundSettings, Mask, check_mask
+from poseppl.vision.background import Background, BackgroundSettings
 from poseppl.vision.colour import ColourSettings, Histogram, colour_bins, colour_histogram
 from poseppl.vision.contours import fourier_descriptors, outer_contour
 from poseppl.vision.edges import EdgeSettings, Map, edge_proximity, find_edges
 from poseppl.vision.flow import Flow, FlowSettings, foreground_flow
 from poseppl.vision.maps import edge_distance, silhouette_distance
+from poseppl.vision.masks import Mask, check_mask
 
 BadMask = Literal["raise", "unknown"]
 

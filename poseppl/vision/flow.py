@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.io.opencv import Image, opencv
-from poseppl.vision.background import Mask
 from poseppl.vision.edges import gray
+from poseppl.vision.masks import Mask
 from poseppl.vision.window import window
 
 Flow = NDArray[np.float32]

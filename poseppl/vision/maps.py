@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.io.opencv import opencv
-from poseppl.vision.background import Mask
 from poseppl.vision.edges import Map
+from poseppl.vision.masks import Mask
 from poseppl.vision.window import window
 
 

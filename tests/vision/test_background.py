@@ -92,20 +92,20 @@ def test_cleaning():
     mask[60:66, 60:66] = 1  # a region of 36 px
     mask[5, 70] = 1  # a speck
     mask[0:20, 30] = 0  # a crack 1 px wide, open to the outside
-    settings = BackgroundSettings(opening=3, closing=5, least_area=40, largest_hole=50)
-    cleaned = clean_mask(mask, settings)
+    settings = {"opening": 3, "closing": 5, "least_area": 40, "largest_hole": 50}
+    cleaned = clean_mask(mask, **settings)
     assert cleaned[20:24, 20:24].all() and not cleaned[33:41, 33:41].any()
     assert not cleaned[55:, 55:].any() and cleaned[5, 70] == 0 and cleaned[14, 30] == 1
-    untouched = clean_mask(mask, BackgroundSettings(opening=0, closing=0, least_area=0, largest_hole=0))
+    untouched = clean_mask(mask, opening=0, closing=0, least_area=0, largest_hole=0)
     np.testing.assert_array_equal(untouched, mask)
-    assert not clean_mask(np.zeros_like(mask), settings).any() and clean_mask(np.ones_like(mask), settings).all()
+    assert not clean_mask(np.zeros_like(mask), **settings).any() and clean_mask(np.ones_like(mask), **settings).all()
 
 
 def test_a_hole_at_the_rim_is_no_hole():
     mask = np.ones((40, 40), np.uint8)
     mask[:, :3] = 0
     mask[10:14, 36:] = 0  # open to the right side of the image, but enclosed by mask otherwise
-    cleaned = clean_mask(mask, BackgroundSettings(opening=0, closing=0, least_area=0, largest_hole=30))
+    cleaned = clean_mask(mask, opening=0, closing=0, least_area=0, largest_hole=30)
     assert not cleaned[:, :3].any() and cleaned[10:14, 36:].all()
 
 
