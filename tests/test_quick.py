@@ -59,7 +59,7 @@ def test_modules_are_imported_and_say_what_they_are(name: str) -> None:
 
 BASE = """
 import importlib, sys
-blocked = {"ezc3d", "pybvh", "pytest", "hypothesis", "selenium"}
+blocked = {"ezc3d", "pybvh", "cv2", "pytest", "hypothesis", "selenium"}
 class Block:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in blocked:

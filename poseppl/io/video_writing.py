@@ -20,7 +20,7 @@ def write_video(path: str | PathLike[str], images: Iterable[Image], rate: float,
 
     Args:
         path: The file, .mp4, .avi or .mkv.
-        images: (H, W, 3) RGB or (H, W) gray, all of one size; taken one at a time.
+        images: (H, W, 3) RGB or (H, W) gray, all of one size, H and W even; taken one at a time.
         rate: Frames a second.
         codec: OpenCV's four letters. "mp4v", MPEG-4 part 2, is in every build; "avc1", H.264, is not.
 
@@ -28,7 +28,7 @@ def write_video(path: str | PathLike[str], images: Iterable[Image], rate: float,
         The number of frames written.
 
     Raises:
-        InputError: There is no image, an image is malformed or of another size, or the file cannot be written.
+        InputError: There is no image, an image is malformed or of another or an odd size, or the file cannot be written.
         PosepplError: OpenCV is not installed, has no such encoder, or the disk is full.
     """
     cv2 = opencv()
@@ -43,6 +43,9 @@ def write_video(path: str | PathLike[str], images: Iterable[Image], rate: float,
                 checked = check_image(image, None, count)
                 if count == 0:
                     size = checked.shape[1::-1]
+                    if size[0] % 2 or size[1] % 2:  # OpenCV would cut off the last column or row
+                        problem = f"images of {size[0]} x {size[1]} pixels"
+                        raise InputError(problem, file=path, expected="an even width and height; crop or pad by one pixel")
                     if not writer.open(str(temporary), cv2.VideoWriter.fourcc(*codec), float(rate), size):
                         raise PosepplError(f"{path}: this OpenCV cannot encode {codec!r} into it; try codec='mp4v'")
                 elif checked.shape[1::-1] != size:

@@ -191,6 +191,7 @@ def test_a_video_is_written_whole_or_not_at_all(film):
         ([], InputError, "no image to write"),
         ([picture(0), picture(0)[:, :50]], InputError, "frame 1: the image has 50 x 48 pixels"),
         ([picture(0).astype(float)], InputError, "frame 0: an array of shape"),
+        ([picture(0)[:, 1:]], InputError, "images of 63 x 48 pixels .expected an even width and height"),
     ):
         with pytest.raises(error, match=message):
             write_video(film, images, 25.0)
