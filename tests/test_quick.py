@@ -30,7 +30,7 @@ from poseppl.results import load_result
 
 pytestmark = pytest.mark.quick
 
-EXTRAS = ("ezc3d", "pybvh")
+EXTRAS = ("ezc3d", "pybvh", "cv2")
 WORKERS = ("poseppl.io.c3d_worker",)
 """Modules that are run as a process of their own."""
 MODULES = [
