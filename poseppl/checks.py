@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-Interval = Literal["[0, 1]", "[0, 1)", "(0, 1)"]
+Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
 
 
 def check_at_least(least: float, **settings: float) -> None:

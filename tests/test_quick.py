@@ -30,7 +30,7 @@ from poseppl.results import load_result
 
 pytestmark = pytest.mark.quick
 
-EXTRAS = ("ezc3d", "pybvh")
+EXTRAS = ("ezc3d", "pybvh", "cv2")
 WORKERS = ("poseppl.io.c3d_worker",)
 """Modules that are run as a process of their own."""
 MODULES = [
@@ -59,7 +59,7 @@ def test_modules_are_imported_and_say_what_they_are(name: str) -> None:
 
 BASE = """
 import importlib, sys
-blocked = {"ezc3d", "pybvh", "pytest", "hypothesis", "selenium"}
+blocked = {"ezc3d", "pybvh", "cv2", "pytest", "hypothesis", "selenium"}
 class Block:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in blocked:

@@ -1,4 +1,4 @@
-"""Motion capture, 2-D observations and camera calibrations: from files to arrays in mm with Z up, and back."""
+"""Motion capture, 2-D observations, calibrations and video: from files to arrays, lengths in mm with Z up, and back."""
 
 from __future__ import annotations
 
@@ -20,6 +20,13 @@ from poseppl.io.motion import to_z_up as to_z_up
 from poseppl.io.observations import Observations as Observations
 from poseppl.io.observations import read_observations as read_observations
 from poseppl.io.observations import write_observations as write_observations
+from poseppl.io.opencv import read_image as read_image
+from poseppl.io.opencv import write_image as write_image
 from poseppl.io.places import read_places as read_places
 from poseppl.io.places import write_places as write_places
 from poseppl.io.recording import read_motion as read_motion
+from poseppl.io.synchronised import VideoWarning as VideoWarning
+from poseppl.io.synchronised import synchronised as synchronised
+from poseppl.io.video import Video as Video
+from poseppl.io.video import open_video as open_video
+from poseppl.io.video_writing import write_video as write_video

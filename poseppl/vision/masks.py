@@ -1,0 +1,76 @@
+"""Foreground masks: cleaned by morphology and by area, and refused where they say nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.io.opencv import opencv, place
+from poseppl.vision.window import window
+
+Mask = NDArray[np.uint8]
+
+
+def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, least_area: int = 400, largest_hole: int = 100) -> Mask:
+    """Remove specks, close gaps, remove small regions and fill small holes, in this order.
+
+    Args:
+        mask: (H, W) uint8, 0 or 1.
+        opening: Diameter in px of the disc that removes specks; 0 for none.
+        closing: Diameter in px of the disc that closes gaps; 0 for none.
+        least_area: Regions of fewer px are removed.
+        largest_hole: Holes of at most this many px are filled.
+
+    Returns:
+        (H, W) uint8, 0 or 1.
+    """
+    opened = _morphology("MORPH_OPEN", mask, opening)
+    cleaned = np.zeros_like(opened)
+    part = window(opened, closing + 1)
+    if part is not None:
+        closed = _without_small(_morphology("MORPH_CLOSE", opened[part], closing), least_area, 8)
+        cleaned[part] = 1 - _without_small(1 - closed, largest_hole + 1, 4)
+    return cleaned
+
+
+def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:
+    """Refuse a foreground mask that says nothing: nobody in it, or everything.
+
+    A caller may catch the error and go on with that camera as unknown in this frame.
+
+    Args:
+        mask: (H, W), not 0 at the foreground.
+        camera: The camera.
+        frame: The frame number.
+        least: The least share of foreground.
+        most: The largest share.
+
+    Raises:
+        InputError: The mask is empty or full, or nearly so.
+    """
+    share = float(np.count_nonzero(mask)) / max(mask.size, 1)
+    if least <= share <= most:
+        return
+    kind = "all black: no foreground" if share == 0 else "all white: no background" if share == 1 else f"{share:.2%} foreground"
+    expected = f"{least:.2%} to {most:.0%} foreground; look at the background plate and the threshold, or mask this camera out"
+    raise InputError(f"the foreground mask is {kind}", field=place(camera, frame), expected=expected)
+
+
+def _morphology(operation: str, mask: Mask, diameter: int) -> Mask:
+    cv2 = opencv()
+    if diameter <= 1:
+        return mask
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
+    changed: Mask = cv2.morphologyEx(mask, getattr(cv2, operation), disc)
+    return changed
+
+
+def _without_small(mask: Mask, least: int, connectivity: int) -> Mask:
+    if least <= 1:
+        return mask
+    _, labels, regions, _ = opencv().connectedComponentsWithStats(mask, connectivity=connectivity)
+    kept = regions[:, -1] >= least
+    kept[0] = False
+    cleaned: Mask = kept.astype(np.uint8)[labels]
+    return cleaned
