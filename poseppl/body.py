@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import Cameras, KinematicTree
 from poseppl.program import StateSpaceModel
@@ -66,6 +67,24 @@ class BodyInputs(NamedTuple):
     """
 
     cameras: Cameras
+    noise: jax.Array
+    start: jax.Array
+    start_scale: jax.Array
+
+
+class SilhouetteInputs(NamedTuple):
+    """Inputs of the programs of a body that is seen as silhouettes, at one frame; its data site is ``silhouette``.
+
+    Attributes:
+        cameras: C cameras, in pixels.
+        seen: Contours and distance maps.
+        noise: Standard deviation of the silhouette's distances (C,), px.
+        start: Mean of the first state (d,).
+        start_scale: Its standard deviations (d,).
+    """
+
+    cameras: Cameras
+    seen: SilhouetteSeen
     noise: jax.Array
     start: jax.Array
     start_scale: jax.Array

@@ -30,6 +30,7 @@ from poseppl.geometry.flesh import Cone, Flesh, flesh_of, parts_of
 from poseppl.geometry.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums
 from poseppl.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
+from poseppl_models.choo_fleet import joint_sites
 
 Floats = np.ndarray[Any, Any]
 
@@ -229,7 +230,7 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
         rooms: Numbers of intervals of each part.
         every: Whether every sample of the benchmark is taken.
     """
-    spans = _spans(body.tree)
+    spans = joint_sites(body.tree)
 
     def initial(params: Any, inputs: ImageInputs) -> None:
         for name, span in spans.items():
@@ -245,11 +246,3 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
         numpyro.factor("image", params["beta"] * score)
 
     return StateSpaceModel(initial, transition, observation)
-
-
-def _spans(tree: KinematicTree) -> dict[str, slice]:
-    """Coordinates of each site: one for each joint, and one for the root's position."""
-    sites: dict[str, list[int]] = {}
-    for index, (joint, axis) in enumerate(tree.coordinates):
-        sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
-    return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}

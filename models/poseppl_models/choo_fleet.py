@@ -163,12 +163,17 @@ def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
     return kinematic_tree(joints, markers)
 
 
-def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
-    """Write initial, transition and observation programs for any kinematic tree, one site for each joint."""
+def joint_sites(tree: KinematicTree) -> dict[str, slice]:
+    """Sites of a body's state and their coordinates: one for each joint, and one for the root's position."""
     sites: dict[str, list[int]] = {}
     for index, (joint, axis) in enumerate(tree.coordinates):
         sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
-    spans = {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
+    return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
+
+
+def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
+    """Write initial, transition and observation programs for any kinematic tree, one site for each joint."""
+    spans = joint_sites(tree)
 
     def initial(params: Any, inputs: BodyInputs) -> None:
         for name, span in spans.items():

@@ -83,7 +83,7 @@ class ConsoleProgress:
         if self._task is None:
             self._task = self._bar.add_task(description, total=total)
         else:
-            self._bar.update(self._task, description=description, total=total)
+            self._bar.update(self._task, description=description, total=total, completed=0)
 
     def advance(self, frames: int) -> None:
         """So many more frames are done."""

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.cli.track_video import ManyFiles, check_video_usage, scene_of_options, video_options
 from poseppl.errors import InputError
 
 FILTERS = (
@@ -37,6 +38,8 @@ Examples:
       The filter of Choo and Fleet 2001, with more and longer chains.
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.
+  poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --empty cam1=a.png cam2=b.png
+      A person's silhouettes in two videos, whose empty scenes are known.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
       Saved as it goes; the same command with --resume continues it after a crash.
 
@@ -52,7 +55,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 """
 
 
-@click.command(epilog=EXAMPLES, short_help="Track a body in 2-D markers.")
+@click.command(cls=ManyFiles, epilog=EXAMPLES, short_help="Track a body in 2-D markers, or in videos.")
 @click.argument("recording", required=False, type=click.Path())
 @click.option(
     "--observations",
@@ -63,6 +66,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 )
 @subject_options
 @camera_options
+@video_options
 @click.option(
     "--filter", "filter_name", type=click.Choice(FILTERS), default=FILTERS[0], show_default=True, help="Which algorithm."
 )
@@ -158,11 +162,11 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 )
 @common_options
 def track(recording: str | None, observations: str | None, **options: Any) -> None:
-    """Track a body in 2-D markers, frame by frame, with intervals.
+    """Track a body in 2-D markers or in silhouettes, frame by frame, with intervals.
 
     RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d): its joints are seen through
     cameras with noise, as 17 markers a frame, and the result is compared with the truth. Without it, a built-in walk is
-    tracked. Observations without a truth come by --observations and --camera.
+    tracked. Observations without a truth come by --observations and --camera, videos by --video and --calibration.
 
     Lengths are in mm, angles in radians, times in seconds.
     """
@@ -171,9 +175,10 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     from poseppl.cli.subject import stem_of
 
     _check_usage(recording, observations, options)
-    target = output_path(options["output"], stem_of(recording or observations), ".nc")
+    words = [str(word).rpartition("=")[2] for name in ("video", "empty", "hidden") for word in options[name]]
+    target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
-    inputs = [recording, observations, options["skeleton"], options["camera"]]
+    inputs = [recording, observations, options["skeleton"], options["camera"], options["calibration"], *words]
     check_writable([target, picture], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
@@ -193,6 +198,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:
     if recording is not None and observations is not None:
         raise click.UsageError("give a RECORDING or --observations, not both")
+    check_video_usage(options, recording is not None or observations is not None)
     if options["resume"] and options["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if observations is not None:
@@ -208,8 +214,9 @@ def _run(recording: str | None, observations: str | None, options: dict[str, Any
     from poseppl.io import read_cameras
     from poseppl.tracking import TrackSettings, observe_motion, scene_of_observations, track
     from poseppl.tracking.subjects import DEFAULT_MODEL
+    from poseppl.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
 
-    model = options["model"] or DEFAULT_MODEL
+    model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
         model=model,
         filter=options["filter_name"],
@@ -219,7 +226,10 @@ def _run(recording: str | None, observations: str | None, options: dict[str, Any
     )
     check_settings(settings.filter, settings.options)
     progress.stage("reading")
-    if observations is not None:
+    scene: Any
+    if options["video"]:
+        scene = scene_of_options(options, progress)
+    elif observations is not None:
         scene = scene_of_observations(
             observations,
             read_cameras(options["camera"]),
@@ -230,7 +240,8 @@ def _run(recording: str | None, observations: str | None, options: dict[str, Any
         )
     else:
         scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
-    progress.stage("compiling", total=len(scene.points))
+    frames = getattr(scene, "scene", scene).frames
+    progress.stage("compiling", total=len(frames))
     return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])
 
 

@@ -44,6 +44,12 @@ class Problem(NamedTuple):
     observations: Observation
     inputs: Any
 
+    @property
+    def num_cameras(self) -> int:
+        """C."""
+        seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
+        return int(seen.cameras.value.centre.shape[0])
+
     def collector(self, max_draws: int) -> Collect:
         """Collector of draws, with the markers and their projections beside them."""
 

@@ -24,6 +24,8 @@ from poseppl.results import Names, Truth, build_result
 from poseppl.run import Progress, Run, run_filter
 from poseppl.tracking.problem import Problem, pose_problem
 from poseppl.tracking.scene import Scene
+from poseppl.tracking.silhouette_problem import silhouette_problem
+from poseppl.tracking.silhouette_scene import SilhouetteScene
 from poseppl.tracking.subjects import DEFAULT_MODEL
 
 _ROOM = 2**28
@@ -60,7 +62,7 @@ class TrackSettings(NamedTuple):
 
 
 def track(
-    scene: Scene,
+    seen: Scene | SilhouetteScene,
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
@@ -70,7 +72,7 @@ def track(
     """Track a scene.
 
     Args:
-        scene: The scene.
+        seen: The scene, of points or of silhouettes.
         settings: How.
         progress: Who is told how it goes.
         checkpoint: Folder that the run is saved to after each chunk of frames.
@@ -89,8 +91,9 @@ def track(
         raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
     if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
+    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
     params = walk_params(scene.body, settings)
-    problem = pose_problem(scene, params)
+    problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)
     built, options = build_filter(settings.filter, problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
@@ -158,7 +161,8 @@ def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filt
 
 def affordable_draws(problem: Problem, chains: int) -> int:
     """How many draws of a chain (or of all particles, at most 1000) fit into the room for results."""
-    frames, cameras, markers = problem.observations.values["points"].shape[:3]
+    frames = len(jax.tree.leaves(problem.observations)[0])
+    cameras, markers = problem.num_cameras, len(problem.body.tree.marker_names)
     values = problem.model.dimension + markers * (3 + 2 * cameras)
     draws = _ROOM // (4 * values * frames * chains)
     return int(max(2, min(draws, 1000)))

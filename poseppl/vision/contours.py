@@ -93,3 +93,33 @@ def _evenly_spaced(points: Contour) -> Contour:
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     at = np.arange(SAMPLES) * (length[-1] / SAMPLES)
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=1)
+
+
+def contour_points(mask: Mask, count: int, hidden: Mask | None = None, *, least_area: int = 30) -> tuple[Contour, Mask]:
+    """Take points at even distances along all outlines of a silhouette, those of its holes included.
+
+    Args:
+        mask: (H, W), not 0 inside.
+        count: How many points.
+        hidden: (H, W), not 0 where nothing is known: behind furniture, beyond doubt. Points beside it are no part of the outline.
+        least_area: Regions and holes of fewer pixels are left out.
+
+    Returns:
+        (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of the
+        image, and beside what is hidden, are not; none is, where there is no outline.
+    """
+    cv2 = opencv()
+    inside = (np.asarray(mask) != 0).astype(np.uint8)
+    found, _ = cv2.findContours(inside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    kept = [np.asarray(each, np.float64).reshape(-1, 2) for each in found if cv2.contourArea(each) >= least_area]
+    if not kept:
+        return np.zeros((count, 2)), np.zeros(count, np.uint8)
+    pixels = np.concatenate(kept)
+    points = pixels[(np.arange(count) * len(pixels)) // count]
+    height, width = inside.shape
+    column, row = points.T.astype(int)
+    seen = (column > 0) & (column < width - 1) & (row > 0) & (row < height - 1)
+    if hidden is not None:
+        near = cv2.dilate((np.asarray(hidden) != 0).astype(np.uint8), np.ones((5, 5), np.uint8))
+        seen &= near[row, column] == 0
+    return points, seen.astype(np.uint8)

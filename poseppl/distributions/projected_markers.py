@@ -1,4 +1,4 @@
-"""Observation distributions that evaluate a whole body in one pass.
+"""Image points of a body, evaluated in one pass.
 
 :class:`ProjectedMarkers` is, as a distribution, independent Gaussians around the projected markers of a pose (Eqs. 18 and 20 of
 Choo and Fleet 2001). Written with ``dist.Normal`` on the projected points it would be the same, but every particle's points

@@ -1,0 +1,55 @@
+"""Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 10 elliptical cones with widths in proportion to their lengths.
+
+Widths are near those of clothed adults: girths of limbs over segment lengths (Drillis and Contini 1966), rounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from poseppl.geometry.flesh import Cone
+from poseppl_models.choo_fleet import LENGTHS
+
+
+def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1.0) -> list[Cone]:
+    """Cones of a subject.
+
+    Args:
+        lengths: Segment lengths (mm) that differ from the standard subject's.
+        girth: Factor of all widths.
+    """
+    size = {**LENGTHS, **lengths}
+    spine, shoulders = size["spine"], size["shoulder_width"]
+    torso = 1.35 * shoulders
+    parts = [
+        Cone(
+            "torso",
+            "spine",
+            spine + 0.12 * spine + size["hip_drop"] * 0.5,
+            (girth * 0.74 * shoulders, girth * 0.86 * shoulders),
+            (1.0, 0.66),
+            origin=(0.0, 0.0, -0.12 * spine - size["hip_drop"] * 0.5),
+        ),
+        Cone(
+            "head",
+            "head",
+            0.92 * (size["neck"] + size["head"]),
+            (girth * 0.26 * torso, girth * 0.36 * torso),
+            (0.9, 1.1),
+            origin=(0.0, 0.0, 0.12 * size["neck"]),
+        ),
+    ]
+    for side in "lr":
+        arm, forearm, thigh, shank = (size[name] for name in ("upper_arm", "forearm", "thigh", "shank"))
+        parts += [
+            _limb(f"upper_arm_{side}", f"shoulder_{side}", arm, 0.19, 0.155, girth),
+            _limb(f"forearm_{side}", f"elbow_{side}", 1.45 * forearm, 0.12, 0.11, girth),
+            _limb(f"thigh_{side}", f"hip_{side}", thigh, 0.205, 0.145, girth),
+            _limb(f"shank_{side}", f"knee_{side}", 1.06 * shank, 0.148, 0.115, girth),
+        ]
+    return parts
+
+
+def _limb(name: str, joint: str, length: float, base: float, tip: float, girth: float) -> Cone:
+    """A cone down its joint's z, its radii in proportion to its length."""
+    return Cone(name, joint, length, (girth * base * length, girth * tip * length), axis=(0.0, 0.0, -1.0))

@@ -1,0 +1,43 @@
+"""The 28-DOF body seen as silhouettes: the likelihood of ours that gradient methods can follow.
+
+The state and its random walk are those of :mod:`poseppl_models.choo_fleet`; a frame's data are
+:class:`poseppl.distributions.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood in earnest, not a heuristic: its
+exponent is 1, and its noise is set so that intervals hold what they say on rendered scenes with truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpyro
+
+from poseppl.body import Body, SilhouetteInputs
+from poseppl.distributions import Silhouettes
+from poseppl.geometry import marker_positions
+from poseppl.geometry.flesh import flesh_of
+from poseppl.program import StateSpaceModel
+from poseppl_models.choo_fleet import full_body as pointed_body
+from poseppl_models.choo_fleet import joint_sites
+from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
+
+
+def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:
+    """Build the body; its programs' inputs are :class:`poseppl.body.SilhouetteInputs`.
+
+    Args:
+        lengths: Segment lengths in mm that differ from the standard subject's.
+        girth: Factor of all widths.
+    """
+    body = pointed_body(lengths)
+    tree, flesh = body.tree, flesh_of(body.tree, choo_fleet_flesh(body.lengths, girth=girth))
+    names = tuple(joint_sites(tree))
+
+    def observation(params: Any, state: Mapping[str, Any], inputs: SilhouetteInputs) -> None:
+        pose = jnp.concatenate([state[name] for name in names])
+        numpyro.sample("silhouette", Silhouettes(tree, flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
+        numpyro.deterministic("markers", marker_positions(tree, pose))
+
+    program = body.program
+    return body._replace(program=StateSpaceModel(program.initial, program.transition, observation))

@@ -1,0 +1,144 @@
+"""The options of `poseppl track` that take pictures instead of points."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import click
+
+from poseppl.errors import InputError
+
+MANY = ("--video", "--empty", "--hidden")
+_ONLY = ("calibration", "empty", "hidden", "stature", "silhouette_noise")
+
+
+class ManyFiles(click.Command):
+    """A command some of whose options take all the words up to the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option before each of its words."""
+        spread: list[str] = []
+        option: str | None = None
+        for word in args:
+            if word.startswith("-"):
+                option = word if word in MANY else None
+                if option is None:
+                    spread.append(word)
+            elif option is not None:
+                spread += [option, word]
+            else:
+                spread.append(word)
+        return super().parse_args(ctx, spread)
+
+
+def video_options(command: Any) -> Any:
+    """Videos, their cameras and backgrounds."""
+    options = [
+        click.option(
+            "--video",
+            metavar="FILE...",
+            multiple=True,
+            type=click.Path(),
+            help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder of "
+            "poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
+        ),
+        click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
+        click.option(
+            "--empty",
+            metavar="FILE...",
+            multiple=True,
+            type=click.Path(),
+            help="--video: pictures or clips of the empty scene, named as the cameras or NAME=FILE. [default: the background is "
+            "learned from the videos]",
+        ),
+        click.option(
+            "--hidden",
+            metavar="FILE...",
+            multiple=True,
+            type=click.Path(),
+            help="--video: pictures, white where furniture stands before the person, named alike.",
+        ),
+        click.option(
+            "--stature",
+            metavar="MM",
+            type=float,
+            help="--video: height of the person, whose segments are in proportion. [default: 1750, or the scene's truth]",
+        ),
+        click.option(
+            "--silhouette-noise",
+            metavar="MM",
+            type=float,
+            help="--video: standard deviation of a silhouette's distances at the body. [default: 40]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def check_video_usage(options: dict[str, Any], others: bool) -> None:
+    """Refuse options that do not go together.
+
+    Args:
+        options: All options.
+        others: Whether a recording or observations are given too.
+    """
+    if not options["video"]:
+        for name in _ONLY:
+            if options[name]:
+                raise click.UsageError(f"--{name.replace('_', '-')} goes with --video")
+        return
+    if others:
+        raise click.UsageError("give --video, a RECORDING or --observations, not two of them")
+    for name in ("skeleton", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise", "rate"):
+        if options[name] is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --video")
+
+
+def scene_of_options(options: dict[str, Any], progress: Any) -> Any:
+    """Find the silhouettes that the options tell of."""
+    from poseppl.io import VideoWarning
+    from poseppl.tracking.silhouette_scene import SilhouetteSettings
+    from poseppl.tracking.video_sources import DEFAULT_MODEL, is_video, see_silhouettes, sources_of_files, sources_of_scene
+
+    words = options["video"]
+    start, stop = _frames(options["frames"])
+    if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
+        sources = sources_of_scene(words[0])
+    elif options["calibration"] is None:
+        raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
+    else:
+        sources = sources_of_files(words, options["calibration"], empty=options["empty"], hidden=options["hidden"])
+    known = [video.num_frames for video in sources.videos if video.num_frames is not None]
+    progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
+    settings = SilhouetteSettings()
+    if options["silhouette_noise"] is not None:
+        if not 0 < options["silhouette_noise"] < 1e4:
+            raise InputError(f"{options['silhouette_noise']:g}", field="--silhouette-noise", expected="a positive number of mm")
+        settings = settings._replace(noise=options["silhouette_noise"])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", VideoWarning)
+        scene = see_silhouettes(
+            sources,
+            model=options["model"] or DEFAULT_MODEL,
+            stature=options["stature"],
+            settings=settings,
+            start=start,
+            stop=stop,
+            advance=progress.advance,
+        )
+    for warning in told:
+        progress.note(str(warning.message))
+    return scene
+
+
+def _frames(text: str | None) -> tuple[int, int | None]:
+    """First frame and the one after the last."""
+    if text is None:
+        return 0, None
+    parts = text.split(":")
+    if len(parts) != 2 or not all(part == "" or part.isdecimal() for part in parts):
+        raise InputError(f"{text!r}", field="--frames", expected="A:B, frames A to B - 1 of the videos")
+    first, last = (int(part) if part else None for part in parts)
+    return first or 0, last

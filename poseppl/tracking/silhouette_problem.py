@@ -1,0 +1,160 @@
+"""The inference problem of silhouettes, and where it starts.
+
+Without a truth, tracking starts from the pose that explains the silhouettes of the first usable frame best: least squares on the
+residuals of :class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the place that
+the middles of the silhouettes point to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+from poseppl.body import Body, SilhouetteInputs
+from poseppl.distributions import SilhouetteSeen
+from poseppl.errors import InputError
+from poseppl.geometry import depth
+from poseppl.program import CompiledModel
+from poseppl.run import Constant, frame_inputs
+from poseppl.tracking.problem import Problem, step_scales
+from poseppl.tracking.scene import Floats
+from poseppl.tracking.silhouette_scene import SilhouetteScene
+from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, _place, scales
+
+_REST_SPREAD = 0.4
+
+
+def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:
+    """Pose the problem of silhouettes.
+
+    Args:
+        seen: The scene.
+        params: The programs' params; the body's own if None.
+        start: Prior of the first state; around the truth where it is known, else sought, if None.
+
+    Raises:
+        InputError: No frame has a silhouette.
+    """
+    body = seen.scene.body
+    values = dict(body.params if params is None else params)
+    if start is None:
+        known = seen.scene.states
+        start = seek_silhouette(seen, values) if known is None else Start(known[0], step_scales(body, values))
+    fixed: Any = Constant
+    inputs = SilhouetteInputs(
+        fixed(seen.scene.cameras),
+        SilhouetteSeen(
+            np.asarray(seen.contour, np.float32),  # type: ignore[arg-type]
+            seen.distance,  # type: ignore[arg-type]
+            fixed(jnp.asarray(seen.scale, float)),
+        ),
+        fixed(jnp.asarray(noise_in_pixels(seen, start.mean), float)),
+        fixed(jnp.asarray(start.mean, float)),
+        fixed(jnp.asarray(start.scale, float)),
+    )
+    model = body.program.compile(frame_inputs(inputs, 0), values)
+    observations = model.observe(
+        {"silhouette": np.zeros((len(seen.contour), *_site(model)))}, {"silhouette": _mask(seen, _site(model)[1])}
+    )
+    return Problem(body, model, observations, inputs)
+
+
+def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
+    """Standard deviations (C,) in px of the scene's noise at the place of a state's root."""
+    cameras = seen.scene.cameras
+    away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
+    focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
+    return np.asarray(seen.noise * focal / away)
+
+
+def _site(model: CompiledModel) -> tuple[int, int]:
+    shape = model.unobserved().values["silhouette"].shape
+    return int(shape[0]), int(shape[1])
+
+
+def _mask(seen: SilhouetteScene, entries: int) -> Any:
+    """Which residuals count (T, C, entries): points on the outline, and all parts where the camera is usable."""
+    rest = entries - seen.on_outline.shape[-1]
+    return np.concatenate([seen.on_outline, np.repeat(seen.usable[..., None], rest, 2)], 2)
+
+
+def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
+    """Find a start in the first frame that most cameras see.
+
+    Raises:
+        InputError: No frame has a silhouette.
+    """
+    count = seen.usable.sum(1)
+    if not count.max():
+        raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
+    return Start(_best_pose(seen, int(np.argmax(count == count.max())), params), scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+def _best_pose(seen: SilhouetteScene, frame: int, params: Mapping[str, float]) -> Floats:
+    body = seen.scene.body
+    rest = np.asarray(body.rest, np.float64)
+    root = body.tree.coordinates[0][0]
+    headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
+    free = np.array([joint != root for joint, _ in body.tree.coordinates])
+    place = _middle(seen, frame, body, rest)
+    found = []
+    residuals = _residuals(seen, frame, params, rest, free, place)
+    evaluate, derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+    solve = partial(
+        least_squares,
+        lambda x: np.asarray(evaluate(x), np.float64),
+        jac=lambda x: np.asarray(derive(x), np.float64),
+        x_scale=scales(body, 100.0, 0.3),
+        ftol=1e-3,
+        xtol=1e-4,
+        gtol=None,
+        max_nfev=40,
+    )
+    for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
+        guess = rest.copy()
+        guess[headings] += turn
+        guess[:3] = place
+        solution = solve(x0=guess)
+        found.append((float(solution.cost), solution.x))
+    best = min(found, key=lambda candidate: candidate[0])[1]
+    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
+    return np.asarray(best, np.float64)
+
+
+def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
+    """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
+    names = body.tree.marker_names
+    points = np.full((len(seen.usable[0]), len(names), 2), np.nan)
+    for camera in np.flatnonzero(seen.usable[frame]):
+        contour = seen.contour[frame, camera]
+        low, high = contour.min(0), contour.max(0)
+        # the box of the silhouette, seen as the box of the markers
+        spread = np.linspace(0.0, 1.0, len(names))[:, None]
+        points[camera] = np.where([False, True], low + spread * (high - low), (low + high) / 2)
+    return _place(body, seen.scene.cameras, points, rest)
+
+
+def _residuals(
+    seen: SilhouetteScene, frame: int, params: Mapping[str, float], rest: Floats, free: Any, place: Floats
+) -> Any:
+    body, cameras = seen.scene.body, seen.scene.cameras
+    contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
+    one = SilhouetteSeen(contour, distance, scale)
+    guess = rest.copy()
+    guess[:3] = place
+    noise = jnp.asarray(noise_in_pixels(seen, guess), float)
+    inputs = SilhouetteInputs(cameras, one, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
+    model = body.program.compile(inputs, dict(params))
+    mask = jnp.asarray(_mask(seen, _site(model)[1])[frame], float)
+
+    def residuals(x: jax.Array) -> jax.Array:
+        distances = model.observation_moments(x, inputs)[0].reshape(mask.shape)
+        return jnp.concatenate([(distances * mask / noise[:, None]).ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+
+    return residuals

@@ -1,0 +1,243 @@
+"""A scene of silhouettes: what several cameras' videos, or masks, say of one person's outline over time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.body import Body
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.geometry import Cameras
+from poseppl.io import CameraRecord, Video
+from poseppl.io.opencv import opencv
+from poseppl.io.synchronised import VideoWarning, synchronised
+from poseppl.tracking.placing import cameras_of_records
+from poseppl.tracking.scene import Floats, Scene
+from poseppl.vision import Background, check_mask, silhouette_distance
+from poseppl.vision.contours import contour_points
+
+Mask = NDArray[np.uint8]
+
+
+class SilhouetteSettings(NamedTuple):
+    """How silhouettes are turned into data.
+
+    Attributes:
+        num_points: K, points on each camera's contour.
+        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the segmentation
+            do not agree on, raised because neighbouring points err alike.
+        map_size: The longer side of a distance map, px; images are reduced to it.
+        truncation: Largest distance that is told apart, px of the image.
+    """
+
+    num_points: int = 64
+    noise: float = 40.0
+    map_size: int = 320
+    truncation: float = 60.0
+
+    def check(self) -> SilhouetteSettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        check_at_least(8, num_points=self.num_points, map_size=self.map_size)
+        check_at_least(1.0, truncation=self.truncation)
+        check_at_least(0.1, noise=self.noise)
+        return self
+
+
+class SilhouetteScene(NamedTuple):
+    """What is tracked.
+
+    Attributes:
+        scene: Body, cameras, frames and, where known, the truth; its points are all missing.
+        contour: Points on the contours (T, C, K, 2), px.
+        on_outline: Which of them are part of the person's outline (T, C, K).
+        distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
+        scale: Pixels of the maps to one of the image (C,).
+        usable: Whether a camera's mask says anything in a frame (T, C).
+        noise: Standard deviation of distances at the body, mm.
+    """
+
+    scene: Scene
+    contour: Floats
+    on_outline: NDArray[np.bool_]
+    distance: NDArray[np.float32]
+    scale: Floats
+    usable: NDArray[np.bool_]
+    noise: float
+
+
+class _Frame(NamedTuple):
+    contour: Floats
+    on_outline: Mask
+    distance: NDArray[np.float32]
+    usable: bool
+
+
+def silhouette_scene(
+    body: Body,
+    records: Sequence[CameraRecord],
+    masks: Mapping[str, NDArray[Any]],
+    *,
+    hidden: Mapping[str, Mask] | None = None,
+    settings: SilhouetteSettings | None = None,
+    rate: float | None = None,
+    source: str = "masks",
+) -> SilhouetteScene:
+    """Make a scene of foreground masks.
+
+    Args:
+        body: The body, whose program sees silhouettes.
+        records: C calibrated cameras.
+        masks: Of each camera by its name, (T, H, W), not 0 on the person.
+        hidden: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be left
+            out.
+        settings: The settings.
+        rate: Frames a second.
+        source: Where the masks come from, for the record.
+
+    Returns:
+        The scene. A mask that is empty or full counts as not seen, and is reported as a ``VideoWarning``.
+
+    Raises:
+        InputError: A camera has no masks, or they are of another length or size than they should be.
+    """
+    chosen = (settings or SilhouetteSettings()).check()
+    check_names(records, list(masks))
+    lengths = {name: len(values) for name, values in masks.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"cameras differ in their number of masks: {lengths}", field="masks", expected="one length for all")
+    frames = [
+        [
+            _frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
+            for record in records
+        ]
+        for number in range(min(lengths.values()))
+    ]
+    return _assemble(body, records, frames, chosen, rate, source)
+
+
+def scene_of_videos(
+    body: Body,
+    records: Sequence[CameraRecord],
+    videos: Sequence[Video],
+    backgrounds: Mapping[str, Background],
+    *,
+    hidden: Mapping[str, Mask] | None = None,
+    settings: SilhouetteSettings | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    advance: Any = None,
+) -> SilhouetteScene:
+    """Make a scene of videos whose backgrounds are known or were learned.
+
+    Args:
+        body: The body, whose program sees silhouettes.
+        records: C calibrated cameras.
+        videos: Their videos, by name.
+        backgrounds: By name.
+        hidden: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
+        settings: The settings.
+        start: The first frame.
+        stop: The frame after the last; None for all.
+        advance: Called with 1 after each frame.
+
+    Returns:
+        The scene, as long as the shortest video; a difference in length or rate is reported as a ``VideoWarning``.
+
+    Raises:
+        InputError: Names do not match, or a frame cannot be decoded.
+    """
+    chosen = (settings or SilhouetteSettings()).check()
+    check_names(records, [video.camera for video in videos])
+    frames = []
+    for number, images in synchronised(videos, start=start, stop=stop, mismatch="shortest"):
+        row = []
+        for record in records:
+            blind = (hidden or {}).get(record.name)
+            found = backgrounds[record.name].subtract(images[record.name])
+            unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
+            row.append(_frame(found.foreground, unknown, record, number, chosen))
+        frames.append(row)
+        if advance is not None:
+            advance(1)
+    if not frames:
+        raise InputError("the videos have no frame", field="--video", expected="at least one")
+    return _assemble(body, records, frames, chosen, videos[0].rate, ", ".join(video.source for video in videos), start)
+
+
+def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
+    """Check that the calibration and the pictures speak of the same cameras.
+
+    Raises:
+        InputError: They do not.
+    """
+    known = [record.name for record in records]
+    lacking, strange = [name for name in known if name not in names], [name for name in names if name not in known]
+    if lacking or strange:
+        problem = f"the calibration knows the cameras {', '.join(known)}; there are pictures of {', '.join(names) or 'none'}"
+        raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
+
+
+def _frame(mask: NDArray[Any], hidden: Mask | None, record: CameraRecord, number: int, settings: SilhouetteSettings) -> _Frame:
+    width, height = record.size
+    for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
+        if array is not None and array.shape != (height, width):
+            problem = f"the {what} has {array.shape[-1]} x {array.shape[0]} pixels"
+            raise InputError(problem, field=f"camera {record.name}, frame {number}", expected=f"{width} x {height}")
+    person = (mask != 0).astype(np.uint8)
+    try:
+        check_mask(person, record.name, number)
+        usable = True
+    except InputError as error:
+        warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
+        usable = False
+    contour, on_outline = contour_points(person, settings.num_points, hidden)
+    covered = person if hidden is None else person | (hidden != 0).astype(np.uint8)
+    scale = map_scale(record, settings)
+    size = (round(width * scale), round(height * scale))
+    small = opencv().resize(covered * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127
+    distance = silhouette_distance(small.astype(np.uint8), settings.truncation * scale) / np.float32(scale)
+    return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable)
+
+
+def map_scale(record: CameraRecord, settings: SilhouetteSettings) -> float:
+    """Pixels of a distance map to one of the image."""
+    return min(1.0, settings.map_size / max(record.size))
+
+
+def _assemble(
+    body: Body,
+    records: Sequence[CameraRecord],
+    frames: Sequence[Sequence[_Frame]],
+    settings: SilhouetteSettings,
+    rate: float | None,
+    source: str,
+    start: int = 0,
+) -> SilhouetteScene:
+    cameras: Cameras = cameras_of_records(records)
+    names = tuple(record.name for record in records)
+    shape = (len(frames), len(records), len(body.tree.marker_names))
+    number = start + np.arange(len(frames))
+    scene = Scene(body, cameras, names, np.full((*shape, 2), np.nan), np.ones(shape[1:]), number, rate, source)
+    return SilhouetteScene(
+        scene,
+        np.array([[frame.contour for frame in row] for row in frames]),
+        np.array([[frame.on_outline != 0 for frame in row] for row in frames]),
+        _same_size([[frame.distance for frame in row] for row in frames]),
+        np.array([map_scale(record, settings) for record in records]),
+        np.array([[frame.usable for frame in row] for row in frames]),
+        settings.noise,
+    )
+
+
+def _same_size(maps: Sequence[Sequence[NDArray[np.float32]]]) -> NDArray[np.float32]:
+    """Stack maps (H, W) of each frame and camera; smaller ones are continued by their border."""
+    height, width = (max(each.shape[axis] for each in maps[0]) for axis in (0, 1))
+    grown = [
+        [np.pad(each, ((0, height - each.shape[0]), (0, width - each.shape[1])), mode="edge") for each in row] for row in maps
+    ]
+    return np.array(grown, np.float32)

@@ -1,0 +1,200 @@
+"""What tracking from video starts from: cameras, their pictures, their backgrounds, and the truth where it is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from poseppl.body import load_builder
+from poseppl.errors import InputError
+from poseppl.io import CameraRecord, Video, open_video, read_cameras, read_image
+from poseppl.tracking.scene import Floats
+from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, check_names, scene_of_videos
+from poseppl.vision import Background, background_from_plate, learn_background
+
+DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
+STATURE = 1750.0
+"""Of the standard subject, mm."""
+_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
+
+Image = NDArray[np.uint8]
+
+
+class SceneTruth(NamedTuple):
+    """The truth of a rendered scene: ``states`` (T, d), ``markers`` (T, K, 3) mm, and the subject's segment lengths, mm."""
+
+    states: Floats
+    markers: Floats
+    lengths: Mapping[str, float]
+
+
+class VideoSources(NamedTuple):
+    """Pictures and what is known of them, by the cameras' names.
+
+    Attributes:
+        records: Calibrated cameras.
+        videos: Their videos.
+        empty: For some cameras, pictures of the scene without a person, from which the background is learned; for the others it
+            is learned from the video itself.
+        hidden: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
+        truth: The truth, where it is known.
+    """
+
+    records: tuple[CameraRecord, ...]
+    videos: tuple[Video, ...]
+    empty: Mapping[str, Video]
+    hidden: Mapping[str, Image]
+    truth: SceneTruth | None = None
+
+
+def sources_of_files(
+    videos: Sequence[str | PathLike[str]],
+    calibration: str | PathLike[str],
+    *,
+    empty: Sequence[str | PathLike[str]] = (),
+    hidden: Sequence[str | PathLike[str]] = (),
+) -> VideoSources:
+    """Open videos and what goes with them.
+
+    Args:
+        videos: Each ``FILE``, whose name without suffix is the camera's, or ``NAME=FILE``; a folder of images is a video.
+        calibration: Cameras as TOML; those without a video are left out.
+        empty: Pictures or clips of the empty scene, named alike.
+        hidden: Pictures that are white where furniture hides a person, named alike.
+
+    Raises:
+        InputError: A file cannot be read, or a name is not that of a calibrated camera.
+    """
+    records = read_cameras(calibration)
+    opened = [open_video(path, name) for name, path in map(_named, videos)]
+    names = [video.camera for video in opened]
+    known = [record.name for record in records]
+    strange = [name for name in names if name not in known]
+    if strange:
+        problem = f"the video of {strange[0]!r} has no calibration"
+        raise InputError(problem, file=str(calibration), field="--video", expected=f"{', '.join(known)}; or NAME=FILE")
+    kept = tuple(record for record in records if record.name in names)
+    order = {record.name: number for number, record in enumerate(kept)}
+    beside = {name: open_video(path, name) for name, path in map(_named, empty)}
+    masks = {name: read_image(path, name)[..., 0] for name, path in map(_named, hidden)}
+    for option, given in (("--empty", beside), ("--hidden", masks)):
+        for name in given:
+            if name not in order:
+                raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{', '.join(order)}; or NAME=FILE")
+    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, masks)
+
+
+def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -> VideoSources:
+    """Open a rendered scene, a folder that ``poseppl simulate --video`` has made.
+
+    Args:
+        folder: The folder.
+        cameras: Names of the cameras to use; all if empty.
+
+    Raises:
+        InputError: The folder is none, or a file of it cannot be read.
+    """
+    place = Path(folder)
+    if not (place / "Calib.toml").is_file():
+        raise InputError("no scene", file=folder, expected="a folder of poseppl simulate --video, with Calib.toml")
+    records = tuple(record for record in read_cameras(place / "Calib.toml") if not cameras or record.name in cameras)
+    check_names(records, list(cameras) or [record.name for record in records])
+    videos = tuple(open_video(place / f"{record.name}.mp4", record.name) for record in records)
+    empty = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
+    hidden = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
+    truth = read_scene_truth(place / "truth.nc") if (place / "truth.nc").is_file() else None
+    return VideoSources(records, videos, empty, hidden, truth)
+
+
+def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
+    """Read the truth that ``poseppl simulate`` wrote as NetCDF.
+
+    Raises:
+        InputError: The file holds none.
+    """
+    try:
+        tree = xr.load_datatree(path, engine="h5netcdf")
+        known = tree["truth"].dataset
+        states, markers = (np.asarray(known[name].values, np.float64) for name in ("state", "markers"))
+        return SceneTruth(states, markers, json.loads(tree.attrs["lengths"]))
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"no truth: {error}", file=path, expected="a file of poseppl simulate") from error
+
+
+def is_video(path: str | PathLike[str]) -> bool:
+    """Whether a path looks like a video, and not like a rendered scene."""
+    return Path(path).suffix.lower() in _SUFFIXES or not (Path(path) / "scene.toml").is_file()
+
+
+def see_silhouettes(
+    sources: VideoSources,
+    *,
+    model: str = DEFAULT_MODEL,
+    stature: float | None = None,
+    settings: SilhouetteSettings | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    advance: Callable[[int], None] | None = None,
+) -> SilhouetteScene:
+    """Learn the backgrounds and find the silhouettes.
+
+    Args:
+        sources: Where the pictures come from.
+        model: Builder of the body.
+        stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
+            known, or of the standard subject, if None.
+        settings: Of the silhouettes.
+        start: The first frame.
+        stop: The frame after the last; None for all.
+        advance: Called with 1 after each frame.
+
+    Raises:
+        InputError: As :func:`~poseppl.tracking.silhouette_scene.scene_of_videos`, or the stature is not a person's.
+    """
+    truth = sources.truth
+    body = load_builder(model)(_lengths(model, stature, truth))
+    backgrounds = {video.camera: _background(video, sources.empty.get(video.camera)) for video in sources.videos}
+    seen = scene_of_videos(
+        body,
+        sources.records,
+        sources.videos,
+        backgrounds,
+        hidden=sources.hidden,
+        settings=settings,
+        start=start,
+        stop=stop,
+        advance=advance,
+    )
+    if truth is None:
+        return seen
+    part = slice(start, start + len(seen.contour))
+    return seen._replace(scene=seen.scene._replace(states=truth.states[part], markers=truth.markers[part]))
+
+
+def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Mapping[str, float] | None:
+    if stature is None:
+        return None if truth is None else truth.lengths
+    if not 500.0 <= stature <= 2500.0:
+        raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
+    standard = load_builder(model)(None).lengths
+    return {name: value * stature / STATURE for name, value in standard.items()}
+
+
+def _background(video: Video, empty: Video | None) -> Background:
+    if empty is None:
+        return learn_background(video.images())
+    pictures: list[Any] = list(empty.images())
+    return background_from_plate(pictures[0]) if len(pictures) == 1 else learn_background(pictures)
+
+
+def _named(word: str | PathLike[str]) -> tuple[str, str]:
+    """``NAME=FILE``, or a file whose name without suffix is the camera's."""
+    name, equals, path = str(word).partition("=")
+    return (name, path) if equals else (Path(str(word)).stem, str(word))

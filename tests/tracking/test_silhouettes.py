@@ -1,0 +1,156 @@
+"""Silhouettes as Gaussian residuals: small at the truth, one density in all its forms, and a body that is followed by them."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+import pytest
+from precision import precision
+
+pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
+from silhouette_rooms import RECORDS, body, masks_of, pose
+
+from poseppl.body import SilhouetteInputs
+from poseppl.distributions import Silhouettes, SilhouetteSeen
+from poseppl.errors import InputError
+from poseppl.geometry import marker_positions
+from poseppl.io import VideoWarning
+from poseppl.run import frame_inputs
+from poseppl.tracking import TrackSettings, track
+from poseppl.tracking.silhouette_problem import seek_silhouette, silhouette_problem
+from poseppl.tracking.silhouette_scene import silhouette_scene
+
+
+def scene_of(*states, **options):
+    drawn = [masks_of(state) for state in states]
+    masks = {name: np.stack([each[name] for each in drawn]) for name in drawn[0]}
+    return silhouette_scene(body(), RECORDS, masks, **options)
+
+
+def program_of(scene):
+    """The compiled model, its observation and its inputs at the first frame."""
+    problem = silhouette_problem(scene)
+    observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)
+    return problem.model, observation, frame_inputs(problem.inputs, 0)
+
+
+def with_truth(scene, *states):
+    known = np.stack(states)
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(body().tree, x))(jnp.asarray(known, float)))
+    return scene._replace(scene=scene.scene._replace(states=known, markers=markers))
+
+
+def test_residuals_are_small_at_the_truth_and_large_elsewhere():
+    truth = pose()
+    model, _, inputs = program_of(with_truth(scene_of(truth), truth))
+    moments = jax.jit(lambda x: model.observation_moments(x, inputs)[0])
+    away = truth.copy()
+    away[0] += 100.0
+    # contours run along centres of pixels, half a pixel inside of the outline, and outlines are drawn to first order
+    near, far = (np.asarray(moments(jnp.asarray(state, float))) for state in (truth, away))
+    outline = slice(0, 64)
+    assert np.sqrt(np.mean(near[outline] ** 2)) < 1.0
+    assert np.sqrt(np.mean(far[outline] ** 2)) > 2.5
+
+
+def test_one_pass_equals_normals_and_its_gradients_finite_differences():
+    with precision(np.float64):
+        truth = pose(1)
+        model, observation, inputs = program_of(with_truth(scene_of(truth), truth))
+        x = jnp.asarray(truth + 0.02 * np.random.default_rng(0).standard_normal(len(truth)), float)
+        seen: SilhouetteInputs = inputs
+
+        def plain(x):
+            mean, covariance = model.observation_moments(x, seen)
+            density = dist.Normal(mean, jnp.sqrt(jnp.diagonal(covariance))).log_prob(0.0)
+            return jnp.sum(jnp.where(observation.mask["silhouette"].ravel(), density, 0.0))
+
+        density = jax.jit(lambda x: model.log_observation(x, observation, seen))
+        np.testing.assert_allclose(density(x), jax.jit(plain)(x), rtol=1e-10)
+        found = np.asarray(jax.jit(jax.grad(density))(x))
+        step = 1e-6
+        moved = np.array([(density(x.at[i].add(step)) - density(x.at[i].add(-step))) / (2 * step) for i in range(len(x))])
+        # kinks: the nearest part of a point may change within a step, which few of the points do
+        np.testing.assert_allclose(found, moved, rtol=1e-3, atol=1e-4 * np.abs(moved).max())
+        np.testing.assert_allclose(found, np.asarray(jax.jit(jax.grad(plain))(x)), rtol=1e-8, atol=1e-9 * np.abs(found).max())
+
+
+def test_information_is_that_of_the_residuals():
+    truth = pose(2)
+    model, observation, inputs = program_of(with_truth(scene_of(truth), truth))
+    x = jnp.asarray(truth, float)
+    rows = jax.jit(jax.jacrev(lambda x: model.observation_moments(x, inputs)[0]))(x)
+    weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), rows.shape[0] // 2) ** 2
+    expected = np.asarray(rows).T @ (np.asarray(rows) * weight[:, None])
+    found = np.asarray(jax.jit(lambda x: model.observation_information(x, observation, inputs))(x))
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())  # float32
+
+
+def test_a_batch_of_particles_is_each_of_them():
+    truth = pose(3)
+    model, observation, inputs = program_of(with_truth(scene_of(truth), truth))
+    x = jnp.asarray(truth + 0.05 * np.random.default_rng(1).standard_normal((70, len(truth))), float)
+    density = jax.jit(lambda x: model.log_observation(x, observation, inputs))
+    together = jax.jit(jax.vmap(density))(x)  # 70 is more than a chunk
+    np.testing.assert_allclose(together, [density(each) for each in x], rtol=2e-5)
+
+
+def test_a_camera_with_an_empty_mask_does_not_count():
+    truth = pose()
+    masks = {name: np.stack([mask]) for name, mask in masks_of(truth).items()}
+    masks["right"][:] = 0
+    with pytest.warns(VideoWarning, match="right.*frame 0.*does not count"):
+        scene = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
+    assert scene.usable.tolist() == [[True, False]]
+    model, observation, inputs = program_of(scene)
+    assert np.asarray(observation.mask["silhouette"]).any(1).tolist() == [True, False]
+    elsewhere = inputs._replace(
+        seen=SilhouetteSeen(inputs.seen.contour.at[1].add(50.0), inputs.seen.distance.at[1].add(9.0), inputs.seen.scale)
+    )
+    x = jnp.asarray(truth, float)
+    assert model.log_observation(x, observation, inputs) == model.log_observation(x, observation, elsewhere)
+
+
+def test_hidden_pixels_are_no_evidence():
+    truth = pose()
+    masks = {name: mask[None].copy() for name, mask in masks_of(truth).items()}
+    table = np.zeros(masks["left"].shape[1:], np.uint8)
+    rows = np.flatnonzero(masks["left"][0].any(1))
+    table[int(rows.mean()) :] = 1  # hides all below the middle
+    masks["left"][0][table != 0] = 0
+    scene = with_truth(silhouette_scene(body(), RECORDS, masks, hidden={"left": table}), truth)
+    contour, counts = scene.contour[0, 0], scene.on_outline[0, 0]
+    assert counts.any() and not counts.all()
+    assert (contour[counts, 1] < int(rows.mean()) - 2).all()
+    model, _, inputs = program_of(scene)
+    mean = np.asarray(model.observation_moments(jnp.asarray(truth, float), inputs)[0]).reshape(2, -1)
+    assert np.abs(mean[0, : len(counts)][counts]).max() < 3.0
+    assert mean[0, len(counts) :].max() < 1.5  # the legs behind the table do not stick out
+
+
+def test_the_start_is_found_without_a_truth():
+    truth = pose(4)
+    start = seek_silhouette(scene_of(truth), body().params)
+    found, known = (np.asarray(marker_positions(body().tree, jnp.asarray(x, float))) for x in (start.mean, truth))
+    # two cameras do not tell a limb from its mirror image: the trunk is what must be found
+    trunk = [body().tree.marker_names.index(name) for name in ("pelvis", "chest", "neck")]
+    assert np.linalg.norm((found - known)[trunk], axis=-1).max() < 120.0
+
+
+def test_cameras_must_match():
+    masks = {name: mask[None] for name, mask in masks_of(pose()).items()}
+    with pytest.raises(InputError, match="left, right.*left, middle"):
+        silhouette_scene(body(), RECORDS, {"left": masks["left"], "middle": masks["right"]})
+    with pytest.raises(InputError, match="camera left, frame 0"):
+        silhouette_scene(body(), RECORDS, {**masks, "left": masks["left"][:, :-1]})
+
+
+@pytest.mark.slow
+def test_a_moving_body_is_followed():
+    states = [pose() + t * np.r_[20.0, 0.0, 0.0, 0.02 * np.ones(25)] for t in range(6)]
+    scene = with_truth(scene_of(*states), *states)
+    tree = track(scene, TrackSettings())
+    error = np.linalg.norm(tree["summary"].dataset["markers_mean"].values - scene.scene.markers, axis=-1)
+    assert error.mean() < 40.0
