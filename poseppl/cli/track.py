@@ -7,7 +7,14 @@ from typing import Any
 import click
 
 from poseppl.cli.options import camera_options, common_options, subject_options
-from poseppl.cli.track_video import ManyFiles, check_video_usage, scene_of_options, video_options
+from poseppl.cli.track_video import (
+    ManyFiles,
+    check_video_usage,
+    overlay_paths,
+    scene_of_options,
+    video_options,
+    write_overlays,
+)
 from poseppl.errors import InputError
 
 FILTERS = (
@@ -47,6 +54,7 @@ Examples:
 Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
+  poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
 NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Both
 appear whole or not at all.
 
@@ -179,7 +187,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
     inputs = [recording, observations, options["skeleton"], options["camera"], options["calibration"], *words]
-    check_writable([target, picture], inputs)
+    overlays = list(overlay_paths(options, target).values()) if options["video"] else []
+    check_writable([target, picture, *overlays], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     try:
@@ -187,12 +196,15 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
             tree = _run(recording, observations, options, progress)
             progress.stage("drawing")
             write_result(tree, target, picture, inputs)
+            if options["video"]:
+                write_overlays(tree, options, target, progress)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
         raise
     if not options["quiet"]:
-        print_table("poseppl track", [*summary(tree), ("result", str(target)), ("picture", str(picture))])
+        files = [("result", target), ("picture", picture), *(("overlay", path) for path in overlays)]
+        print_table("poseppl track", [*summary(tree), *((name, str(path)) for name, path in files)])
 
 
 def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:

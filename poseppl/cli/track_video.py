@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 from typing import Any
 
 import click
@@ -69,7 +70,7 @@ def video_options(command: Any) -> Any:
             "--silhouette-noise",
             metavar="MM",
             type=float,
-            help="--video: standard deviation of a silhouette's distances at the body. [default: 40]",
+            help="--video: standard deviation of a silhouette's distances at the body. [default: 60]",
         ),
     ]
     for option in reversed(options):
@@ -100,16 +101,10 @@ def scene_of_options(options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
     from poseppl.io import VideoWarning
     from poseppl.tracking.silhouette_scene import SilhouetteSettings
-    from poseppl.tracking.video_sources import DEFAULT_MODEL, is_video, see_silhouettes, sources_of_files, sources_of_scene
+    from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
 
-    words = options["video"]
     start, stop = _frames(options["frames"])
-    if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
-        sources = sources_of_scene(words[0])
-    elif options["calibration"] is None:
-        raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
-    else:
-        sources = sources_of_files(words, options["calibration"], empty=options["empty"], hidden=options["hidden"])
+    sources = _sources(options)
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
     settings = SilhouetteSettings()
@@ -131,6 +126,32 @@ def scene_of_options(options: dict[str, Any], progress: Any) -> Any:
     for warning in told:
         progress.note(str(warning.message))
     return scene
+
+
+def _sources(options: dict[str, Any]) -> Any:
+    from poseppl.tracking.video_sources import is_video, sources_of_files, sources_of_scene
+
+    words = options["video"]
+    if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
+        return sources_of_scene(words[0])
+    if options["calibration"] is None:
+        raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
+    return sources_of_files(words, options["calibration"], empty=options["empty"], hidden=options["hidden"])
+
+
+def overlay_paths(options: dict[str, Any], target: Path) -> dict[str, Path]:
+    """Where the overlay of each camera goes, by its name."""
+    return {video.camera: target.with_name(f"{target.stem}-{video.camera}.mp4") for video in _sources(options).videos}
+
+
+def write_overlays(tree: Any, options: dict[str, Any], target: Path, progress: Any) -> None:
+    """Write the videos again, with the skeletons over them."""
+    from poseppl.report.overlay_video import write_overlay
+
+    paths = overlay_paths(options, target)
+    progress.stage("drawing overlays")
+    for video in _sources(options).videos:
+        write_overlay(paths[video.camera], tree, video)
 
 
 def _frames(text: str | None) -> tuple[int, int | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -36,7 +37,7 @@ class SilhouetteSettings(NamedTuple):
     """
 
     num_points: int = 64
-    noise: float = 40.0
+    noise: float = 60.0
     map_size: int = 320
     truncation: float = 60.0
 
@@ -166,7 +167,14 @@ def scene_of_videos(
             advance(1)
     if not frames:
         raise InputError("the videos have no frame", field="--video", expected="at least one")
-    return _assemble(body, records, frames, chosen, videos[0].rate, ", ".join(video.source for video in videos), start)
+    return _assemble(body, records, frames, chosen, videos[0].rate, _together([video.source for video in videos]), start)
+
+
+def _together(sources: Sequence[str]) -> str:
+    """One source, or the folder that several are in."""
+    if len(set(sources)) == 1:
+        return sources[0]
+    return f"{len(sources)} videos of {os.path.commonpath([os.path.abspath(source) for source in sources])}"
 
 
 def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
