@@ -7,9 +7,8 @@ the middles of the silhouettes point to.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +17,7 @@ from scipy.optimize import least_squares
 
 from poseppl.body import Body, SilhouetteInputs
 from poseppl.distributions import SilhouetteSeen
+from poseppl.distributions.silhouettes import FRACTIONS
 from poseppl.errors import InputError
 from poseppl.geometry import depth
 from poseppl.program import CompiledModel
@@ -28,6 +28,8 @@ from poseppl.tracking.silhouette_scene import SilhouetteScene
 from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, _place, scales
 
 _REST_SPREAD = 0.4
+_FRAMES, _EVERY = 4, 10
+"""How many frames decide which way the person faces, and how far apart they are."""
 
 
 def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:
@@ -87,44 +89,89 @@ def _mask(seen: SilhouetteScene, entries: int) -> Any:
 def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
     """Find a start in the first frame that most cameras see.
 
+    A silhouette is nearly the same from the front and from the back. So the best pose and the best one that faces the other way are
+    both followed over some frames more, and the one that explains all of them better is taken.
+
     Raises:
         InputError: No frame has a silhouette.
     """
     count = seen.usable.sum(1)
     if not count.max():
         raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
-    return Start(_best_pose(seen, int(np.argmax(count == count.max())), params), scales(seen.scene.body, START_POSITION, START_ANGLE))
-
-
-def _best_pose(seen: SilhouetteScene, frame: int, params: Mapping[str, float]) -> Floats:
-    body = seen.scene.body
-    rest = np.asarray(body.rest, np.float64)
-    root = body.tree.coordinates[0][0]
-    headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
-    free = np.array([joint != root for joint, _ in body.tree.coordinates])
-    place = _middle(seen, frame, body, rest)
-    found = []
-    residuals = _residuals(seen, frame, params, rest, free, place)
-    evaluate, derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
-    solve = partial(
-        least_squares,
-        lambda x: np.asarray(evaluate(x), np.float64),
-        jac=lambda x: np.asarray(derive(x), np.float64),
-        x_scale=scales(body, 100.0, 0.3),
-        ftol=1e-3,
-        xtol=1e-4,
-        gtol=None,
-        max_nfev=40,
-    )
-    for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
-        guess = rest.copy()
-        guess[headings] += turn
-        guess[:3] = place
-        solution = solve(x0=guess)
-        found.append((float(solution.cost), solution.x))
-    best = min(found, key=lambda candidate: candidate[0])[1]
+    frames = np.flatnonzero(count == count.max())[: _FRAMES * _EVERY : _EVERY]
+    search = _Search(seen, params, int(frames[0]))
+    candidates = sorted((search.solve(guess, int(frames[0])) for guess in search.guesses()), key=lambda found: found.cost)
+    away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
+    rivals = [candidates[0], *away[:1]]
+    totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
+    best = rivals[int(np.argmin(totals))].state.copy()
+    rest = np.asarray(seen.scene.body.rest, np.float64)
     best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
-    return np.asarray(best, np.float64)
+    return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+class _Found(NamedTuple):
+    cost: float
+    state: Floats
+
+
+class _Search:
+    """Least squares on the residuals of one frame after the other."""
+
+    def __init__(self, seen: SilhouetteScene, params: Mapping[str, float], first: int) -> None:
+        self._seen, body = seen, seen.scene.body
+        self._rest = np.asarray(body.rest, np.float64)
+        root = body.tree.coordinates[0][0]
+        self._headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
+        self._x_scale = scales(body, 100.0, 0.3)
+        self._place = _middle(seen, first, body, self._rest)
+        free = np.array([joint != root for joint, _ in body.tree.coordinates])
+        residuals = _residuals(seen, params, self._rest, free, self._place)
+        self._evaluate, self._derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+
+    def guesses(self) -> list[Floats]:
+        """The rest pose at the place of the silhouettes, in every heading."""
+        found = []
+        for turn in 2 * np.pi * np.arange(NUM_HEADINGS if self._headings else 1) / NUM_HEADINGS:
+            guess = self._rest.copy()
+            guess[self._headings] += turn
+            guess[:3] = self._place
+            found.append(guess)
+        return found
+
+    def solve(self, guess: Floats, frame: int) -> _Found:
+        """The best pose near a guess."""
+        data = _data(self._seen, frame)
+        solution = least_squares(
+            lambda x: np.asarray(self._evaluate(x, data), np.float64),
+            guess,
+            jac=lambda x: np.asarray(self._derive(x, data), np.float64),
+            x_scale=self._x_scale,
+            ftol=1e-3,
+            xtol=1e-4,
+            gtol=None,
+            max_nfev=40,
+        )
+        return _Found(float(solution.cost), np.asarray(solution.x, np.float64))
+
+    def follow(self, found: _Found, frames: Sequence[int]) -> float:
+        """Sum of the costs of a pose and of what becomes of it."""
+        total = found.cost
+        for frame in frames:
+            found = self.solve(found.state, frame)
+            total += found.cost
+        return total
+
+    def faces_away(self, state: Floats, other: Floats) -> bool:
+        """Whether the headings of two states differ by more than a right angle."""
+        return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
+
+
+def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, Any]:
+    """What was seen in a frame, and which residuals count."""
+    contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
+    parts = len(FRACTIONS) * seen.num_parts
+    return SilhouetteSeen(contour, distance, scale), jnp.asarray(_mask(seen, seen.contour.shape[2] + parts)[frame], float)
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
@@ -140,21 +187,20 @@ def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floa
     return _place(body, seen.scene.cameras, points, rest)
 
 
-def _residuals(
-    seen: SilhouetteScene, frame: int, params: Mapping[str, float], rest: Floats, free: Any, place: Floats
-) -> Any:
+def _residuals(seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats) -> Any:
     body, cameras = seen.scene.body, seen.scene.cameras
-    contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
-    one = SilhouetteSeen(contour, distance, scale)
     guess = rest.copy()
     guess[:3] = place
     noise = jnp.asarray(noise_in_pixels(seen, guess), float)
-    inputs = SilhouetteInputs(cameras, one, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
-    model = body.program.compile(inputs, dict(params))
-    mask = jnp.asarray(_mask(seen, _site(model)[1])[frame], float)
 
-    def residuals(x: jax.Array) -> jax.Array:
-        distances = model.observation_moments(x, inputs)[0].reshape(mask.shape)
-        return jnp.concatenate([(distances * mask / noise[:, None]).ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+    def inputs(data: SilhouetteSeen) -> SilhouetteInputs:
+        return SilhouetteInputs(cameras, data, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
+
+    model = body.program.compile(inputs(_data(seen, 0)[0]), dict(params))
+
+    def residuals(x: jax.Array, data: tuple[SilhouetteSeen, jax.Array]) -> jax.Array:
+        distances = model.observation_moments(x, inputs(data[0]))[0].reshape(data[1].shape)
+        pull = jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)
+        return jnp.concatenate([(distances * data[1] / noise[:, None]).ravel(), pull])
 
     return residuals

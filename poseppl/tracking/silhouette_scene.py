@@ -23,6 +23,8 @@ from poseppl.vision import Background, check_mask, silhouette_distance
 from poseppl.vision.contours import contour_points
 
 Mask = NDArray[np.uint8]
+_CUT = 0.02
+"""Share of a picture's width or height that an encoder may cut off."""
 
 
 class SilhouetteSettings(NamedTuple):
@@ -111,6 +113,7 @@ def silhouette_scene(
     lengths = {name: len(values) for name, values in masks.items()}
     if len(set(lengths.values())) > 1:
         raise InputError(f"cameras differ in their number of masks: {lengths}", field="masks", expected="one length for all")
+    records = [fit_size(record, np.shape(masks[record.name])[:0:-1]) for record in records]
     frames = [
         [
             _frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
@@ -154,6 +157,8 @@ def scene_of_videos(
     """
     chosen = (settings or SilhouetteSettings()).check()
     check_names(records, [video.camera for video in videos])
+    sizes = {video.camera: video.size for video in videos}
+    records = [fit_size(record, sizes[record.name]) for record in records]
     frames = []
     for number, images in synchronised(videos, start=start, stop=stop, mismatch="shortest"):
         row = []
@@ -188,6 +193,24 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
     if lacking or strange:
         problem = f"the calibration knows the cameras {', '.join(known)}; there are pictures of {', '.join(names) or 'none'}"
         raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
+
+
+def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
+    """The record of a camera whose pictures have another width and height, px, than its calibration says.
+
+    Pictures that lack a few of the last columns or rows, which encoders cut off, are taken as they are, with a ``VideoWarning``.
+
+    Raises:
+        InputError: They differ by more.
+    """
+    if size == record.size:
+        return record
+    told = f"the pictures have {size[0]} x {size[1]} pixels, the calibration {record.size[0]} x {record.size[1]}"
+    if not all((1 - _CUT) * whole <= side <= whole for side, whole in zip(size, record.size, strict=True)):
+        expected = "pictures of the calibrated size; scale the videos, or the calibration's size and matrix"
+        raise InputError(told, field=f"camera {record.name}", expected=expected)
+    warnings.warn(f"camera {record.name}: {told}; the last columns or rows are taken to be cut off", VideoWarning, stacklevel=3)
+    return record._replace(size=size)
 
 
 def _frame(mask: NDArray[Any], hidden: Mask | None, record: CameraRecord, number: int, settings: SilhouetteSettings) -> _Frame:
