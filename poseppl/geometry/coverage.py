@@ -1,9 +1,9 @@
 """How much of given image points a body covers: its silhouette, hard and smooth.
 
-The image of an elliptical truncated cone is bounded by the images of its two rings, ellipses to first order in the ring's size over
-its distance, and by the two straight edges between them: it is the union of two ellipses and of the quadrilateral between these
-edges (:mod:`poseppl.geometry.outlines`). Each of the three has a signed distance d in pixels, negative inside; that of a part is the
-least of them, and a point is covered by the body if d < 0 for some part. The smooth coverage is
+The image of an elliptical truncated cone is bounded by the images of its two rings, ellipses to first order in the ring's size
+over its distance, and by the two straight edges between them: it is the union of two ellipses and of the quadrilateral between
+these edges (:mod:`poseppl.geometry.outlines`). Each of the three has a signed distance d in pixels, negative inside; that of a
+part is the least of them, and a point is covered by the body if d < 0 for some part. The smooth coverage is
 
     c = 1 - prod over parts (1 - sigmoid(-d / softness)),
 

@@ -2,8 +2,8 @@
 
 A part has an axis of some length along its own z, from its base at z = 0; across it is an ellipse whose half-axes along x and y
 are ``radius * scale``, the radius going linearly from ``radii[0]`` at the base to ``radii[1]`` at the tip. Equal radii make a
-cylinder. One layout serves all published bodies: 10 cones (Darby, Li and Costen 2008), 14 (Du and Guan 2006), cylinders (Peursum,
-Venkatesh and West 2010).
+cylinder. One layout serves all published bodies: 10 cones (Darby, Li and Costen 2008), 14 (Du and Guan 2006), cylinders
+(Peursum, Venkatesh and West 2010).
 
 >>> from poseppl.geometry import Joint, Marker, kinematic_tree
 >>> tree = kinematic_tree([Joint("hip", None, (0, 0, 0), "X")], [Marker("knee", "hip", (0, 0, -400))])
@@ -81,7 +81,7 @@ jax.tree_util.register_dataclass(Flesh, [field.name for field in fields(Flesh) i
 
 
 class PartFrames(NamedTuple):
-    """Parts in the world: ``axes`` (P, 3, 3, ...), whose columns are the parts' x, y and z, ``base`` and ``tip`` (P, 3, ...) mm."""
+    """Parts in the world: ``base`` and ``tip`` (P, 3, ...) mm, and ``axes`` (P, 3, 3, ...), whose columns are x, y and z."""
 
     axes: jax.Array
     base: jax.Array

@@ -1,8 +1,8 @@
 """Outlines of cones in images: the quadrilateral between the two occluding edges of each part, in each camera.
 
-Seen from an eye, a long truncated cone is bounded by two straight edges. They leave its rings near the points where the direction u
-across the axis is at right angles to the view: with r from the eye to the middle of the axis, in the part's coordinates divided by
-the factors of its radii,
+Seen from an eye, a long truncated cone is bounded by two straight edges. They leave its rings near the points where the
+direction u across the axis is at right angles to the view: with r from the eye to the middle of the axis, in the part's
+coordinates divided by the factors of its radii,
 
     u = (-r_y, r_x) / |(r_x, r_y)|,    corners: base -+ radius_base u,  tip -+ radius_tip u,
 
