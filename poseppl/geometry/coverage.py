@@ -35,7 +35,7 @@ _TINY = 1e-12
 _THICKNESS = 0.25
 """Half the thickness (px) of a ring that is seen from its side: with none, its distances would have no gradient."""
 _LEAST_DEPTH = 0.01
-"""Least squared depth, of the squared depth of its centre, that a ring near the camera's plane is given; at 0 it is a parabola."""
+"""Least squared depth that a ring near the camera's plane is given, in units of its centre's; at 0 it is a parabola."""
 _LEAST_AREA = 1.0
 """Twice the area (px^2) below which a quadrilateral is left to the ellipses: its sides have no direction."""
 _FAR = 1e6
