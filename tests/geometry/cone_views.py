@@ -1,4 +1,4 @@
-"""Cones on a joint that moves freely, seen by cameras of 640 x 480 px; and their silhouettes by the book and by casting rays."""
+"""Cones on a joint that moves freely, seen by cameras of 640 x 480 px; their silhouettes by the package and by casting rays."""
 
 from __future__ import annotations
 
