@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,7 @@ from precision import precision
 from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.outline_samples import Room, Spacing, fixed_sums, interval_counts, pad_maps, spaced_sums
 
-ROOMS = (Room(40, 20, 12), Room(24, 12, 12), Room(40, 20, 12))
+ROOMS = (Room(40, 20, 12), Room(24, 16, 12), Room(40, 20, 12))
 SIZE = (60, 80)
 
 
@@ -28,6 +30,11 @@ def quadrilaterals(rng, count, inset=12.0):
 
 def maps(rng):
     return rng.uniform(size=(2, 2, *SIZE))
+
+
+@partial(jax.jit, static_argnums=(0, 4, 5))
+def summed(sums, corners, edge, inside, spacing, rooms):
+    return sums(corners, edge, inside, spacing, rooms)
 
 
 def by_the_loop(corners, edge, inside, spacing):
@@ -64,7 +71,7 @@ def test_every_sample_is_taken_once(inset):
     spacing = Spacing(1.0, 1.5)
     with precision(np.float64):
         corners, (edge, inside) = quadrilaterals(rng, 4, inset), maps(rng)
-        found = np.stack(spaced_sums(jnp.asarray(corners), pad_maps(edge), pad_maps(inside), spacing, ROOMS))
+        found = np.stack(summed(spaced_sums, corners, pad_maps(edge), pad_maps(inside), spacing, ROOMS))
         for n in range(4):
             expected = by_the_loop(corners[..., n], edge, inside, spacing)
             np.testing.assert_allclose(found[..., n], expected, rtol=1e-12)
@@ -83,8 +90,8 @@ def test_parts_outside_the_image_leave_no_trace():
     corners = jnp.asarray(quadrilaterals(np.random.default_rng(1), 5)) + 1000.0
     ones = pad_maps(jnp.ones((2, *SIZE)))
     for sums in (spaced_sums, fixed_sums):
-        assert not any(np.any(value) for value in sums(corners, ones, ones, Spacing(), ROOMS))
-        assert not any(np.any(value) for value in sums(-corners, ones, ones, Spacing(), ROOMS))
+        assert not any(np.any(value) for value in summed(sums, corners, ones, ones, Spacing(), ROOMS))
+        assert not any(np.any(value) for value in summed(sums, -corners, ones, ones, Spacing(), ROOMS))
 
 
 def test_fixed_samples_count_as_much_as_all():
@@ -96,7 +103,8 @@ def test_fixed_samples_count_as_much_as_all():
         smooth = pad_maps(jnp.asarray(np.stack([2 + np.sin(x / 20), 2 + np.cos(y / 15)])))
         rooms = (Room(8, 4, 4),) * 3
         fixed, spaced = (
-            sums(corners, smooth, smooth, Spacing(1.0, 1.5), room) for sums, room in ((fixed_sums, rooms), (spaced_sums, ROOMS))
+            summed(sums, corners, smooth, smooth, Spacing(1.0, 1.5), room)
+            for sums, room in ((fixed_sums, rooms), (spaced_sums, ROOMS))
         )
         np.testing.assert_allclose(fixed.num_edge, spaced.num_edge, rtol=1e-12)
         np.testing.assert_allclose(fixed.num_inside, spaced.num_inside, rtol=1e-12)
