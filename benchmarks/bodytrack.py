@@ -1,7 +1,7 @@
 """Evaluations a second of the bodytrack benchmark's likelihood, from every sample and from few, and what few samples cost.
 
-    NPROC=1 taskset -c 0 python benchmarks/bodytrack.py [--quick] [--data FOLDER]     one core
-    python benchmarks/bodytrack.py                                                    all there are, as XLA divides them
+    NPROC=1 taskset -c 0 python benchmarks/bodytrack.py [--quick] [--data FOLDER]                one core, one device
+    XLA_FLAGS=--xla_force_host_platform_device_count=2 NPROC=1 python benchmarks/bodytrack.py    two, half the poses on each
 
 An evaluation is a pose of 31 coordinates in four cameras of 640 x 480. FOLDER (or $POSEPPL_DATA) holds the recordings. The C++
 figures are those of the benchmark's own tracker, published in NOTES.md beside its data: they are from a run on another machine
@@ -27,13 +27,13 @@ PARTICLES = 10_000
 
 
 def score_of(data: Bodytrack, every: bool):
-    """Compiled scores (N,) of states (N, 31)."""
+    """Compiled scores (D, N / D) of states (D, N / D, 31), one row on each of D devices."""
     inputs, body = data.inputs(), data.body
 
     def score(state: jax.Array) -> jax.Array:
         return benchmark_score(outline_sums(body.tree, body.flesh, state, inputs, ALL if every else FEW, every=every))
 
-    return jax.jit(jax.vmap(score))
+    return jax.pmap(jax.vmap(score))
 
 
 def main() -> None:
@@ -44,20 +44,20 @@ def main() -> None:
     data = read_bodytrack(options.data / "parsec_bodytrack" / "sequenceB_1")
     count = 500 if options.quick else PARTICLES
     noise = np.random.default_rng(0).normal(size=(count, 31))
-    states = jnp.asarray(data.start + data.step_scale * noise, float)
+    devices = jax.local_device_count()
+    states = jnp.asarray(data.start + data.step_scale * noise, float).reshape(devices, -1, 31)
     scores = {"few samples, weighted": score_of(data, False), "every sample": score_of(data, True)}
     rivals = {name: lambda score=score: score(states) for name, score in scores.items()}
     seconds = interleave(rivals, 2 if options.quick else 9)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     rows = [
         [name, f"{count / timing.median:,.0f}", f"{1e3 * PARTICLES * timing.median / count:.0f}", f"{timing.first:.1f}"]
         for name, timing in seconds.items()
     ]
     for number, rate in PUBLISHED.items():
         rows.append([f"C++, {number} core(s), another machine", f"{rate:,}", f"{1e3 * PARTICLES / rate:.0f}", ""])
-    title = f"Likelihoods of bodytrack, N = {count:,}, {cores} core(s)"
+    title = f"Likelihoods of bodytrack, N = {count:,}, {devices} device(s)"
     show(title, ["", "a second", f"ms for {PARTICLES:,} (a frame)", "first call s"], rows)
-    few, every = (np.asarray(score(states), float) for score in scores.values())
+    few, every = (np.asarray(score(states), float).ravel() for score in scores.values())
     print(
         f"Few samples: error {np.mean(few - every):+.4f} on average, {np.sqrt(np.mean((few - every) ** 2)):.4f} rms, where the "
         f"score varies by {every.std():.4f} (sd); correlation {np.corrcoef(few, every)[0, 1]:.4f}."

@@ -122,7 +122,7 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
 
 
 def part_frames(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
-    """Parts of one state (d,) in the world."""
+    """Parts of one state (d,) in the world; gradients are those of :func:`parts_of`, batch last, for this has none in reverse."""
     frames: PartFrames = batch_last(lambda *arguments: parts_of(*arguments))(tree, flesh, state)
     return frames
 
