@@ -122,7 +122,7 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
 
 
 def part_frames(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
-    """Parts of one state (d,) in the world; gradients are those of :func:`parts_of`, batch last, for this has none in reverse."""
+    """Parts of one state (d,) in the world; for gradients in reverse take :func:`parts_of`, this has none."""
     frames: PartFrames = batch_last(lambda *arguments: parts_of(*arguments))(tree, flesh, state)
     return frames
 
