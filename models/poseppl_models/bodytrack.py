@@ -1,9 +1,9 @@
 """The body and the likelihood of the bodytrack benchmark (Deutscher and Reid 2005, doi:10.1023/B:VISI.0000043757.18370.9c).
 
-31 coordinates and 10 elliptical cones. The benchmark's rotation from three angles is E(a, b, c) = Rz(c) Rx(a) Ry(b), inverted at
-every joint except the pelvis, with fixed quarter turns between the joints. Here the fixed turns are carried out to the leaves: they
-only permute axes and turn signs, so that the body is a plain kinematic tree, and a pose of the benchmark is a state with its
-coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`, :meth:`BodytrackBody.pose_of`).
+31 coordinates and 10 elliptical cones. The benchmark's rotation from three angles is E(a, b, c) = Rz(c) Rx(a) Ry(b), inverted
+at every joint except the pelvis, with fixed quarter turns between the joints. Here the fixed turns are carried out to the
+leaves: they only permute axes and turn signs, so that the body is a plain kinematic tree, and a pose of the benchmark is a
+state with its coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`, :meth:`BodytrackBody.pose_of`).
 
 The likelihood has no noise of its own: of edge samples along the sides of all parts in all cameras, and of samples inside,
 
@@ -122,7 +122,7 @@ def bodytrack_body(shape: Any) -> BodytrackBody:
                 place = int(np.argmax(np.abs(frame[:, axis])))
                 axes += "XYZ"[place]
                 coordinates.append((entry, -float(frame[place, axis])))
-        laid.append(Joint(joint.name, joint.parent, tuple(above @ np.array(joint.shift)), axes))  # type: ignore[arg-type]
+        laid.append(Joint(joint.name, joint.parent, tuple(above @ np.array(joint.shift)), axes))
     cones, markers = [], []
     for row, (name, joint_name, length) in zip(radii, _parts(size), strict=True):
         frame = frames[joint_name]
@@ -132,6 +132,33 @@ def bodytrack_body(shape: Any) -> BodytrackBody:
     tree = kinematic_tree(laid, markers)
     order, signs = (np.array(column) for column in zip(*coordinates, strict=True))
     return BodytrackBody(tree, flesh_of(tree, cones), order, signs)
+
+
+LIMBS = {
+    "trunk": ("pelvis",),
+    "leg_l": ("hip_l", "knee_l"),
+    "leg_r": ("hip_r", "knee_r"),
+    "thorax": ("thorax",),
+    "arm_l": ("clavicle_l", "shoulder_l", "elbow_l"),
+    "arm_r": ("clavicle_r", "shoulder_r", "elbow_r"),
+    "head": ("neck",),
+}
+"""Joints of each limb."""
+
+
+def limb_groups(body: BodytrackBody) -> list[list[int]]:
+    """Coordinates of each limb: the groups in which two parents are crossed.
+
+    The likelihood is nearly a sum over limbs, so that one particle may have found a leg and another an arm. Where a child takes
+    each limb whole from either of two parents, it can have both (Deutscher, Davison and Reid 2001,
+    doi:10.1109/CVPR.2001.991028); a limb that is cut in two would fit nowhere.
+
+    Returns:
+        Seven groups of indices into the state, which together are all 31, for the ``crossover`` of
+        :func:`poseppl.filters.annealed_filter`.
+    """
+    owners = [joint for joint, _ in body.tree.coordinates]
+    return [[index for index, owner in enumerate(owners) if owner in joints] for joints in LIMBS.values()]
 
 
 def _joints(size: Floats) -> list[_Joint]:
@@ -218,7 +245,7 @@ def outline_sums(
 
 
 def benchmark_score(sums: Sums) -> jax.Array:
-    """log L of the sums, pooled over cameras."""
+    """Score of the sums, log L, pooled over cameras."""
     return -(jnp.sum(sums.edge) / jnp.sum(sums.num_edge) + jnp.sum(sums.inside) / jnp.sum(sums.num_inside))
 
 

@@ -23,9 +23,10 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.subject import find_subject, stem_of
+    from poseppl.io.opencv import opencv
     from poseppl.rendering import SensorNoise, Truth, build_setting, write_scene
     from poseppl.rendering.noise import check_noise
-    from poseppl.rendering.packages import load_mujoco, load_opencv
+    from poseppl.rendering.packages import load_mujoco
     from poseppl.tracking.truth import save_subject_truth
 
     folder = _folder(options["output"], stem_of(recording))
@@ -33,7 +34,7 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     noise = SensorNoise() if options["noise"] is None else SensorNoise(level=options["noise"])
     check_noise(noise)
     load_mujoco()
-    load_opencv()
+    opencv()
     start_jax()
     subject = find_subject(recording, options)
     setting = build_setting(

@@ -1,14 +1,23 @@
 """How much of given image points a body covers: its silhouette, hard and smooth.
 
-The image of an elliptical truncated cone is bounded by the images of its two rings, ellipses to first order in the ring's size over
-its distance, and by the two straight edges between them: it is the union of two ellipses and of the quadrilateral between these
-edges (:mod:`poseppl.geometry.outlines`). Each of the three has a signed distance d in pixels, negative inside; that of a part is the
-least of them, and a point is covered by the body if d < 0 for some part. The smooth coverage is
+The image of an elliptical truncated cone is the convex hull of the images of its two rings: the union of two ellipses and of
+the quadrilateral between the two straight edges that touch both (:func:`poseppl.geometry.outlines.limb_corners`). The image of
+a ring with centre c and half-axes a and b, all in the camera's frame, has the dual conic (a ball has a third half-axis)
+
+    c c' - a a' - b b',
+
+of which the ellipse's centre and half-axes are read off. Each of the three shapes has a signed distance d in pixels, negative
+inside; that of a part is the least of them, and a point is covered by the body if d < 0 for some part. The smooth coverage is
 
     c = 1 - prod over parts (1 - sigmoid(-d / softness)),
 
 which tends to the hard one as the softness goes to zero, and never has a zero gradient. Distances are exact beside the straight
-edges, and to first order at the ellipses. Points behind other parts count as covered alike: silhouettes know no depth.
+edges, and to first order at the ellipses.
+
+The silhouette of a pinhole camera is exact for eyes outside, but that rings seen from their side are drawn half a pixel thick.
+It gets worse with lens distortion, which bends the edges and is taken to be linear over a ring, and where a ring comes so near
+that it reaches the plane of the camera. A body whose balls differ in radius lacks a sliver beside the edges. Points behind
+other parts count as covered alike: silhouettes know no depth.
 """
 
 from __future__ import annotations
@@ -18,13 +27,18 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.geometry.cameras import Cameras, project_components
+from poseppl.geometry.cameras import NEAREST, Cameras, project_components
 from poseppl.geometry.flesh import Flesh, PartFrames
-from poseppl.geometry.outlines import outline_corners
+from poseppl.geometry.outlines import limb_corners
 
 _TINY = 1e-12
-_THICKNESS = 0.5
-"""Half-width (px) below which a ring seen from its side is not taken to be thinner."""
+_THICKNESS = 0.25
+"""Half the thickness (px) of a ring that is seen from its side: with none, its distances would have no gradient."""
+_LEAST_DEPTH = 0.01
+"""Least squared depth that a ring near the camera's plane is given, in units of its centre's; at 0 it is a parabola."""
+_LEAST_AREA = 1.0
+"""Twice the area (px^2) below which a quadrilateral is left to the ellipses: its sides have no direction."""
+_FAR = 1e6
 
 
 class Shapes(NamedTuple):
@@ -44,8 +58,8 @@ class Shapes(NamedTuple):
 
 
 def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
-    """Images of all parts in all cameras, batch last, as :func:`poseppl.geometry.outlines.outline_corners` takes them."""
-    corners = outline_corners(cameras, flesh, parts)
+    """Images of all parts in all cameras, batch last, as :func:`poseppl.geometry.outlines.limb_corners` takes them."""
+    corners = limb_corners(cameras, flesh, parts)
     sides = jnp.roll(corners, -1, 2) - corners
     # twice the area, positive where the corners go round counter-clockwise: it tells outwards from inwards
     diagonals = corners[:, :, 2:] - corners[:, :, :2]
@@ -53,7 +67,7 @@ def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
     sign = jnp.where(area >= 0, 1.0, -1.0)[:, :, None]
     length = jnp.sqrt(sides[:, :, :, 0] ** 2 + sides[:, :, :, 1] ** 2 + _TINY)
     normals = jnp.stack([sides[:, :, :, 1] * sign / length, -sides[:, :, :, 0] * sign / length], 3)
-    offsets = jnp.sum(normals * corners, 3)
+    offsets = jnp.where(jnp.abs(area)[:, :, None] < _LEAST_AREA, -_FAR, jnp.sum(normals * corners, 3))
     centres, inverses = _ellipses(cameras, flesh, parts)
     return Shapes(normals, offsets, centres, inverses)
 
@@ -85,26 +99,56 @@ def hard_coverage(distances: jax.Array) -> jax.Array:
 
 
 def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, jax.Array]:
-    """Centres and inverse squared half-axes of the rings' images."""
-    rings = jnp.stack([parts.base, parts.tip], 1)  # (P, 2, 3, N)
-    half = flesh.radii[:, :, None] * flesh.scales[:, None]  # (P, 2 rings, 2 axes, 1)
-    arms = [parts.axes[:, None, :, axis] * half[:, :, axis, None] for axis in range(2)]  # (P, 2, 3, N) each
+    """Centres and inverse squared half-axes of the images of the rings, or of the balls in their place."""
     spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    u, v, uu, uv, vv = _rings(spread, flesh, parts)
+    plane = spread._replace(rotation=jnp.eye(3), centre=jnp.zeros(3))
+    one, none = jnp.ones_like(u), jnp.zeros_like(u)
 
-    def image(x: jax.Array, y: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return project_components(spread, x, y, z)
+    def image(u: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return project_components(plane, u, v, one)
 
-    count = cameras.centre.shape[0]
-    place = tuple(jnp.broadcast_to(rings[None, :, :, i], (count, *rings.shape[:2], rings.shape[-1])) for i in range(3))
-    centre = image(*place)
-    moved = []
-    for arm in arms:
-        tangent = tuple(jnp.broadcast_to(arm[None, :, :, i], place[0].shape) for i in range(3))
-        moved.append(jax.jvp(image, place, tangent)[1])
-    (ax, ay), (bx, by) = moved
-    xx, xy, yy = ax * ax + bx * bx + _THICKNESS**2, ax * ay + bx * by, ay * ay + by * by + _THICKNESS**2
+    centre, (ax, ay) = jax.jvp(image, (u, v), (one, none))
+    _, (bx, by) = jax.jvp(image, (u, v), (none, one))
+    xx = ax * ax * uu + 2 * ax * bx * uv + bx * bx * vv + _THICKNESS**2
+    xy = ax * ay * uu + (ax * by + bx * ay) * uv + bx * by * vv
+    yy = ay * ay * uu + 2 * ay * by * uv + by * by * vv + _THICKNESS**2
     determinant = xx * yy - xy * xy
     return jnp.stack(centre, 3), jnp.stack([yy / determinant, -xy / determinant, xx / determinant], 3)
+
+
+def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, ...]:
+    """In the plane at depth 1 of an undistorted camera: u and v of the centres, uu, uv and vv of the squared half-axes.
+
+    Args:
+        spread: Cameras whose matrix axes come first, (..., C, 1, 1, N).
+        flesh: Sizes of the parts.
+        parts: Where they are.
+
+    Returns:
+        Five arrays (C, P, 2, N).
+    """
+    rings = jnp.stack([parts.base, parts.tip], 1)[None]  # (1, P, 2, 3, N)
+    half = flesh.radii[:, :, None] * jnp.stack([flesh.scales[:, 0], flesh.scales[:, 1], flesh.balls], 1)[:, None]
+    arms = [(parts.axes[:, None, :, axis] * half[:, :, axis, None])[None] for axis in range(3)]
+    place = _turned(spread, [rings[:, :, :, j] - spread.centre[j] for j in range(3)])
+    depth = jnp.maximum(place[2], NEAREST)
+    u, v = place[0] / depth, place[1] / depth
+    across, deep = [], []  # with the ring's centre as the plane's origin, where nothing large cancels
+    for arm in arms:
+        x, y, z = _turned(spread, [arm[:, :, :, j] for j in range(3)])
+        across.append((x - u * z, y - v * z))
+        deep.append(z)
+    zz = jnp.maximum(depth**2 - sum(z * z for z in deep), _LEAST_DEPTH * depth**2)
+    du, dv = (-sum(pair[i] * z for pair, z in zip(across, deep, strict=True)) / zz for i in range(2))
+    uu, uv, vv = (sum(pair[i] * pair[j] for pair in across) / zz for i, j in ((0, 0), (0, 1), (1, 1)))
+    return u + du, v + dv, uu + du * du, uv + du * dv, vv + dv * dv
+
+
+def _turned(spread: Cameras, vector: list[jax.Array]) -> list[jax.Array]:
+    """Components of a vector of the world in the cameras' frames."""
+    turn = spread.rotation
+    return [turn[i, 0] * vector[0] + turn[i, 1] * vector[1] + turn[i, 2] * vector[2] for i in range(3)]
 
 
 def _from_ellipse(shapes: Shapes, ring: int, x: jax.Array, y: jax.Array) -> jax.Array:

@@ -2,8 +2,8 @@
 
 A part has an axis of some length along its own z, from its base at z = 0; across it is an ellipse whose half-axes along x and y
 are ``radius * scale``, the radius going linearly from ``radii[0]`` at the base to ``radii[1]`` at the tip. Equal radii make a
-cylinder. One layout serves all published bodies: 10 cones (Darby, Li and Costen 2008), 14 (Du and Guan 2006), cylinders (Peursum,
-Venkatesh and West 2010).
+cylinder. Its ends are flat, or balls of the ends' radii; a sphere (:func:`sphere`) is a very short one. One layout serves all
+published bodies: 10 cones (Darby, Li and Costen 2008), 14 (Du and Guan 2006), cylinders (Peursum, Venkatesh and West 2010).
 
 >>> from poseppl.geometry import Joint, Marker, kinematic_tree
 >>> tree = kinematic_tree([Joint("hip", None, (0, 0, 0), "X")], [Marker("knee", "hip", (0, 0, -400))])
@@ -41,6 +41,7 @@ class Cone(NamedTuple):
         origin: Its base, in the joint's frame, mm.
         axis: Direction of its own z in the joint's frame, of any length.
         across: Direction in the joint's frame near which its own x lies; matters where the factors differ.
+        balls: Whether both ends are balls instead of flat; silhouettes know them, sampled outlines do not.
     """
 
     name: str
@@ -51,6 +52,13 @@ class Cone(NamedTuple):
     origin: Triple = (0.0, 0.0, 0.0)
     axis: Triple = (0.0, 0.0, 1.0)
     across: Triple = (1.0, 0.0, 0.0)
+    balls: bool = False
+
+
+def sphere(name: str, joint: str, radius: float, centre: Triple = (0.0, 0.0, 0.0)) -> Cone:
+    """A sphere of some radius about a point of the joint's frame, mm: two balls a thousandth of the radius apart."""
+    length = 1e-3 * radius
+    return Cone(name, joint, length, (radius, radius), origin=(centre[0], centre[1], centre[2] - 0.5 * length), balls=True)
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,7 @@ class Flesh:
         lengths: Shape (P,), mm.
         radii: Base and tip (P, 2), mm.
         scales: Factors along x and y (P, 2).
+        balls: 1 where the ends are balls, 0 where they are flat (P,).
         links: The link of each part.
         names: Of the parts.
     """
@@ -72,6 +81,7 @@ class Flesh:
     lengths: jax.Array
     radii: jax.Array
     scales: jax.Array
+    balls: jax.Array
     links: tuple[int, ...]
     names: tuple[str, ...]
 
@@ -81,7 +91,7 @@ jax.tree_util.register_dataclass(Flesh, [field.name for field in fields(Flesh) i
 
 
 class PartFrames(NamedTuple):
-    """Parts in the world: ``axes`` (P, 3, 3, ...), whose columns are the parts' x, y and z, ``base`` and ``tip`` (P, 3, ...) mm."""
+    """Parts in the world: ``base`` and ``tip`` (P, 3, ...) mm, and ``axes`` (P, 3, 3, ...), whose columns are x, y and z."""
 
     axes: jax.Array
     base: jax.Array
@@ -105,13 +115,14 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
         lengths=jnp.asarray([part.length for part in parts], float),
         radii=jnp.asarray([part.radii for part in parts], float),
         scales=jnp.asarray([part.scale for part in parts], float),
+        balls=jnp.asarray([part.balls for part in parts], float),
         links=tuple(last[tree.joint_names.index(part.joint)] for part in parts),
         names=tuple(part.name for part in parts),
     )
 
 
 def part_frames(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
-    """Parts of one state (d,) in the world."""
+    """Parts of one state (d,) in the world; for gradients in reverse take :func:`parts_of`, this has none."""
     frames: PartFrames = batch_last(lambda *arguments: parts_of(*arguments))(tree, flesh, state)
     return frames
 

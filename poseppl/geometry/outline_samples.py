@@ -1,7 +1,7 @@
 """Sums of image maps over the outlines and the insides of a body's parts, by sampling.
 
-A part's outline in an image is a quadrilateral (:mod:`poseppl.geometry.outlines`). Maps are sampled along its two sides, and on a
-grid inside, rows along the axis and columns across it, at the nearest pixel; what falls outside of the image does not count.
+A part's outline in an image is a quadrilateral (:mod:`poseppl.geometry.outlines`). Maps are sampled along its two sides, and on
+a grid inside, rows along the axis and columns across it, at the nearest pixel; what falls outside of the image does not count.
 :class:`Spacing` asks for a sample every so many pixels, at least 4 intervals in each direction. Then either
 
 * every sample is taken, as many as there are (:func:`spaced_sums`), with room for the most that there may be; or
@@ -9,8 +9,8 @@ grid inside, rows along the axis and columns across it, at the nearest pixel; wh
 
 Maps have one row more than the image, which is 0 and stands for all that lies outside (:func:`pad_maps`).
 
-Places, values and sums are computed one after the other: were they one expression, the compiler would compute the outlines anew for
-every sample, 6 to 18 times slower. A loop over cameras keeps the places apart from the look-up, which no barrier does.
+Places, values and sums are computed one after the other: were they one expression, the compiler would compute the outlines anew
+for every sample, 6 to 18 times slower. A loop over cameras keeps the places apart from the look-up, which no barrier does.
 """
 
 from __future__ import annotations
@@ -90,9 +90,7 @@ def spaced_sums(
     return total
 
 
-def fixed_sums(
-    corners: jax.Array, edge_map: jax.Array, inside_map: jax.Array, spacing: Spacing, rooms: Sequence[Room]
-) -> Sums:
+def fixed_sums(corners: jax.Array, edge_map: jax.Array, inside_map: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Sums:
     """The same from as many intervals as there is room for, weighted.
 
     Arguments are those of :func:`spaced_sums`.
@@ -144,7 +142,7 @@ def _add(total: Sums, found: tuple[jax.Array, ...], edge_share: jax.Array | floa
 def _groups(corners: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Iterator[_Group]:
     if len(rooms) != corners.shape[1]:
         raise ValueError(f"room for {len(rooms)} parts; expected one for each of {corners.shape[1]}")
-    corners = jax.lax.optimization_barrier(corners)
+    corners = jax.lax.optimization_barrier(corners)  # type: ignore[no-untyped-call]
     counts = interval_counts(corners, spacing)
     for room in dict.fromkeys(rooms):
         index = np.array([part for part, other in enumerate(rooms) if other == room])
@@ -159,7 +157,7 @@ def _on_sides(corners: jax.Array, along: jax.Array) -> tuple[jax.Array, jax.Arra
 
 
 def _on_grid(corners: jax.Array, down: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Points (C, P, rows * columns, N) at fractions ``down`` of the sides and ``right`` of the way from the first to the other."""
+    """Points (C, P, rows * columns, N) at fractions ``down`` of the sides and ``right`` of the way between them."""
     first, other = corners[:, :, None, 0], corners[:, :, None, 3]
     starts = first + down[:, :, :, None] * (corners[:, :, None, 1] - first)
     ends = other + down[:, :, :, None] * (corners[:, :, None, 2] - other)
@@ -178,7 +176,9 @@ def _look_up(x: jax.Array, y: jax.Array, taken: jax.Array | None, maps: jax.Arra
         for condition in chosen:
             counts &= condition
         # truncation rounds to the nearest, as nothing that counts is negative; what does not count looks up the row of zeros
-        column, row = ((jnp.where(counts, axis, outside) + 0.5).astype(jnp.int32) for axis, outside in ((column, 0), (row, height)))
+        column, row = (
+            (jnp.where(counts, axis, outside) + 0.5).astype(jnp.int32) for axis, outside in ((column, 0), (row, height))
+        )
         return row * width + column, jnp.sum(counts, -2, dtype=column.dtype)
 
     places, number = jax.lax.map(place, (x, y) if taken is None else (x, y, jnp.broadcast_to(taken, x.shape)))

@@ -29,4 +29,5 @@ from poseppl.io.synchronised import VideoWarning as VideoWarning
 from poseppl.io.synchronised import synchronised as synchronised
 from poseppl.io.video import Video as Video
 from poseppl.io.video import open_video as open_video
+from poseppl.io.video_writing import video_writer as video_writer
 from poseppl.io.video_writing import write_video as write_video

@@ -65,6 +65,29 @@ def read_image(path: str | PathLike[str], camera: str | None = None, frame: int 
     return to_rgb(image)
 
 
+def encode_image(image: Image, suffix: str = ".png", *, file: str | PathLike[str] | None = None) -> bytes:
+    """Turn an image into the bytes of a file; PNG keeps every value.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) gray.
+        suffix: Says the format.
+        file: What the bytes are for, for messages.
+
+    Raises:
+        InputError: The array is no image, or the suffix is unknown.
+        PosepplError: OpenCV is not installed.
+    """
+    cv2 = opencv()
+    checked = check_image(image)
+    try:
+        done, data = cv2.imencode(suffix, checked if checked.ndim == 2 else checked[..., ::-1])
+    except cv2.error:
+        done, data = False, None
+    if not done or data is None:
+        raise InputError("unknown kind of image", file=file, expected="a name that ends in .png, .jpg, .bmp or .tif")
+    return bytes(data.tobytes())
+
+
 def write_image(path: str | PathLike[str], image: Image) -> None:
     """Write an image, whole or not at all; PNG keeps every value.
 
@@ -76,16 +99,9 @@ def write_image(path: str | PathLike[str], image: Image) -> None:
         InputError: The file cannot be written, or its suffix is unknown.
         PosepplError: OpenCV is not installed, or the disk is full.
     """
-    cv2 = opencv()
-    checked = check_image(image)
-    try:
-        done, data = cv2.imencode(Path(path).suffix or ".", checked if checked.ndim == 2 else checked[..., ::-1])
-    except cv2.error:
-        done, data = False, None
-    if not done or data is None:
-        raise InputError("unknown kind of image", file=path, expected="a name that ends in .png, .jpg, .bmp or .tif")
+    data = encode_image(image, Path(path).suffix or ".", file=path)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(data.tobytes())
+        temporary.write_bytes(data)
 
 
 def to_rgb(image: Image) -> Image:

@@ -1,4 +1,4 @@
-"""The two packages that rendering needs and the rest of the toolkit does not: MuJoCo draws, OpenCV encodes."""
+"""The package that rendering needs and the rest of the toolkit does not: MuJoCo, which draws."""
 
 from __future__ import annotations
 
@@ -28,18 +28,6 @@ def load_mujoco() -> Any:
         raise PosepplError(f"rendering needs the package {error.name}, which is not installed: {INSTALL}") from error
     except Exception as error:  # the loader of the GL libraries fails in ways of its own
         raise no_opengl(error) from error
-
-
-def load_opencv() -> Any:
-    """Import OpenCV.
-
-    Raises:
-        PosepplError: It is not installed.
-    """
-    try:
-        return importlib.import_module("cv2")
-    except ImportError as error:
-        raise PosepplError(f"images and videos need OpenCV, which cannot be imported ({error}): {INSTALL}") from error
 
 
 def no_opengl(error: Exception) -> PosepplError:

@@ -29,9 +29,11 @@ from numpy.typing import NDArray
 from poseppl.errors import InputError
 from poseppl.io.cameras import write_cameras
 from poseppl.io.files import atomic_folder
+from poseppl.io.opencv import write_image
 from poseppl.io.places import write_places
-from poseppl.rendering.images import Video, pack_mask, write_masks, write_png
+from poseppl.io.video_writing import VideoWriter, video_writer
 from poseppl.rendering.noise import SensorNoise, check_noise, expose, expose_long
+from poseppl.rendering.packed_masks import pack_mask, write_masks
 from poseppl.rendering.points import Floats
 from poseppl.rendering.render import Stage
 from poseppl.rendering.setting import Setting
@@ -105,8 +107,8 @@ def write_scene(
 def _write_empty(folder: Path, setting: Setting, stage: Stage, noise: SensorNoise) -> None:
     for number, camera in enumerate(setting.cameras):
         plate = expose_long(stage.picture(number, person=False), noise, setting.seed, number)
-        write_png(folder / f"{camera.name}_background.png", plate)
-        write_png(folder / f"{camera.name}_occluder.png", stage.occluder(number))
+        write_image(folder / f"{camera.name}_background.png", plate)
+        write_image(folder / f"{camera.name}_occluder.png", 255 * stage.occluder(number).astype(np.uint8))
 
 
 def _write_frames(
@@ -124,14 +126,14 @@ def _write_frames(
     if lossless:
         for name in names:
             (folder / name).mkdir()
-    with _videos(folder, names, setting.size, rate) as videos:
+    with _videos(folder, names, rate) as videos:
         for frame in range(setting.num_frames):
             stage.pose(frame)
             for number, name in enumerate(names):
                 picture = expose(stage.picture(number), noise, setting.seed, number, frame)
                 videos[number].write(picture)
                 if lossless:
-                    write_png(folder / name / f"{frame:06d}.png", picture)
+                    write_image(folder / name / f"{frame:06d}.png", picture)
                 seen = pack_mask(stage.visible(number))
                 visible[name].append(seen)
                 whole[name].append(pack_mask(stage.whole(number)) if setting.furniture else seen)
@@ -142,9 +144,9 @@ def _write_frames(
 
 
 @contextmanager
-def _videos(folder: Path, names: Sequence[str], size: tuple[int, int], rate: float) -> Iterator[list[Video]]:
+def _videos(folder: Path, names: Sequence[str], rate: float) -> Iterator[list[VideoWriter]]:
     with ExitStack() as stack:
-        videos = [stack.enter_context(Video(folder / f"{name}.mp4", size, rate)) for name in names]
+        videos = [stack.enter_context(video_writer(folder / f"{name}.mp4", rate)) for name in names]
         yield videos
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.rendering.packages import load_opencv
+from poseppl.io.opencv import encode_image
 
 Pixels = NDArray[np.uint8]
 
@@ -32,11 +32,11 @@ def room_textures(seed: int) -> dict[str, bytes]:
     """PNG files by material: a floor of planks, walls, wood, a rug, a picture."""
     rng = np.random.default_rng([seed, 2])
     return {
-        "floor": _png(_planks(rng)),
-        "wall": _png(_rough((196, 190, 176), 0.025, rng)),
-        "wood": _png(_grain((138, 92, 56), rng)),
-        "rug": _png(_stripes((120, 62, 58), (166, 142, 108), 16, 0.08, rng)),
-        "picture": _png(_blotches(rng)),
+        "floor": encode_image(_planks(rng)),
+        "wall": encode_image(_rough((196, 190, 176), 0.025, rng)),
+        "wood": encode_image(_grain((138, 92, 56), rng)),
+        "rug": encode_image(_stripes((120, 62, 58), (166, 142, 108), 16, 0.08, rng)),
+        "picture": encode_image(_blotches(rng)),
     }
 
 
@@ -46,10 +46,10 @@ def clothes_textures(seed: int) -> dict[str, bytes]:
     shirt, trousers, skin, hair = (palette[rng.integers(len(palette))] for palette in (SHIRTS, TROUSERS, SKINS, HAIRS))
     darker = (int(0.7 * shirt[0]), int(0.7 * shirt[1]), int(0.7 * shirt[2]))
     return {
-        "shirt": _png(_stripes(shirt, darker, int(rng.integers(12, 40)), 0.05, rng)),
-        "trousers": _png(_rough(trousers, 0.10, rng)),
-        "skin": _png(_rough(skin, 0.02, rng)),
-        "hair": _png(_rough(hair, 0.15, rng)),
+        "shirt": encode_image(_stripes(shirt, darker, int(rng.integers(12, 40)), 0.05, rng)),
+        "trousers": encode_image(_rough(trousers, 0.10, rng)),
+        "skin": encode_image(_rough(skin, 0.02, rng)),
+        "hair": encode_image(_rough(hair, 0.15, rng)),
     }
 
 
@@ -89,10 +89,3 @@ def _blotches(rng: np.random.Generator) -> Pixels:
 
 def _pixels(values: NDArray[np.floating[Any]]) -> Pixels:
     return np.clip(np.round(values), 0, 255).astype(np.uint8)
-
-
-def _png(image: Pixels) -> bytes:
-    done, data = load_opencv().imencode(".png", image[..., ::-1])
-    if not done:
-        raise RuntimeError("a texture could not be encoded")
-    return bytes(data)

@@ -12,10 +12,10 @@ import pytest
 from poseppl.errors import InputError, PosepplError
 from poseppl.io import read_cameras, read_places
 from poseppl.io.files import atomic_folder
+from poseppl.io.opencv import opencv
+from poseppl.io.video_writing import video_writer
 from poseppl.rendering import SensorNoise, Setting, Truth, read_masks, write_scene
-from poseppl.rendering.images import Video
 from poseppl.rendering.noise import expose, expose_long
-from poseppl.rendering.packages import load_opencv
 from poseppl.rendering.points import JOINTS
 
 Build = Callable[..., Setting]
@@ -33,7 +33,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_everything_is_there_and_reads_back(drawable: Build, tmp_path: Path) -> None:
-    cv2 = load_opencv()
+    cv2 = opencv()
     setting, counted = drawable(cameras=2), []
     truth = truth_of(setting)
     write_scene(tmp_path / "scene", setting, truth, lossless=True, advance=counted.append)
@@ -110,7 +110,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_a_video_that_lacks_frames_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     frame = np.zeros((72, 96, 3), np.uint8)
-    with pytest.raises(PosepplError, match="2 of 3 frames"), Video(tmp_path / "a.mp4", (96, 72), 30.0) as video:
+    with pytest.raises(PosepplError, match="2 of 3 frames"), video_writer(tmp_path / "a.mp4", 30.0) as video:
         video.write(frame)
         video.write(frame)
         monkeypatch.setattr(video, "_count", 3)

@@ -75,11 +75,11 @@ def test_options_that_do_not_go_together(capsys: pytest.CaptureFixture[str], arg
 
 
 def test_a_missing_package_says_how_to_install_it(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    for package in ("mujoco", "cv2"):
+    for package, extra in (("mujoco", "render"), ("cv2", "vision")):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)
             assert main([*SMALL, "--frames", "0:1"]) == 1
-        assert "pip install 'poseppl[render]'" in capsys.readouterr().err
+        assert f"pip install 'poseppl[{extra}]'" in capsys.readouterr().err
     assert not list(Path().iterdir())
 
 
