@@ -1,4 +1,4 @@
-"""Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 10 elliptical cones with widths in proportion to their lengths.
+"""Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 10 elliptical cones, as wide as their lengths ask for.
 
 Widths are near those of clothed adults: girths of limbs over segment lengths (Drillis and Contini 1966), rounded.
 """

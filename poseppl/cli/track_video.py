@@ -41,8 +41,8 @@ def video_options(command: Any) -> Any:
             metavar="FILE...",
             multiple=True,
             type=click.Path(),
-            help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder of "
-            "poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
+            help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
+            "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
         ),
         click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
         click.option(
@@ -50,8 +50,8 @@ def video_options(command: Any) -> Any:
             metavar="FILE...",
             multiple=True,
             type=click.Path(),
-            help="--video: pictures or clips of the empty scene, named as the cameras or NAME=FILE. [default: the background is "
-            "learned from the videos]",
+            help="--video: pictures or clips of the empty scene, named as the cameras or NAME=FILE. [default: the background "
+            "is learned from the videos]",
         ),
         click.option(
             "--hidden",

@@ -1,16 +1,18 @@
 """A silhouette seen by cameras, as Gaussian residuals: a likelihood that gradient methods and Kalman filters can use.
 
-Two kinds of residuals say that the silhouette of the body and that in the image are the same, both signed distances in pixels whose
-value is observed to be 0:
+Two kinds of residuals say that the silhouette of the body and that in the image are the same, both signed distances in pixels
+whose value is observed to be 0:
 
 * from each of K points on the observed contour to the nearest part of the body in the image, negative inside
   (:mod:`poseppl.geometry.coverage`): the body's outline passes through the contour;
 * from points along the axis of each part to the observed silhouette, as far as the part sticks out of it,
 
-      max(0, D(u) + r / 2),    D the signed distance to the observed silhouette at the axis point u, r the part's half-width there.
+      max(0, D(u) + r / 2),
 
-Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbouring points of a
-contour err alike; their standard deviation has to be raised by the root of how many do.
+  D being the signed distance to the observed silhouette at the axis point u, and r the part's half-width there.
+
+Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbouring points of
+a contour err alike; their standard deviation has to be raised by the root of how many do.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         super().__init__(distances, jnp.broadcast_to(self.noise[:, None], distances.shape), validate_args=validate_args)
 
     def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
-        """Log-density of the entries of ``value`` where ``mask`` is true, in one pass; it is only differentiated by the state."""
+        """Log-density of the entries of ``value`` where ``mask`` is true, in one pass; only differentiated by the state."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         fixed = (self.tree, self.flesh, self.cameras, self.seen, self.noise, value, weight)
         return _log_density(self.state, fixed)

@@ -1,8 +1,8 @@
 """The inference problem of silhouettes, and where it starts.
 
-Without a truth, tracking starts from the pose that explains the silhouettes of the first usable frame best: least squares on the
-residuals of :class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the place that
-the middles of the silhouettes point to.
+Without a truth, tracking starts from the pose that explains the silhouettes of the first usable frame best: least squares on
+the residuals of :class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the place
+that the middles of the silhouettes point to.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from scipy.optimize import least_squares
 
 from poseppl.body import Body, SilhouetteInputs
 from poseppl.distributions import SilhouetteSeen
-from poseppl.distributions.silhouettes import FRACTIONS
 from poseppl.errors import InputError
 from poseppl.geometry import depth
 from poseppl.program import CompiledModel
@@ -28,6 +27,8 @@ from poseppl.tracking.silhouette_scene import SilhouetteScene
 from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, _place, scales
 
 _REST_SPREAD = 0.4
+_LATER, _WALKS = 100, 250.0
+"""Frames over which, and mm from which on, the way of the person tells where it faces."""
 _FRAMES, _EVERY = 4, 10
 """How many frames decide which way the person faces, and how far apart they are."""
 
@@ -89,8 +90,8 @@ def _mask(seen: SilhouetteScene, entries: int) -> Any:
 def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
     """Find a start in the first frame that most cameras see.
 
-    A silhouette is nearly the same from the front and from the back. So the best pose and the best one that faces the other way are
-    both followed over some frames more, and the one that explains all of them better is taken.
+    A silhouette is nearly the same from the front and from the back. Of the best pose and the best one that faces the other way,
+    that is taken which faces where the person goes; of one that stays in place, that which explains some frames more better.
 
     Raises:
         InputError: No frame has a silhouette.
@@ -98,12 +99,17 @@ def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start
     count = seen.usable.sum(1)
     if not count.max():
         raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
-    frames = np.flatnonzero(count == count.max())[: _FRAMES * _EVERY : _EVERY]
+    usable = np.flatnonzero(count == count.max())
+    frames = usable[: _FRAMES * _EVERY : _EVERY]
     search = _Search(seen, params, int(frames[0]))
     candidates = sorted((search.solve(guess, int(frames[0])) for guess in search.guesses()), key=lambda found: found.cost)
     away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
     rivals = [candidates[0], *away[:1]]
-    totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
+    going = search.way(int(frames[0]), int(usable[min(_LATER, len(usable) - 1)]))
+    if np.linalg.norm(going) >= _WALKS:
+        totals = [-search.forward(found.state) @ going for found in rivals]
+    else:
+        totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
     best = rivals[int(np.argmin(totals))].state.copy()
     rest = np.asarray(seen.scene.body.rest, np.float64)
     best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
@@ -162,16 +168,26 @@ class _Search:
             total += found.cost
         return total
 
+    def way(self, first: int, last: int) -> Floats:
+        """How far the person goes between two frames on the ground (2,), mm."""
+        places = (_middle(self._seen, frame, self._seen.scene.body, self._rest) for frame in (last, first))
+        return np.asarray(next(places) - next(places))[:2]
+
+    def forward(self, state: Floats) -> Floats:
+        """Where a state faces (2,): along y, turned by its heading."""
+        heading = float(state[self._headings].sum())
+        return np.array([-np.sin(heading), np.cos(heading)])
+
     def faces_away(self, state: Floats, other: Floats) -> bool:
         """Whether the headings of two states differ by more than a right angle."""
         return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
 
 
-def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, Any]:
-    """What was seen in a frame, and which residuals count."""
+def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, jax.Array, jax.Array]:
+    """What was seen in a frame, which points of the contours count, and which cameras."""
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
-    parts = len(FRACTIONS) * seen.num_parts
-    return SilhouetteSeen(contour, distance, scale), jnp.asarray(_mask(seen, seen.contour.shape[2] + parts)[frame], float)
+    counts = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
+    return SilhouetteSeen(contour, distance, scale), *counts
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
@@ -198,9 +214,10 @@ def _residuals(seen: SilhouetteScene, params: Mapping[str, float], rest: Floats,
 
     model = body.program.compile(inputs(_data(seen, 0)[0]), dict(params))
 
-    def residuals(x: jax.Array, data: tuple[SilhouetteSeen, jax.Array]) -> jax.Array:
-        distances = model.observation_moments(x, inputs(data[0]))[0].reshape(data[1].shape)
+    def residuals(x: jax.Array, data: tuple[SilhouetteSeen, jax.Array, jax.Array]) -> jax.Array:
+        distances = model.observation_moments(x, inputs(data[0]))[0].reshape(len(noise), -1)
+        outline, beyond = distances[:, : data[1].shape[1]] * data[1], distances[:, data[1].shape[1] :] * data[2][:, None]
         pull = jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)
-        return jnp.concatenate([(distances * data[1] / noise[:, None]).ravel(), pull])
+        return jnp.concatenate([(outline / noise[:, None]).ravel(), (beyond / noise[:, None]).ravel(), pull])
 
     return residuals

@@ -32,8 +32,8 @@ class SilhouetteSettings(NamedTuple):
 
     Attributes:
         num_points: K, points on each camera's contour.
-        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the segmentation
-            do not agree on, raised because neighbouring points err alike.
+        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
+            segmentation do not agree on, raised because neighbouring points err alike.
         map_size: The longer side of a distance map, px; images are reduced to it.
         truncation: Largest distance that is told apart, px of the image.
     """
@@ -96,8 +96,8 @@ def silhouette_scene(
         body: The body, whose program sees silhouettes.
         records: C calibrated cameras.
         masks: Of each camera by its name, (T, H, W), not 0 on the person.
-        hidden: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be left
-            out.
+        hidden: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be
+            left out.
         settings: The settings.
         rate: Frames a second.
         source: Where the masks come from, for the record.

@@ -101,12 +101,12 @@ def contour_points(mask: Mask, count: int, hidden: Mask | None = None, *, least_
     Args:
         mask: (H, W), not 0 inside.
         count: How many points.
-        hidden: (H, W), not 0 where nothing is known: behind furniture, beyond doubt. Points beside it are no part of the outline.
+        hidden: (H, W), not 0 where nothing is known, as behind furniture. Points beside it are no part of the outline.
         least_area: Regions and holes of fewer pixels are left out.
 
     Returns:
-        (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of the
-        image, and beside what is hidden, are not; none is, where there is no outline.
+        (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of
+        the image, and beside what is hidden, are not; none is, where there is no outline.
     """
     cv2 = opencv()
     inside = (np.asarray(mask) != 0).astype(np.uint8)

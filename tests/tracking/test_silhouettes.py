@@ -13,7 +13,7 @@ pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 from silhouette_rooms import RECORDS, body, masks_of, pose
 
 from poseppl.body import SilhouetteInputs
-from poseppl.distributions import Silhouettes, SilhouetteSeen
+from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import marker_positions
 from poseppl.io import VideoWarning
@@ -48,7 +48,7 @@ def test_residuals_are_small_at_the_truth_and_large_elsewhere():
     moments = jax.jit(lambda x: model.observation_moments(x, inputs)[0])
     away = truth.copy()
     away[0] += 100.0
-    # 100 mm are 4 px across; contours run along centres of pixels, half a pixel inside of the outline, and outlines are drawn to first order
+    # 100 mm are 4 px across; contours run along centres of pixels, half a pixel inside of the outline
     near, far = (np.asarray(moments(jnp.asarray(state, float))) for state in (truth, away))
     outline = slice(0, 64)
     assert np.sqrt(np.mean(near[outline] ** 2)) < 1.0
