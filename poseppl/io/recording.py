@@ -51,11 +51,8 @@ def read_motion(
         return read_amc(path, read_asf(skeleton), rate=CMU_RATE if rate is None else rate)
     if suffix == ".txt":
         if skeleton is None:
-            raise InputError(
-                "a DeepMimic motion needs its character",
-                file=path,
-                expected="--skeleton humanoid3d.txt, or FILE.txt,humanoid3d.txt",
-            )
+            expected = "--skeleton humanoid3d.txt, or FILE.txt,humanoid3d.txt"
+            raise InputError("a DeepMimic motion needs its character", file=path, expected=expected)
         return read_deepmimic(path, skeleton)
     if skeleton is not None:
         raise InputError(f"a {suffix} file takes no skeleton", file=path, field="skeleton")

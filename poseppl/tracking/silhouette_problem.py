@@ -90,8 +90,8 @@ def _mask(seen: SilhouetteScene, entries: int) -> Any:
 def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
     """Find a start in the first frame that most cameras see.
 
-    A silhouette is nearly the same from the front and from the back. Of the best pose and the best one that faces the other way,
-    that is taken which faces where the person goes; of one that stays in place, that which explains some frames more better.
+    A silhouette is nearly the same from the front and from the back. Of the best pose and the best one that faces the other
+    way, that is taken which faces where the person goes; of one that stays in place, that which explains later frames better.
 
     Raises:
         InputError: No frame has a silhouette.

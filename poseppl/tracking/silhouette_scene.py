@@ -198,7 +198,7 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
 def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
     """The record of a camera whose pictures have another width and height, px, than its calibration says.
 
-    Pictures that lack a few of the last columns or rows, which encoders cut off, are taken as they are, with a ``VideoWarning``.
+    Pictures that lack a few of the last columns or rows, which encoders cut off, are taken as they are: a ``VideoWarning``.
 
     Raises:
         InputError: They differ by more.
