@@ -1,7 +1,7 @@
 """The 28-DOF body seen as silhouettes: the likelihood of ours that gradient methods can follow.
 
 The state and its random walk are those of :mod:`poseppl_models.choo_fleet`; a frame's data are
-:class:`poseppl.distributions.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood in earnest, not a heuristic:
+:class:`poseppl.distributions.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood and no heuristic:
 its exponent is 1, and its noise was chosen by how often intervals hold the truth of rendered scenes.
 """
 

@@ -11,8 +11,8 @@ whose value is observed to be 0:
 
   D being the signed distance to the observed silhouette at the axis point u, and r the part's half-width there.
 
-Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbouring points of
-a contour err alike; their standard deviation has to be raised by the root of how many do.
+Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbours on a
+contour err alike; their standard deviation has to be raised by the root of how many do.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The inference problem of silhouettes, and where it starts.
 
 Without a truth, tracking starts from the pose that explains the silhouettes of the first usable frame best: least squares on
-the residuals of :class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the place
-that the middles of the silhouettes point to.
+the residuals of :class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the
+place that the middles of the silhouettes point to.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start
     rivals = [candidates[0], *away[:1]]
     going = search.way(int(frames[0]), int(usable[min(_LATER, len(usable) - 1)]))
     if np.linalg.norm(going) >= _WALKS:
-        totals = [-search.forward(found.state) @ going for found in rivals]
+        totals = [-float(search.forward(found.state) @ going) for found in rivals]
     else:
         totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
     best = rivals[int(np.argmin(totals))].state.copy()
@@ -186,8 +186,8 @@ class _Search:
 def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, jax.Array, jax.Array]:
     """What was seen in a frame, which points of the contours count, and which cameras."""
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
-    counts = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
-    return SilhouetteSeen(contour, distance, scale), *counts
+    on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
+    return SilhouetteSeen(contour, distance, scale), on_outline, usable
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
