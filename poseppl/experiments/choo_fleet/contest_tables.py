@@ -32,8 +32,8 @@ def contest_table(jobs: Sequence[ContestRuns], frames: Sequence[FrameRuns], resu
         "Geometric mean over coordinates, frames and recordings of the mean's squared error, in units of the posterior's "
         "variance; bias is the root mean square over coordinates of the mean error over runs, in standard deviations; one over "
         "the variance is the number of independent draws that an estimate is worth. Seconds are the median over frames and "
-        "runs. At one frame, filters that differ only in what they carry to the next one (1 Gaussian or 3, guided or auxiliary) "
-        "are the same filter."
+        "runs. At one frame, filters that differ only in what they carry to the next one (1 Gaussian or 3, guided or "
+        "auxiliary) are the same filter."
     )
     return Table("contest", columns, rows, about)
 
