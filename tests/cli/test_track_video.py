@@ -1,0 +1,97 @@
+"""`poseppl track --video`: silhouettes of a person in two videos, and what is said of files that do not fit."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tracking"))
+from silhouette_rooms import RECORDS, SIZE, masks_of, pose
+
+from poseppl.cli import main
+from poseppl.io import open_video, write_cameras, write_image, write_video
+from poseppl.results import load_result
+
+FEW = ["--filter", "annealed", "--particles", "40", "--layers", "2", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Three frames of a gray person on a dark ground, seen by two cameras, with pictures of the ground alone."""
+    folder = tmp_path_factory.mktemp("room")
+    states = [pose() + t * np.r_[30.0, np.zeros(27)] for t in range(3)]
+    drawn = [masks_of(state) for state in states]
+    noise = np.random.default_rng(0).integers(20, 40, (SIZE[1], SIZE[0], 1), np.uint8).repeat(3, 2)
+    for record in RECORDS:
+        images = [np.where(masks[record.name][..., None] > 0, np.uint8(180), noise) for masks in drawn]
+        write_video(folder / f"{record.name}.mp4", images, 30.0)
+        write_image(folder / f"{record.name}_empty.png", noise)
+    write_cameras(folder / "Calib.toml", RECORDS)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _cache(monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+
+
+def run(capsys, *words):
+    """Exit status, and all that was printed."""
+    status = main(["track", *map(str, words)])
+    printed = capsys.readouterr()
+    return status, " ".join((printed.out + printed.err).split())
+
+
+def videos(room):
+    return ["--video", room / "left.mp4", room / "right.mp4", "--calibration", room / "Calib.toml"]
+
+
+def empty(room):
+    return ["--empty", *(f"{record.name}={room / record.name}_empty.png" for record in RECORDS)]
+
+
+def test_two_videos_are_tracked_and_drawn_over(room, tmp_path, capsys):
+    status, text = run(capsys, *videos(room), *empty(room), *FEW, "-o", tmp_path / "seen.nc")
+    assert status == 0, text
+    result = load_result(tmp_path / "seen.nc")
+    assert result["posterior"].sizes["frame"] == 3
+    assert np.isfinite(result["summary"].dataset["markers_mean"].values).all()
+    assert {path.name for path in tmp_path.iterdir()} == {"seen.nc", "seen.png", "seen-left.mp4", "seen-right.mp4"}
+    overlay = list(open_video(tmp_path / "seen-left.mp4", "left").images())
+    assert len(overlay) == 3 and overlay[0].shape == (SIZE[1], SIZE[0], 3)
+    plain = next(open_video(room / "left.mp4", "left").images())
+    assert np.abs(overlay[0].astype(int) - plain).max() > 100  # something is drawn
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda room: ["--video", room / "left.mp4"], "--calibration.*no calibration"),
+        (lambda room: ["--video", f"middle={room}/left.mp4", "--calibration", room / "Calib.toml"], "'middle' has no calibration"),
+        (lambda room: ["--video", room / "absent.mp4", "--calibration", room / "Calib.toml"], "absent.mp4"),
+        (lambda room: [*videos(room), "--empty", f"middle={room}/left_empty.png"], "no video of the camera 'middle'.*left, right"),
+        (lambda room: [*videos(room), *empty(room), "--stature", "20"], "--stature.*500 to 2500"),
+        (lambda room: [*videos(room), *empty(room), "--frames", "1:2:3"], "--frames.*A:B"),
+        (lambda room: [*videos(room), "--cameras", "2"], "--cameras does not go with --video"),
+        (lambda room: ["--stature", "1700"], "--stature goes with --video"),
+    ],
+)
+def test_what_does_not_fit_is_told(room, tmp_path, capsys, change, words):
+    status, text = run(capsys, *change(room), *FEW, "-o", tmp_path / "none.nc")
+    assert status in (1, 2) and re.search(words, text), text
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_video_that_ends_early_ends_the_run_with_a_note(room, tmp_path, capsys):
+    images = list(open_video(room / "right.mp4", "right").images(0, 2))
+    write_video(tmp_path / "right.mp4", images, 30.0)
+    words = ["--video", room / "left.mp4", tmp_path / "right.mp4", "--calibration", room / "Calib.toml"]
+    status, text = run(capsys, *words, *empty(room), *FEW, "-o", tmp_path / "short.nc")
+    assert status == 0 and "right" in text and "2 frames" in text, text
+    assert load_result(tmp_path / "short.nc")["posterior"].sizes["frame"] == 2
