@@ -1,0 +1,83 @@
+"""What the likelihood of Du and Guan takes from the images of a frame, and the colours of a body at a known pose."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.geometry import Cameras
+from poseppl.geometry.flesh import parts_of
+from poseppl.geometry.outlines import outline_corners
+from poseppl.geometry.part_samples import index_at, inside_points
+from poseppl.geometry.silhouette_bits import pack_mask
+from poseppl_models.cone_body import ConeBody
+
+Images = NDArray[Any]
+GRID = (6, 4)
+"""Rows and columns of the pixels of a part whose colours are looked up."""
+
+
+class DuGuanEvidence(NamedTuple):
+    """Evidence of C cameras.
+
+    Attributes:
+        foreground: Words of the grid's foreground (C, rows, words), uint32.
+        known: Words of where there is evidence.
+        bins: Bin of each pixel's colour, negative without evidence, padded (C, H + 1, W), int32.
+        colours: Histograms of the parts that are sought (C, P, bins), shares.
+        part_weights: Weight of each part's colours (C, P).
+        descriptors: Fourier descriptors of the foreground's contour (C, count); NaN for none, and then contours do not count.
+    """
+
+    foreground: jax.Array
+    known: jax.Array
+    bins: jax.Array
+    colours: jax.Array
+    part_weights: jax.Array
+    descriptors: jax.Array
+
+
+def du_guan_evidence(
+    foreground: Images,
+    known: Images,
+    bins: Images,
+    colours: Images,
+    part_weights: Images,
+    descriptors: Images,
+    *,
+    stride: int = 4,
+) -> DuGuanEvidence:
+    """Take the evidence of a frame from its features, of :func:`poseppl.vision.extract` and :func:`poseppl.vision.colour_bins`.
+
+    Args:
+        foreground: (C, H, W), not 0 at the person.
+        known: (C, H, W), not 0 where a pixel is evidence.
+        bins: (C, H, W) bins of colours.
+        colours: (C, P, bins) histograms of the parts, such as :func:`part_colours` of a frame whose pose is known.
+        part_weights: (C, P) weights of the parts.
+        descriptors: (C, count) Fourier descriptors of the foreground.
+        stride: Pixels between points of the grid.
+    """
+    there = np.asarray(known) != 0
+    floats = (jnp.asarray(values, float) for values in (colours, part_weights, descriptors))
+    return DuGuanEvidence(pack_mask(foreground, stride), pack_mask(there, stride), pad_bins(bins, there), *floats)
+
+
+def pad_bins(bins: Images, known: Images) -> jax.Array:
+    """Bins (C, H, W), -1 where a pixel is no evidence, with one more row of -1: (C, H + 1, W), int32."""
+    marked = np.where(known, bins, -1)
+    return jnp.asarray(np.pad(marked, ((0, 0), (0, 1), (0, 0)), constant_values=-1), jnp.int32)
+
+
+def part_colours(body: ConeBody, state: Any, cameras: Cameras, bins: jax.Array, num_bins: int) -> Images:
+    """Count the colours (C, P, num_bins) of a body's parts in a known state (d,), from padded bins (C, H + 1, W)."""
+    tree, flesh, one, view = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (body.tree, body.flesh, state, cameras))
+    points = inside_points(outline_corners(view, flesh, parts_of(tree, flesh, jnp.asarray(one, float))), *GRID)
+    found = np.asarray(index_at(bins, *points))[..., 0]
+    counts = np.stack([np.sum(found == number, -1) for number in range(num_bins)], -1)
+    shares: Images = counts / np.maximum(counts.sum(-1, keepdims=True), 1)
+    return shares
