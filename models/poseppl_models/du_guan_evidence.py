@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.geometry import Cameras
+from poseppl.geometry.contour_tracing import polygon_descriptors, trace_contours
 from poseppl.geometry.flesh import parts_of
 from poseppl.geometry.outlines import outline_corners
 from poseppl.geometry.part_samples import index_at, inside_points
@@ -47,9 +48,10 @@ def du_guan_evidence(
     bins: Images,
     colours: Images,
     part_weights: Images,
-    descriptors: Images,
     *,
     stride: int = 4,
+    descriptors: Images | None = None,
+    count: int = 20,
 ) -> DuGuanEvidence:
     """Take the evidence of a frame from its features, of :func:`poseppl.vision.extract` and :func:`poseppl.vision.colour_bins`.
 
@@ -59,12 +61,26 @@ def du_guan_evidence(
         bins: (C, H, W) bins of colours.
         colours: (C, P, bins) histograms of the parts, such as :func:`part_colours` of a frame whose pose is known.
         part_weights: (C, P) weights of the parts.
-        descriptors: (C, count) Fourier descriptors of the foreground.
         stride: Pixels between points of the grid.
+        descriptors: (C, count) Fourier descriptors of the foreground; None for those of its contour on the grid, where thin gaps
+            close as those of the projected body do.
+        count: How many are computed of the grid.
     """
     there = np.asarray(known) != 0
+    shown, seen = pack_mask(foreground, stride), pack_mask(there, stride)
+    if descriptors is None:
+        found = np.asarray(jax.jit(grid_descriptors, static_argnums=1)((shown & seen)[..., None], count))[..., 0]
+        descriptors = np.where(np.asarray(shown & seen).any((1, 2))[:, None], found, np.nan)
     floats = (jnp.asarray(values, float) for values in (colours, part_weights, descriptors))
-    return DuGuanEvidence(pack_mask(foreground, stride), pack_mask(there, stride), pad_bins(bins, there), *floats)
+    return DuGuanEvidence(shown, seen, pad_bins(bins, there), *floats)
+
+
+def grid_descriptors(bits: jax.Array, count: int, max_corners: int = 256) -> jax.Array:
+    """Fourier descriptors (C, count, N) of silhouettes (C, rows, words, N); 0 for an empty one."""
+    cameras = bits.shape[0]
+    contours = trace_contours(jnp.moveaxis(bits, 0, 2).reshape(*bits.shape[1:3], -1), max_corners)
+    found = polygon_descriptors(contours.x.astype(float), contours.y.astype(float), count)
+    return jnp.moveaxis(found.reshape(count, cameras, -1), 1, 0)
 
 
 def pad_bins(bins: Images, known: Images) -> jax.Array:

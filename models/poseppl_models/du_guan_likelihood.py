@@ -25,12 +25,11 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.geometry import Cameras, KinematicTree
-from poseppl.geometry.contour_tracing import polygon_descriptors, trace_contours
 from poseppl.geometry.flesh import Flesh, parts_of
 from poseppl.geometry.outlines import outline_corners
 from poseppl.geometry.part_samples import index_at, inside_points
 from poseppl.geometry.silhouette_bits import body_bits, count_ones
-from poseppl_models.du_guan_evidence import GRID, DuGuanEvidence
+from poseppl_models.du_guan_evidence import GRID, DuGuanEvidence, grid_descriptors
 from poseppl_models.image_program import CameraScore
 
 _LEAST_OVERLAP = 1e-6
@@ -83,9 +82,6 @@ def colour_distance(evidence: DuGuanEvidence, corners: jax.Array) -> jax.Array:
 
 def boundary_distance(descriptors: jax.Array, body: jax.Array, max_corners: int) -> jax.Array:
     """Euclidean distance (C, N) between descriptors (C, count, 1) and those of words (C, rows, words, N)."""
-    cameras, count = descriptors.shape[:2]
-    contours = trace_contours(jnp.moveaxis(body, 0, 2).reshape(*body.shape[1:3], -1), max_corners)
-    floats = (corner.astype(descriptors.dtype) for corner in contours[:2])
-    found = jnp.moveaxis(polygon_descriptors(*floats, count).reshape(count, cameras, -1), 1, 0)
+    found = grid_descriptors(body, descriptors.shape[1], max_corners)
     there = jnp.isfinite(descriptors)
     return jnp.sqrt(jnp.sum(jnp.where(there, (found - jnp.where(there, descriptors, 0.0)) ** 2, 0.0), 1))

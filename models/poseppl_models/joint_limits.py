@@ -64,11 +64,8 @@ def hard_limits(limits: Any, state: jax.Array) -> jax.Array:
 
 def smooth_limits(limits: Any, state: jax.Array, width: jax.Array | float) -> jax.Array:
     """Log-barrier () of a state (d,), at most 0, for limits (d, 2) and a width in radians."""
-    low, high = (jnp.asarray(edge[kept], state.dtype) for edge, kept in zip(np.asarray(limits).T, (_finite(limits),) * 2, strict=True))
-    angles = state[np.flatnonzero(_finite(limits))]
+    limited = np.flatnonzero(np.isfinite(np.asarray(limits)).all(1))
+    low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T
+    angles = state[limited]
     return jnp.sum(jax.nn.log_sigmoid((angles - low) / width) + jax.nn.log_sigmoid((high - angles) / width))
 
-
-def _finite(limits: Any) -> np.ndarray[Any, Any]:
-    found: np.ndarray[Any, Any] = np.isfinite(np.asarray(limits)).all(1)
-    return found
