@@ -1,8 +1,9 @@
 """Sizes of a standing adult from the stature alone, for bodies whose papers give none.
 
-Lengths of segments and heights of joints are the shares of stature of Drillis and Contini (1966), as in Winter, *Biomechanics and
-Motor Control of Human Movement* (2009, doi:10.1002/9780470549148, Fig. 4.1). It gives no thicknesses, nor how far the centres of the
-hips lie apart: those are chosen here, near the half-breadths and girths of adults in thin clothes.
+Lengths of segments and heights of joints are the shares of stature of Drillis and Contini (1966), as in Winter,
+*Biomechanics and Motor Control of Human Movement* (2009, doi:10.1002/9780470549148, Fig. 4.1). It gives no thicknesses, nor
+how far the centres of the hips lie apart: those are chosen here, near the half-breadths and girths of adults in thin
+clothes.
 
 >>> round(segment_lengths(1750.0)["thigh"], 1)
 428.8
@@ -28,7 +29,8 @@ LENGTH_SHARES: Mapping[str, float] = {
     "ankle_height": 0.039,
     "foot": 0.152,
 }
-"""Lengths as shares of stature; widths are from the midline, the trunk goes from the hips to the shoulders, the head from there up."""
+"""Lengths as shares of stature; widths are from the midline, the trunk goes from the hips to the shoulders, the head
+from there up."""
 
 RADIUS_SHARES: Mapping[str, tuple[float, float]] = {
     "torso": (0.093, 0.093),

@@ -1,7 +1,8 @@
 """What a body cannot do, as log-factors of its programs: bend beyond its joints' limits, run a limb through another.
 
-Hard ones are -inf for particle filters (Darby et al. 2008, section 6.1: "zero weighting"); smooth ones are for methods with gradients
-(Sminchisescu and Triggs 2001, section 3.2, has limits and repulsion of parts). The temperature of a smooth one is its width.
+Hard ones are -inf for particle filters (Darby et al. 2008, section 6.1: "zero weighting"); smooth ones are for methods with
+gradients (Sminchisescu and Triggs 2001, section 3.2, has limits and repulsion of parts). The temperature of a smooth one is
+its width.
 
 >>> from poseppl_models.darby_body import darby_body
 >>> body = darby_body()
@@ -14,7 +15,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from poseppl.geometry import KinematicTree
 from poseppl.geometry.batched_score import batched_score

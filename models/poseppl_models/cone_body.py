@@ -1,10 +1,10 @@
 """Bodies of cones on one skeleton: what the published bodies of image-based trackers share.
 
-The skeleton's joints are a pelvis (the root, between the hips), a thorax at the same place, a neck and two clavicles where the
-shoulders' line crosses the midline, shoulders, elbows and wrists, hips, knees and ankles. A body says about which axes each of them
-turns, "" for none, and which cones ride on them. z points up, y forward, x to the right; limbs hang along -z, so that elbows bend by
-positive turns about X and knees by negative ones, and left limbs are lifted sideways by positive turns about Y, right ones by
-negative ones. Parts are called after the segment, with ``_l`` or ``_r``.
+The skeleton's joints are a pelvis (the root, between the hips), a thorax at the same place, a neck and two clavicles where
+the shoulders' line crosses the midline, shoulders, elbows and wrists, hips, knees and ankles. A body says about which axes
+each of them turns, "" for none, and which cones ride on them. z points up, y forward, x to the right; limbs hang along -z,
+so that elbows bend by positive turns about X and knees by negative ones, and left limbs are lifted sideways by positive
+turns about Y, right ones by negative ones. Parts are called after the segment, with ``_l`` or ``_r``.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequ
 
 
 def limb_cones(lengths: Mapping[str, float], radii: Mapping[str, tuple[float, float]], names: Sequence[str]) -> list[Cone]:
-    """Cones of both sides for segments named as in :func:`poseppl_models.anthropometry.segment_radii`, feet and hands among them."""
+    """Cones of both sides for segments named as in :func:`poseppl_models.anthropometry.segment_radii`."""
     joints = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shank": "knee", "foot": "ankle"}
     cones = []
     for name in names:

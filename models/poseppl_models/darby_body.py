@@ -1,8 +1,8 @@
 """The body of Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348, section 3): 31 coordinates and 10 truncated cones.
 
-"Position and orientation of the torso and the relative joint angles between limbs": 6 for the pelvis; the paper leaves the other 25 to
-its references. Taken here as in the software of Balan, Sigal and Black (2005) that its results are
-compared with: 2 between pelvis and thorax, 3 for the neck, 2 for each clavicle, 3 for shoulders and hips, 1 for elbows and knees.
+"Position and orientation of the torso and the relative joint angles between limbs": 6 for the pelvis; the paper leaves the
+other 25 to its references. Taken here as in the software of Balan, Sigal and Black (2005) that its results are compared
+with: 2 between pelvis and thorax, 3 for the neck, 2 for each clavicle, 3 for shoulders and hips, 1 for elbows and knees.
 Hands and feet have no cones.
 
 >>> body = darby_body()

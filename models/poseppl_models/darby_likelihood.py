@@ -1,7 +1,9 @@
-"""The likelihood of Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348, section 6.1): samples on cones, and their monocular weight.
+"""The likelihood of Darby, Li and Costen (2008, section 6.1): samples on cones, and a weight for a single camera.
 
-With several cameras (Eq. 8), V being a map of the silhouette or of the proximity to an edge, both in [0, 1], and xi sample points on the
-cones' surfaces or edges,
+doi:10.1109/AFGR.2008.4813348.
+
+With several cameras (Eq. 8), V being a map of the silhouette or of the proximity to an edge, both in [0, 1], and xi sample
+points on the cones' surfaces or edges,
 
     -log p(z | x) = beta sum over both maps of (1 / |xi|) sum over xi of (1 - V(xi))^2.
 
@@ -9,13 +11,13 @@ With a single one the edges are left out, and the error is divided by W (Eq. 9),
 
     W = (1 - |g_z - g_x| / max(g_z, g_x))^gamma,
 
-g being the ratio of foreground to background pixels of the image (z) and of the projected body (x); gamma = 0 is W = 1, and the
-paper uses 5. The paper gives -log p up to a factor, which annealing sets: here it is ``beta``, the inverse temperature at which the
-mean squared errors are a negative log-density.
+g being the ratio of foreground to background pixels of the image (z) and of the projected body (x); gamma = 0 is W = 1, and
+the paper uses 5. The paper gives -log p up to a factor, which annealing sets: here it is ``beta``, the inverse temperature
+at which the mean squared errors are a negative log-density.
 
-Samples count by the length of the side or the area of the cell that they stand for. What is not known, or lies outside of the image,
-does not count; where no sample counts the mean error is 1, the largest, so that leaving the image never pays. W's ratios are over what
-is known, on a grid of pixels, and W is at least 1e-6.
+Samples count by the length of the side or the area of the cell that they stand for. What is not known, or lies outside of
+the image, does not count; where no sample counts the mean error is 1, the largest, so that leaving the image never pays.
+W's ratios are over what is known, on a grid of pixels, and W is at least 1e-6.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.flesh import Flesh, parts_of
 from poseppl.geometry.outlines import outline_corners
 from poseppl.geometry.part_samples import (
@@ -96,7 +99,8 @@ def size_weight(image: jax.Array, body: jax.Array, gamma: jax.Array) -> jax.Arra
     """W of Eq. 9 for two ratios of foreground to background; 1 where both are 0."""
     largest = jnp.maximum(image, body)
     disparity = jnp.abs(image - body) / jnp.where(largest > 0, largest, 1.0)
-    return jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
+    weight: jax.Array = jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
+    return weight
 
 
 def _inside(corners: jax.Array, evidence: TwoWayEvidence, smooth: bool) -> jax.Array:
@@ -110,4 +114,5 @@ def _ratio(foreground: jax.Array, known: jax.Array) -> jax.Array:
 
 def _barrier(corners: jax.Array, smooth: bool) -> jax.Array:
     """Compute corners once, not anew for every sample; the smooth ones are left to the compiler, which differentiates them."""
-    return corners if smooth else jnp.asarray(jax.lax.optimization_barrier(corners))
+    kept: jax.Array = corners if smooth else computed_once(corners)
+    return kept

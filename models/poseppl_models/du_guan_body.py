@@ -1,8 +1,9 @@
 """The body of Du and Guan (ICASSP 2006, section 3): 24 degrees of freedom and 14 segments.
 
-Six for the place and orientation of the root. The paper does not say which the others are, nor which segments are spheres; chosen
-here: 2 for the head (nodding and turning), 3 for shoulders and hips, 1 for elbows and knees; torso and head, upper arms, forearms and
-hands, thighs, shanks and feet. All are truncated cones: what it draws as spheres are short wide cones here.
+Six for the place and orientation of the root. The paper does not say which the others are, nor which segments are spheres;
+chosen here: 2 for the head (nodding and turning), 3 for shoulders and hips, 1 for elbows and knees; torso and head, upper
+arms, forearms and hands, thighs, shanks and feet. All are truncated cones: what it draws as spheres are short wide cones
+here.
 
 >>> body = du_guan_body()
 >>> body.tree.dimension, len(body.flesh.names)

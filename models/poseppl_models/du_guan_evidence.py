@@ -62,15 +62,15 @@ def du_guan_evidence(
         colours: (C, P, bins) histograms of the parts, such as :func:`part_colours` of a frame whose pose is known.
         part_weights: (C, P) weights of the parts.
         stride: Pixels between points of the grid.
-        descriptors: (C, count) Fourier descriptors of the foreground; None for those of its contour on the grid, where thin gaps
-            close as those of the projected body do.
+        descriptors: (C, count) Fourier descriptors of the foreground; None for those of its contour on the grid, where thin
+            gaps close as those of the projected body do.
         count: How many are computed of the grid.
     """
-    there = np.asarray(known) != 0
+    there = np.asarray(known, bool)
     shown, seen = pack_mask(foreground, stride), pack_mask(there, stride)
     if descriptors is None:
         found = np.asarray(jax.jit(grid_descriptors, static_argnums=1)((shown & seen)[..., None], count))[..., 0]
-        descriptors = np.where(np.asarray(shown & seen).any((1, 2))[:, None], found, np.nan)
+        descriptors = np.where(np.any(np.asarray(shown & seen), axis=(1, 2))[:, None], found, np.nan)
     floats = (jnp.asarray(values, float) for values in (colours, part_weights, descriptors))
     return DuGuanEvidence(shown, seen, pad_bins(bins, there), *floats)
 

@@ -5,16 +5,16 @@ It is a product of three functions of the image (G) and of the projected body (H
     p_1 = |S_G and S_H| / |S_G or S_H|,    p_2 = exp(-d(C_G, C_H) / s_2),    p_3 = exp(-|B_G - B_H| / s_3),
 
 S being silhouettes, C colour histograms with their weighted Bhattacharyya distance d
-(:func:`poseppl.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the overlap, and takes
-the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and exponentials are chosen here. So
-s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and ``params["boundary_scale"]``; p_1 stands as it is, at
-temperature 1.
+(:func:`poseppl.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
+overlap, and takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and
+exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and
+``params["boundary_scale"]``; p_1 stands as it is, at temperature 1.
 
-Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the overlap of a
-part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part that another one hides shows
-that one's colours: the weights of parts are the caller's. Where no part is seen, d = 1. Boundaries are traced on the grid of
-the silhouettes (:mod:`poseppl.geometry.contour_tracing`); where the image has none p_3 = 1, where the body has none its descriptors are 0.
-p_1 is at least 1e-6.
+Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
+overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part
+that another one hides shows that one's colours: the weights of parts are the caller's. Where no part is seen, d = 1.
+Boundaries are traced on the grid of the silhouettes (:mod:`poseppl.geometry.contour_tracing`); where the image has none p_3
+= 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.flesh import Flesh, parts_of
 from poseppl.geometry.outlines import outline_corners
 from poseppl.geometry.part_samples import index_at, inside_points
@@ -47,14 +48,15 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: DuGuanEvidence, params: Any
     ) -> jax.Array:
         parts = parts_of(tree, flesh, state)
-        corners = jax.lax.optimization_barrier(outline_corners(cameras, flesh, parts))
+        corners = computed_once(outline_corners(cameras, flesh, parts))
         rows, words = evidence.known.shape[1:3]
-        body = jax.lax.optimization_barrier(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known)
+        body = computed_once(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known)
         overlap = overlap_ratio(evidence.foreground & evidence.known, body)
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body, max_corners)
         exponent = colour / params["colour_scale"] + boundary / params["boundary_scale"]
-        return jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
+        value: jax.Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
+        return value
 
     return score
 
@@ -66,7 +68,7 @@ def overlap_ratio(image: jax.Array, body: jax.Array) -> jax.Array:
 
 def colour_distance(evidence: DuGuanEvidence, corners: jax.Array) -> jax.Array:
     """Weighted Bhattacharyya distance (C, N) of the colours inside of outlines (C, P, 4, 2, N)."""
-    bins = jax.lax.optimization_barrier(index_at(evidence.bins[..., 0], *inside_points(corners, *GRID)))  # (C, P, K, N)
+    bins = computed_once(index_at(evidence.bins[..., 0], *inside_points(corners, *GRID)))  # (C, P, K, N)
     seen = bins >= 0
     alike = sum((bins == bins[:, :, k, None]).astype(jnp.int32) for k in range(bins.shape[2]))
     number = jnp.sum(seen, 2, keepdims=True)

@@ -1,8 +1,8 @@
 """Programs of bodies seen in images: a Gaussian random walk, a heuristic likelihood of each camera, limits and rejections.
 
-Images are inputs of a frame, not data sites: a heuristic likelihood is no density over images, and enters by ``numpyro.factor``.
-Cameras are independent given the state, so that their log-likelihoods add, each by its weight; a camera of weight 0 drops out, whatever
-its images hold.
+Images are inputs of a frame, not data sites: a heuristic likelihood is no density over images, and enters by
+``numpyro.factor``. Cameras are independent given the state, so that their log-likelihoods add, each by its weight; a camera
+of weight 0 drops out, whatever its images hold.
 """
 
 from __future__ import annotations

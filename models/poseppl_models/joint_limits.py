@@ -1,9 +1,10 @@
 """Limits of joint angles as data, as a hard constraint and as a smooth barrier.
 
-The ranges are those of healthy adults by the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring and
-Recording*, 1965), taken axis by axis, with 5 degrees of hyperextension at elbows and knees: broad ones, as Peursum et al. (2010,
-section 3.4) ask for, which hold for most motions and are specific to none. Shoulders are free to turn about their vertical by a
-right angle, which the book does not measure with a hanging arm. Signs are those of :mod:`poseppl_models.cone_body`.
+The ranges are those of healthy adults by the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring
+and Recording*, 1965), taken axis by axis, with 5 degrees of hyperextension at elbows and knees: broad ones, as Peursum et
+al. (2010, section 3.4) ask for, which hold for most motions and are specific to none. Shoulders are free to turn about
+their vertical by a right angle, which the book does not measure with a hanging arm. Signs are those of
+:mod:`poseppl_models.cone_body`.
 
 Outside of the limits the hard log-factor is -inf; the barrier is, for widths s,
 
@@ -68,4 +69,3 @@ def smooth_limits(limits: Any, state: jax.Array, width: jax.Array | float) -> ja
     low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T
     angles = state[limited]
     return jnp.sum(jax.nn.log_sigmoid((angles - low) / width) + jax.nn.log_sigmoid((high - angles) / width))
-

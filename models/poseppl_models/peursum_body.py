@@ -1,9 +1,12 @@
-"""The body of Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.4): 28 dimensions, cylinders, a fixed scale.
+"""The body of Peursum, Venkatesh and West (2010, section 3.4): 28 dimensions, loose cylinders, a fixed scale.
 
-Position and heading of the root, and 24 rotations, the pitch of the body among them. Each part is a cylinder and fits loosely, so that
-one body serves all sorts of people and clothes. The paper shows the parts in a drawing and gives no sizes; chosen here: pitch, bends
-and turns at the waist (3), a nodding and turning head (2), three turns at shoulders and hips, one at elbows, knees and ankles; 12
-cylinders, the hands being part of the forearms; thicknesses a quarter more than the body's own.
+doi:10.1007/s11263-009-0205-5.
+
+Position and heading of the root, and 24 rotations, the pitch of the body among them. Each part is a cylinder and fits
+loosely, so that one body serves all sorts of people and clothes. The paper shows the parts in a drawing and gives no sizes;
+chosen here: pitch, bends and turns at the waist (3), a nodding and turning head (2), three turns at shoulders and hips, one
+at elbows, knees and ankles; 12 cylinders, the hands being part of the forearms; thicknesses a quarter more than the body's
+own.
 
 >>> body = peursum_body()
 >>> body.tree.dimension, len(body.flesh.names)

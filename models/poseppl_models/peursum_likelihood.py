@@ -1,15 +1,17 @@
-"""The likelihood of Peursum, Venkatesh and West (2010, doi:10.1007/s11263-009-0205-5, section 3.4): both ways, edges and foreground.
+"""The likelihood of Peursum, Venkatesh and West (2010, section 3.4): edges and foreground, both ways.
+
+doi:10.1007/s11263-009-0205-5.
 
 A distance D >= 0 between an image and the projected body, and an exponential distribution of it (Eqs. 8 and 9):
 
     P(y | x) = lambda exp(-lambda D),    log P = log lambda - lambda D for each camera.
 
-lambda is the inverse temperature (Eqs. 10 and 11): annealing e^-D to the power lambda is the same up to a constant. The paper uses 8 with
-its learned motion model and 10 with the generic one.
+lambda is the inverse temperature (Eqs. 10 and 11): annealing e^-D to the power lambda is the same up to a constant. The
+paper uses 8 with its learned motion model and 10 with the generic one.
 
-D is "a modified version of the cost function of Deutscher and Reid", whose details the paper leaves to a report. Here it is that
-function, a sum of a mean error of edges and one of the foreground, made to go both ways, for what a body leaves unexplained counts
-as much as what it claims wrongly:
+D is "a modified version of the cost function of Deutscher and Reid", whose details the paper leaves to a report. Here it is
+that function, a sum of a mean error of edges and one of the foreground, made to go both ways, for what a body leaves
+unexplained counts as much as what it claims wrongly:
 
     D = (E_body + E_image) / 2 + (F_body + F_image) / 2,
 
@@ -18,9 +20,9 @@ F_image    share of the foreground that the body does not cover,
 E_body     share of the parts' sides, by length, that lies on no edge,
 E_image    share of the image's edges with no side of a part within a tolerance,
 
-each in [0, 1] and over what is known, and 0 where there is nothing to take a share of. So what an occluder hides is no evidence, and a
-body cannot gain by leaving the image, for then all of the foreground is unexplained. Foreground is counted on a grid of pixels
-(:mod:`poseppl.geometry.silhouette_bits`), edges at fixed numbers of samples.
+each in [0, 1] and over what is known, and 0 where there is nothing to take a share of. So what an occluder hides is no
+evidence, and a body cannot gain by leaving the image, for then all of the foreground is unexplained. Foreground is counted
+on a grid of pixels (:mod:`poseppl.geometry.silhouette_bits`), edges at fixed numbers of samples.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.coverage import part_distances, project_parts, soft_coverage
 from poseppl.geometry.flesh import Flesh, parts_of
 from poseppl.geometry.outlines import outline_corners
@@ -66,7 +69,7 @@ def peursum_score(stride: int, tolerance: float = 3.0) -> CameraScore:
         state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: TwoWayEvidence, params: Any
     ) -> jax.Array:
         parts = parts_of(tree, flesh, state)
-        corners = jax.lax.optimization_barrier(outline_corners(cameras, flesh, parts))
+        corners = computed_once(outline_corners(cameras, flesh, parts))
         near = squared_distance(evidence.edge_points, corners) <= tolerance**2
         edge_image = _mean(jnp.where(near, 0.0, 1.0), evidence.edge_weights)
         edge_body = weighted_mean(

@@ -64,11 +64,18 @@ def two_way_evidence(
     """
     shown, here, there = (np.asarray(image) != 0 for image in (foreground, edges, known))
     errors = (1.0 - shown if inside_error is None else inside_error, 1.0 - here if edge_error is None else edge_error)
-    maps = (pad_maps(jnp.asarray(np.where(there, error, -1.0), float)) for error in errors)
+    inside_map, edge_map = (pad_maps(jnp.asarray(np.where(there, error, -1.0), float)) for error in errors)
     points = (_spread(mask & there, num_points) for mask in (shown, here))
     (inside_points, inside_weights), (edge_points, edge_weights) = points
     return TwoWayEvidence(
-        pack_mask(shown, stride), pack_mask(there, stride), *maps, inside_points, inside_weights, edge_points, edge_weights
+        pack_mask(shown, stride),
+        pack_mask(there, stride),
+        inside_map,
+        edge_map,
+        inside_points,
+        inside_weights,
+        edge_points,
+        edge_weights,
     )
 
 

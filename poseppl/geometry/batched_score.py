@@ -1,7 +1,8 @@
 """Scores of single particles, written for a batch in the last axis, with a gradient.
 
-:func:`poseppl.geometry.batch_last.batch_last` gives no reverse gradient. Here the gradient is a batch-last function too: the scores of
-different particles do not depend on each other, so that one backward pass through their sum gives all gradients.
+:func:`poseppl.geometry.batch_last.batch_last` gives no reverse gradient. Here the gradient is a batch-last function too:
+the scores of different particles do not depend on each other, so that one backward pass through their sum gives all
+gradients.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable
         chunk: So many particles at a time.
 
     Returns:
-        A function of a state (d,) and the same pytrees without the last axis, which returns (C,). It has a reverse gradient with
-        respect to the state; everything else is taken as constant. Any nesting of ``jax.vmap`` becomes one call with a flat batch.
+        A function of a state (d,) and the same pytrees without the last axis, which returns (C,). It has a reverse gradient
+        with respect to the state; everything else is taken as constant. Any nesting of ``jax.vmap`` becomes one call with a
+        flat batch.
     """
 
     def pulled(state: jax.Array, cotangent: jax.Array, *constants: Tree) -> jax.Array:

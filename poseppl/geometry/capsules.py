@@ -1,9 +1,10 @@
 """Capsules in or around the parts of a body, and how far they are apart: do limbs run through each other?
 
-A capsule is all that lies within a radius of a segment. Two of them overlap where their segments are nearer than the sum of their radii;
-the nearest points of two segments are those of Ericson, *Real-Time Collision Detection* (2005, section 5.1.9), without branches.
-Capsules ``inside`` of the parts, as thin as the parts' thinnest half-axis, overlap only where the parts do: they are for rejection.
-Capsules ``around`` them contain them, up to the corners of the ends, and overlap before the parts do: they are for repulsion.
+A capsule is all that lies within a radius of a segment. Two of them overlap where their segments are nearer than the sum of
+their radii; the nearest points of two segments are those of Ericson, *Real-Time Collision Detection* (2005, section 5.1.9),
+without branches. Capsules ``inside`` of the parts, as thin as the parts' thinnest half-axis, overlap only where the parts
+do: they are for rejection. Capsules ``around`` them contain them, up to the corners of the ends, and overlap before the
+parts do: they are for repulsion.
 
 >>> ends = [jnp.array([[[0.0], [0.0], [z]], [[50.0], [0.0], [z]]]) for z in (0.0, 400.0)]
 >>> clearances(Capsules(*ends, jnp.array([[20.0], [15.0]])), ((0, 1),)).tolist()

@@ -1,12 +1,13 @@
 """Outer contours of many silhouettes at once, traced along the borders of grid points, and their Fourier descriptors.
 
-A silhouette is given as words of bits (:mod:`poseppl.geometry.silhouette_bits`). The contour starts at the first point that is set,
-row by row, and follows the border between points that are set and such as are not, the silhouette on its right, points that touch at a
-corner taken as connected (Rosenfeld and Kak 1982, *Digital Picture Processing*, section 11.1). Every so many steps a corner is
-kept. All silhouettes take their steps together, so that a step costs two look-ups of a silhouette.
+A silhouette is given as words of bits (:mod:`poseppl.geometry.silhouette_bits`). The contour starts at the first point that
+is set, row by row, and follows the border between points that are set and such as are not, the silhouette on its right,
+points that touch at a corner taken as connected (Rosenfeld and Kak 1982, *Digital Picture Processing*, section 11.1). Every
+so many steps a corner is kept. All silhouettes take their steps together, so that a step costs two look-ups of a
+silhouette.
 
-Descriptors are those of :func:`poseppl.vision.fourier_descriptors`, |Z_k| / |Z_1| for k = -1, 2, -2, 3, ..., but with the exact integrals
-over the polygon: with chords of direction u_j from arc length s_j to s_j+1 of the whole length L,
+Descriptors are those of :func:`poseppl.vision.fourier_descriptors`, |Z_k| / |Z_1| for k = -1, 2, -2, 3, ..., but with the
+exact integrals over the polygon: with chords of direction u_j from arc length s_j to s_j+1 of the whole length L,
 
     Z_k = L / (2 pi k)^2 sum over j of u_j (exp(-2 pi i k s_j+1 / L) - exp(-2 pi i k s_j / L)).
 
@@ -121,7 +122,9 @@ def _first_point(bits: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _chosen(table: np.ndarray, heading: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """x and y of a table's rows: four constants are chosen from faster than they are looked up."""
-    columns = (jnp.select([heading == row for row in range(3)], [int(v) for v in column[:3]], int(column[3])) for column in table.T)
+    """X and y of a table's rows: four constants are chosen from faster than they are looked up."""
+    columns = (
+        jnp.select([heading == row for row in range(3)], [int(v) for v in column[:3]], int(column[3])) for column in table.T
+    )
     x, y = columns
     return x.astype(jnp.int32), y.astype(jnp.int32)

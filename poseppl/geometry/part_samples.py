@@ -1,8 +1,9 @@
 """Sample points on the parts of bodies in images, and what image maps say there.
 
-A part gets fixed fractions of its outline's quadrilateral (:mod:`poseppl.geometry.outlines`): points along its two sides, and the
-centres of a grid of cells inside. Maps say "no evidence" by a negative value, and for all that lies outside of the image; such samples
-count neither in sums nor in numbers. :func:`nearest` takes the nearest pixel, :func:`bilinear` interpolates and has a gradient.
+A part gets fixed fractions of its outline's quadrilateral (:mod:`poseppl.geometry.outlines`): points along its two sides,
+and the centres of a grid of cells inside. Maps say "no evidence" by a negative value, and for all that lies outside of the
+image; such samples count neither in sums nor in numbers. :func:`nearest` takes the nearest pixel, :func:`bilinear`
+interpolates and has a gradient.
 
 >>> maps = pad_maps(jnp.array([[[0.0, 1.0], [-1.0, 1.0]]]))
 >>> value, seen = bilinear(maps, jnp.array([[[0.5], [0.0]]]), jnp.array([[[0.0], [0.5]]]))

@@ -7,6 +7,8 @@ from functools import reduce
 import jax
 import jax.numpy as jnp
 
+from poseppl.geometry.barrier import computed_once
+
 _TINY = 1e-12
 
 
@@ -19,7 +21,7 @@ def squared_distance(points: jax.Array, corners: jax.Array) -> jax.Array:
     """
     starts, ends = (corners[:, :, end::2].reshape(corners.shape[0], -1, 2, corners.shape[-1]) for end in range(2))
     way = ends - starts
-    step = jax.lax.optimization_barrier(way / (jnp.sum(way**2, 2, keepdims=True) + _TINY))
+    step = computed_once(way / (jnp.sum(way**2, 2, keepdims=True) + _TINY))
     x, y = points[:, :, 0], points[:, :, 1]
 
     def from_side(side: int) -> jax.Array:

@@ -1,10 +1,10 @@
 """Silhouettes of bodies as bits: which points of a coarse grid of pixels a body covers, 32 points to a word.
 
-The grid takes every ``stride``-th pixel of every ``stride``-th row, from pixel ``stride // 2`` on. On a row a part covers what lies
-between the outermost points of its outline and of its rings' ellipses (:mod:`poseppl.geometry.coverage`), so that parts become runs
-of ones, their union an OR of words, and overlaps with a mask counts of ones. This is the convex hull of a part up to the corners
-where edges and rings meet, and does what a sum over all pixels would do at a fraction of its price: for the same number of points a
-fiftieth of the arithmetic of signed distances. Words have no gradient; :func:`poseppl.geometry.coverage.soft_coverage` has one.
+The grid takes every ``stride``-th pixel of every ``stride``-th row, from pixel ``stride // 2`` on. On a row a part covers
+what lies between the outermost points of its outline and of its rings' ellipses (:mod:`poseppl.geometry.coverage`), so that
+parts become runs of ones, their union an OR of words, and overlaps with a mask counts of ones. This is the convex hull of a
+part up to the corners where edges and rings meet. Words have no gradient; :func:`poseppl.geometry.coverage.soft_coverage` has
+one.
 
 >>> mask = np.zeros((1, 4, 40), bool)
 >>> mask[0, :, 30:34] = True
@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.cameras import Cameras
 from poseppl.geometry.coverage import Shapes, project_parts
 from poseppl.geometry.flesh import Flesh, PartFrames
@@ -67,8 +68,9 @@ def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, word
     """
     corners = outline_corners(cameras, flesh, parts)
     shapes = project_parts(cameras, flesh, parts)
-    spans = row_spans(*jax.lax.optimization_barrier((corners, shapes)), rows, stride)
-    first, end = jax.lax.optimization_barrier(spans)
+    corners, shapes = computed_once((corners, shapes))
+    spans = row_spans(corners, shapes, rows, stride)
+    first, end = computed_once(spans)
     return _ones_between(first, end, words)
 
 
@@ -82,7 +84,8 @@ def row_spans(corners: jax.Array, shapes: Shapes, rows: int, stride: int) -> tup
         stride: Pixels between points.
     """
     y = (stride // 2 + stride * jnp.arange(rows, dtype=corners.dtype))[:, None]
-    left, right = _FAR, -_FAR
+    left = jnp.full((*corners.shape[:2], rows, corners.shape[-1]), _FAR, corners.dtype)
+    right = -left
     for side in range(4):
         x, crosses = _crossing(corners[:, :, side, :, None], corners[:, :, (side + 1) % 4, :, None], y)
         left, right = jnp.minimum(left, jnp.where(crosses, x, _FAR)), jnp.maximum(right, jnp.where(crosses, x, -_FAR))

@@ -54,7 +54,13 @@ def edges(body, state, view):
 def true_pose(body):
     """A step with bent arms: no two parts in line."""
     state = np.array(body.rest, float)
-    turns = {("hip_l", "X"): 0.5, ("hip_r", "X"): -0.3, ("elbow_l", "X"): 0.9, ("shoulder_r", "X"): -0.4, ("shoulder_l", "Y"): 0.5}
+    turns = {
+        ("hip_l", "X"): 0.5,
+        ("hip_r", "X"): -0.3,
+        ("elbow_l", "X"): 0.9,
+        ("shoulder_r", "X"): -0.4,
+        ("shoulder_l", "Y"): 0.5,
+    }
     for index, coordinate in enumerate(body.tree.coordinates):
         state[index] += turns.get(coordinate, 0.0)
     return state

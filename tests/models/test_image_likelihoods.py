@@ -1,4 +1,4 @@
-"""Each published likelihood against plain NumPy on small images, near its best at the true pose, and blind where it should be."""
+"""Each published likelihood against plain NumPy on small images, best at the true pose, blind where it should be."""
 
 from __future__ import annotations
 
@@ -172,7 +172,12 @@ def catalogue(_double):
     built = {}
     for name, (body, score, images, plain) in rows().items():
         likelihood = camera_likelihood(body, score)
-        built[name] = (body, images, plain, jax.jit(lambda states, frame, f=likelihood: jax.vmap(lambda x: f(PARAMS, x, frame))(states)))
+        built[name] = (
+            body,
+            images,
+            plain,
+            jax.jit(lambda states, frame, f=likelihood: jax.vmap(lambda x: f(PARAMS, x, frame))(states)),
+        )
     return built
 
 
