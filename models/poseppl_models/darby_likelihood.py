@@ -67,7 +67,8 @@ def darby_score(*, smooth: bool = False) -> CameraScore:
         look_up = bilinear if smooth else nearest
         sides = look_up(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES))
         on_sides = weighted_mean(sides, side_lengths(corners)[:, :, :, None], 1.0)
-        return -params["beta"] * (on_sides + _inside(corners, evidence, smooth))
+        value: jax.Array = -params["beta"] * (on_sides + _inside(corners, evidence, smooth))
+        return value
 
     return score
 
@@ -90,7 +91,8 @@ def darby_monocular_score(stride: int) -> CameraScore:
         known = count_ones(evidence.known)
         image = _ratio(count_ones(evidence.foreground & evidence.known), known)
         body = _ratio(count_ones(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known), known)
-        return -params["beta"] * _inside(corners, evidence, False) / size_weight(image, body, params["gamma"])
+        value: jax.Array = -params["beta"] * _inside(corners, evidence, False) / size_weight(image, body, params["gamma"])
+        return value
 
     return score
 

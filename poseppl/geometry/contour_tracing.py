@@ -22,12 +22,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.geometry.barrier import computed_once
+
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 """East, south, west, north, rows counted downwards: turning right adds one."""
 _AHEAD_RIGHT = np.array([[0, 0], [-1, 0], [-1, -1], [0, -1]])
 _AHEAD_LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 """Cells beside the way ahead of a corner, whose own cell lies below it and to the right."""
 _TINY = 1e-12
+
+_Harmonics = list[tuple[jax.Array, ...]]
+"""For each k the real and imaginary part of exp(-2 pi i k s / L) at the last corner, and four sums over the chords so far."""
 
 
 class Contours(NamedTuple):
@@ -96,20 +101,39 @@ def polygon_descriptors(x: jax.Array, y: jax.Array, count: int = 20) -> jax.Arra
     dx, dy = jnp.roll(x, -1, 0) - x, jnp.roll(y, -1, 0) - y
     length = jnp.sqrt(dx**2 + dy**2)
     total = jnp.sum(length, 0)
-    ends = jnp.cumsum(length, 0) * (2 * jnp.pi / jnp.maximum(total, _TINY))
-    phase = jnp.concatenate([jnp.zeros_like(ends[:1]), ends])
-    cosine, sine = jnp.cos(phase), -jnp.sin(phase)
+    before = np.tri(x.shape[0] + 1, x.shape[0], -1)  # a product with it sums up faster than cumsum, which goes step by step
+    reached = jnp.tensordot(jnp.asarray(before, x.dtype), length, 1, precision="highest")
+    phase = reached * (2 * jnp.pi / jnp.maximum(total, _TINY))
+    cosine, sine = computed_once((jnp.cos(phase), -jnp.sin(phase)))
     ux, uy = dx / jnp.maximum(length, _TINY), dy / jnp.maximum(length, _TINY)
-    plus, minus = [], []
-    real, imaginary = cosine, sine
-    for k in range(1, count // 2 + 2):
-        a, b = jnp.diff(real, axis=0), jnp.diff(imaginary, axis=0)
-        first, second, third, fourth = (jnp.sum(p * q, 0) / k**2 for p, q in ((ux, a), (uy, b), (ux, b), (uy, a)))
-        plus.append(jnp.sqrt((first - second) ** 2 + (third + fourth) ** 2))
-        minus.append(jnp.sqrt((first + second) ** 2 + (fourth - third) ** 2))
-        real, imaginary = real * cosine - imaginary * sine, real * sine + imaginary * cosine
+    plus, minus = _amplitudes(cosine, sine, ux, uy, count // 2 + 1)
     ordered = [minus[0], *(term for k in range(1, count // 2 + 1) for term in (plus[k], minus[k]))][:count]
     return jnp.stack(ordered) / jnp.maximum(plus[0], _TINY)
+
+
+def _amplitudes(
+    cosine: jax.Array, sine: jax.Array, ux: jax.Array, uy: jax.Array, most: int
+) -> tuple[list[jax.Array], list[jax.Array]]:
+    """|Z_k| and |Z_-k| (M,) up to a common factor, k = 1 to ``most``, of phases (K + 1, M) and chords (K, M).
+
+    One loop over the corners for all k: sums over an axis that is not the last one do not vectorise.
+    """
+    one, none = jnp.ones_like(cosine[0]), jnp.zeros_like(cosine[0])
+
+    def corner(carry: _Harmonics, row: tuple[jax.Array, ...]) -> tuple[_Harmonics, None]:
+        c, s, u, v = row
+        real, imaginary, moved = one, none, []
+        for before_real, before_imaginary, a, b, d, e in carry:
+            real, imaginary = real * c - imaginary * s, real * s + imaginary * c
+            p, q = real - before_real, imaginary - before_imaginary
+            moved.append((real, imaginary, a + u * p, b + v * q, d + u * q, e + v * p))
+        return moved, None
+
+    begin = [(one, none, none, none, none, none) for _ in range(most)]
+    end, _ = jax.lax.scan(corner, begin, (cosine[1:], sine[1:], ux, uy))
+    plus = [jnp.hypot(a - b, d + e) / k**2 for k, (_, _, a, b, d, e) in enumerate(end, 1)]
+    minus = [jnp.hypot(a + b, e - d) / k**2 for k, (_, _, a, b, d, e) in enumerate(end, 1)]
+    return plus, minus
 
 
 def _first_point(bits: jax.Array) -> tuple[jax.Array, jax.Array]:
