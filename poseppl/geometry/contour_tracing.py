@@ -31,8 +31,8 @@ _AHEAD_LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 """Cells beside the way ahead of a corner, whose own cell lies below it and to the right."""
 _TINY = 1e-12
 
-_Harmonics = list[tuple[jax.Array, ...]]
-"""For each k the real and imaginary part of exp(-2 pi i k s / L) at the last corner, and four sums over the chords so far."""
+_Harmonic = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]
+"""For a k the real and imaginary part of exp(-2 pi i k s / L) at the last corner, and four sums over the chords so far."""
 
 
 class Contours(NamedTuple):
@@ -120,16 +120,17 @@ def _amplitudes(
     """
     one, none = jnp.ones_like(cosine[0]), jnp.zeros_like(cosine[0])
 
-    def corner(carry: _Harmonics, row: tuple[jax.Array, ...]) -> tuple[_Harmonics, None]:
+    def corner(carry: list[_Harmonic], row: tuple[jax.Array, jax.Array, jax.Array, jax.Array]) -> tuple[list[_Harmonic], None]:
         c, s, u, v = row
-        real, imaginary, moved = one, none, []
+        real, imaginary = one, none
+        moved: list[_Harmonic] = []
         for before_real, before_imaginary, a, b, d, e in carry:
             real, imaginary = real * c - imaginary * s, real * s + imaginary * c
             p, q = real - before_real, imaginary - before_imaginary
             moved.append((real, imaginary, a + u * p, b + v * q, d + u * q, e + v * p))
         return moved, None
 
-    begin = [(one, none, none, none, none, none) for _ in range(most)]
+    begin: list[_Harmonic] = [(one, none, none, none, none, none) for _ in range(most)]
     end, _ = jax.lax.scan(corner, begin, (cosine[1:], sine[1:], ux, uy))
     plus = [jnp.hypot(a - b, d + e) / k**2 for k, (_, _, a, b, d, e) in enumerate(end, 1)]
     minus = [jnp.hypot(a + b, e - d) / k**2 for k, (_, _, a, b, d, e) in enumerate(end, 1)]
