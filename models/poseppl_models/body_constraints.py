@@ -4,6 +4,7 @@ Hard ones are -inf for particle filters (Darby et al. 2008, section 6.1: "zero w
 gradients (Sminchisescu and Triggs 2001, section 3.2, has limits and repulsion of parts). The temperature of a smooth one is
 its width.
 
+>>> import jax.numpy as jnp
 >>> from poseppl_models.darby_body import darby_body
 >>> body = darby_body()
 >>> float(hard_constraints()["limits"](body, jnp.asarray(body.rest, float), {}))
