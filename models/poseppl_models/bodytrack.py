@@ -217,7 +217,7 @@ def outline_sums(
 
 
 def benchmark_score(sums: Sums) -> jax.Array:
-    """Log L of the sums, pooled over cameras."""
+    """log L of the sums, pooled over cameras."""
     return -(jnp.sum(sums.edge) / jnp.sum(sums.num_edge) + jnp.sum(sums.inside) / jnp.sum(sums.num_inside))
 
 
