@@ -1,0 +1,63 @@
+"""What a body cannot do, as log-factors of its programs: bend beyond its joints' limits, run a limb through another.
+
+Hard ones are -inf for particle filters (Darby et al. 2008, section 6.1: "zero weighting"); smooth ones are for methods with
+gradients (Sminchisescu and Triggs 2001, section 3.2, has limits and repulsion of parts). The temperature of a smooth one is
+its width.
+
+>>> import jax.numpy as jnp
+>>> from poseppl_models.darby_body import darby_body
+>>> body = darby_body()
+>>> float(hard_constraints()["limits"](body, jnp.asarray(body.rest, float), {}))
+0.0
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+
+from poseppl.geometry import KinematicTree
+from poseppl.geometry.batched_score import batched_score
+from poseppl.geometry.capsules import clearances, part_capsules, rejected, repelled
+from poseppl.geometry.flesh import Flesh, parts_of
+from poseppl_models.cone_body import ConeBody
+from poseppl_models.image_program import CHUNK, Constraint
+from poseppl_models.joint_limits import hard_limits, smooth_limits
+
+LIMIT_WIDTH = 0.05
+"""Radians over which the smooth limits set in."""
+SOFTNESS = 10.0
+"""Millimetres over which the smooth repulsion sets in."""
+
+
+def hard_constraints(allowed: float = 10.0) -> dict[str, Constraint]:
+    """Joint limits and rejection of capsules inside of the parts that overlap by more than allowed (mm): 0 or -inf."""
+
+    def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+        return hard_limits(body.limits, state)
+
+    def parts(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+        def score(state: jax.Array, tree: KinematicTree, flesh: Flesh) -> jax.Array:
+            inside = part_capsules(flesh, parts_of(tree, flesh, state), "inside")
+            return rejected(clearances(inside, body.apart), allowed)[None]
+
+        return batched_score(score, chunk=CHUNK)(state, body.tree, body.flesh)[0]
+
+    return {"limits": limits, "parts": parts}
+
+
+def smooth_constraints(width: float = LIMIT_WIDTH, softness: float = SOFTNESS) -> dict[str, Constraint]:
+    """Barriers at the joint limits and repulsion of the capsules inside of the parts."""
+
+    def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+        return smooth_limits(body.limits, state, width)
+
+    def parts(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+        def score(state: jax.Array, tree: KinematicTree, flesh: Flesh) -> jax.Array:
+            inside = part_capsules(flesh, parts_of(tree, flesh, state), "inside")
+            return repelled(clearances(inside, body.apart), softness)[None]
+
+        return batched_score(score, chunk=CHUNK)(state, body.tree, body.flesh)[0]
+
+    return {"limits": limits, "parts": parts}

@@ -1,0 +1,132 @@
+"""Bodies of cones on one skeleton: what the published bodies of image-based trackers share.
+
+The skeleton's joints are a pelvis (the root, between the hips), a thorax at the same place, a neck and two clavicles where
+the shoulders' line crosses the midline, shoulders, elbows and wrists, hips, knees and ankles. A body says about which axes
+each of them turns, "" for none, and which cones ride on them. z points up, y forward, x to the right; limbs hang along -z,
+so that elbows bend by positive turns about X and knees by negative ones, and left limbs are lifted sideways by positive
+turns about Y, right ones by negative ones. Parts are called after the segment, with ``_l`` or ``_r``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree
+from poseppl.geometry.flesh import Cone, Flesh, flesh_of
+from poseppl_models.anthropometry import TORSO_DEPTH
+from poseppl_models.joint_limits import joint_limits
+
+Pairs = tuple[tuple[int, int], ...]
+_CHAINS = (("torso", "upper_arm", "forearm", "hand"), ("torso", "thigh", "shank", "foot"), ("torso", "head"))
+_REST = {("knee", "X"): -0.2, ("hip", "X"): 0.1, ("elbow", "X"): 0.2, ("shoulder", "Y"): 0.2}
+
+
+class ConeBody(NamedTuple):
+    """A body of cones.
+
+    Attributes:
+        tree: The kinematic tree; its markers are the joints, and the ends of head, hands and feet.
+        flesh: The cones.
+        limits: Least and largest value of each coordinate (d, 2), radians; infinite where nothing limits it.
+        apart: Pairs of parts that cannot meet: all but those that meet at a joint.
+        rest: State of a person who stands at ease at the origin (d,).
+    """
+
+    tree: KinematicTree
+    flesh: Flesh
+    limits: np.ndarray[Any, Any]
+    apart: Pairs
+    rest: np.ndarray[Any, Any]
+
+
+def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequence[Cone]) -> ConeBody:
+    """Put cones on the skeleton.
+
+    Args:
+        lengths: Of :func:`poseppl_models.anthropometry.segment_lengths`, mm.
+        axes: Axes of each joint, sides left out; those that are missing do not turn.
+        cones: The parts.
+    """
+    tree = kinematic_tree(_joints(lengths, axes), _markers(lengths))
+    rest = np.array([_rest(joint, axis) for joint, axis in tree.coordinates])
+    rest[2] = lengths["thigh"] * np.cos(0.1) + lengths["shank"] * np.cos(0.1) + lengths["ankle_height"]
+    return ConeBody(tree, flesh_of(tree, cones), joint_limits(tree), _apart([cone.name for cone in cones]), rest)
+
+
+def limb_cones(lengths: Mapping[str, float], radii: Mapping[str, tuple[float, float]], names: Sequence[str]) -> list[Cone]:
+    """Cones of both sides for segments named as in :func:`poseppl_models.anthropometry.segment_radii`."""
+    joints = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shank": "knee", "foot": "ankle"}
+    cones = []
+    for name in names:
+        for side in "lr":
+            joint = f"{joints[name]}_{side}"
+            if name == "foot":
+                heel = (0.0, -0.25 * lengths["foot"], -0.5 * lengths["ankle_height"])
+                cones.append(Cone(f"foot_{side}", joint, lengths["foot"], radii["foot"], origin=heel, axis=(0, 1, 0)))
+            else:
+                cones.append(Cone(f"{name}_{side}", joint, lengths[name], radii[name], axis=(0, 0, -1)))
+    return cones
+
+
+def trunk_cones(lengths: Mapping[str, float], radii: Mapping[str, tuple[float, float]]) -> list[Cone]:
+    """The torso, from below the hips to the shoulders, and the head with the neck, which joins it."""
+    below = 0.1 * lengths["trunk"]
+    return [
+        Cone("torso", "thorax", lengths["trunk"] + below, radii["torso"], (1.0, TORSO_DEPTH), origin=(0, 0, -below)),
+        Cone("head", "neck", lengths["head"], radii["head"], (1.0, 1.2)),
+    ]
+
+
+def _joints(size: Mapping[str, float], axes: Mapping[str, str]) -> list[Joint]:
+    joints = [
+        Joint("pelvis", None, (0, 0, 0), axes["pelvis"]),
+        Joint("thorax", "pelvis", (0, 0, 0), axes.get("thorax", "")),
+        Joint("neck", "thorax", (0, 0, size["trunk"]), axes.get("neck", "")),
+    ]
+    for side, sign in (("l", -1.0), ("r", 1.0)):
+        rows = (
+            ("clavicle", "thorax", (0.0, 0.0, size["trunk"])),
+            ("shoulder", f"clavicle_{side}", (sign * size["shoulder_width"], 0.0, 0.0)),
+            ("elbow", f"shoulder_{side}", (0.0, 0.0, -size["upper_arm"])),
+            ("wrist", f"elbow_{side}", (0.0, 0.0, -size["forearm"])),
+            ("hip", "pelvis", (sign * size["hip_width"], 0.0, 0.0)),
+            ("knee", f"hip_{side}", (0.0, 0.0, -size["thigh"])),
+            ("ankle", f"knee_{side}", (0.0, 0.0, -size["shank"])),
+        )
+        joints += [Joint(f"{name}_{side}", parent, offset, axes.get(name, "")) for name, parent, offset in rows]
+    return joints
+
+
+def _markers(size: Mapping[str, float]) -> list[Marker]:
+    ends = {"hand": ("wrist", (0.0, 0.0, -size["hand"])), "toe": ("ankle", (0.0, 0.75 * size["foot"], -size["ankle_height"]))}
+    limbs = [f"{name}_{side}" for side in "lr" for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")]
+    return [
+        *(Marker(joint, joint) for joint in ("pelvis", "neck", *limbs)),
+        Marker("crown", "neck", (0, 0, size["head"])),
+        *(Marker(f"{end}_{side}", f"{joint}_{side}", offset) for side in "lr" for end, (joint, offset) in ends.items()),
+    ]
+
+
+def _rest(joint: str, axis: str) -> float:
+    name, _, side = joint.partition("_")
+    value = _REST.get((name, axis), 0.0)
+    return -value if side == "r" and axis in "YZ" else value
+
+
+def _apart(names: Sequence[str]) -> Pairs:
+    """Pairs of parts that do not follow each other in a limb of one side."""
+    neighbours = {frozenset(pair) for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)}
+
+    def meet(first: str, second: str) -> bool:
+        (one, side), (other, other_side) = (_split(name) for name in (first, second))
+        return frozenset((one, other)) in neighbours and (not side or not other_side or side == other_side)
+
+    pairs = ((i, j) for j in range(len(names)) for i in range(j))
+    return tuple((i, j) for i, j in pairs if not meet(names[i], names[j]))
+
+
+def _split(name: str) -> tuple[str, str]:
+    return (name[:-2], name[-1]) if name[-2:] in ("_l", "_r") else (name, "")

@@ -1,0 +1,34 @@
+"""The body of Darby, Li and Costen (2008, doi:10.1109/AFGR.2008.4813348, section 3): 31 coordinates and 10 truncated cones.
+
+"Position and orientation of the torso and the relative joint angles between limbs": 6 for the pelvis; the paper leaves the
+other 25 to its references. Taken here as in the software of Balan, Sigal and Black (2005) that its results are compared
+with: 2 between pelvis and thorax, 3 for the neck, 2 for each clavicle, 3 for shoulders and hips, 1 for elbows and knees.
+Hands and feet have no cones.
+
+>>> body = darby_body()
+>>> body.tree.dimension, len(body.flesh.names)
+(31, 10)
+"""
+
+from __future__ import annotations
+
+from poseppl_models.anthropometry import STATURE, segment_lengths, segment_radii
+from poseppl_models.cone_body import ConeBody, cone_body, limb_cones, trunk_cones
+
+AXES = {
+    "pelvis": "ZYX",
+    "thorax": "ZX",
+    "neck": "ZYX",
+    "clavicle": "ZY",
+    "shoulder": "ZYX",
+    "elbow": "X",
+    "hip": "ZYX",
+    "knee": "X",
+}
+
+
+def darby_body(stature: float = STATURE) -> ConeBody:
+    """Build the body of a person so tall (mm)."""
+    lengths, radii = segment_lengths(stature), segment_radii(stature)
+    limbs = limb_cones(lengths, radii, ("upper_arm", "forearm", "thigh", "shank"))
+    return cone_body(lengths, AXES, [*trunk_cones(lengths, radii), *limbs])

@@ -1,0 +1,25 @@
+"""The body of Du and Guan (ICASSP 2006, section 3): 24 degrees of freedom and 14 segments.
+
+Six for the place and orientation of the root. The paper does not say which the others are, nor which segments are spheres;
+chosen here: 2 for the head (nodding and turning), 3 for shoulders and hips, 1 for elbows and knees; torso and head, upper
+arms, forearms and hands, thighs, shanks and feet. All are truncated cones: what it draws as spheres are short wide cones
+here.
+
+>>> body = du_guan_body()
+>>> body.tree.dimension, len(body.flesh.names)
+(24, 14)
+"""
+
+from __future__ import annotations
+
+from poseppl_models.anthropometry import STATURE, segment_lengths, segment_radii
+from poseppl_models.cone_body import ConeBody, cone_body, limb_cones, trunk_cones
+
+AXES = {"pelvis": "ZYX", "neck": "ZX", "shoulder": "ZYX", "elbow": "X", "hip": "ZYX", "knee": "X"}
+
+
+def du_guan_body(stature: float = STATURE) -> ConeBody:
+    """Build the body of a person so tall (mm)."""
+    lengths, radii = segment_lengths(stature), segment_radii(stature)
+    limbs = limb_cones(lengths, radii, ("upper_arm", "forearm", "hand", "thigh", "shank", "foot"))
+    return cone_body(lengths, AXES, [*trunk_cones(lengths, radii), *limbs])

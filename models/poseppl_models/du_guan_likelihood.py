@@ -1,0 +1,89 @@
+"""The likelihood of Du and Guan (ICASSP 2006, section 3): silhouettes, colours and boundaries.
+
+It is a product of three functions of the image (G) and of the projected body (H):
+
+    p_1 = |S_G and S_H| / |S_G or S_H|,    p_2 = exp(-d(C_G, C_H) / s_2),    p_3 = exp(-|B_G - B_H| / s_3),
+
+S being silhouettes, C colour histograms with their weighted Bhattacharyya distance d
+(:func:`poseppl.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
+overlap, and takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and
+exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and
+``params["boundary_scale"]``; p_1 stands as it is, at temperature 1.
+
+Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
+overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part
+that another one hides shows that one's colours: the weights of parts are the caller's. Where no part is seen, d = 1.
+Boundaries are traced on the grid of the silhouettes (:mod:`poseppl.geometry.contour_tracing`); where the image has none p_3
+= 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.barrier import computed_once
+from poseppl.geometry.flesh import Flesh, parts_of
+from poseppl.geometry.outlines import outline_corners
+from poseppl.geometry.part_samples import index_at, inside_points
+from poseppl.geometry.silhouette_bits import body_bits, count_ones
+from poseppl_models.du_guan_evidence import GRID, DuGuanEvidence, grid_descriptors
+from poseppl_models.image_program import CameraScore
+
+_LEAST_OVERLAP = 1e-6
+
+
+def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
+    """Write log p_1 p_2 p_3 for each camera, without a gradient.
+
+    Args:
+        stride: Of the evidence's grid, px.
+        max_corners: Room for the corners of a boundary, of which there is one every 4 steps of the grid.
+    """
+
+    def score(
+        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: DuGuanEvidence, params: Any
+    ) -> jax.Array:
+        parts = parts_of(tree, flesh, state)
+        corners = computed_once(outline_corners(cameras, flesh, parts))
+        rows, words = evidence.known.shape[1:3]
+        body = computed_once(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known)
+        overlap = overlap_ratio(evidence.foreground & evidence.known, body)
+        colour = colour_distance(evidence, corners)
+        boundary = boundary_distance(evidence.descriptors, body, max_corners)
+        exponent = colour / params["colour_scale"] + boundary / params["boundary_scale"]
+        value: jax.Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
+        return value
+
+    return score
+
+
+def overlap_ratio(image: jax.Array, body: jax.Array) -> jax.Array:
+    """Points of both over points of any (C, N), for words (C, rows, words, N or 1); 0 where there are none."""
+    return count_ones(image & body) / jnp.maximum(count_ones(image | body), 1)
+
+
+def colour_distance(evidence: DuGuanEvidence, corners: jax.Array) -> jax.Array:
+    """Weighted Bhattacharyya distance (C, N) of the colours inside of outlines (C, P, 4, 2, N)."""
+    bins = computed_once(index_at(evidence.bins[..., 0], *inside_points(corners, *GRID)))  # (C, P, K, N)
+    seen = bins >= 0
+    alike = sum((bins == bins[:, :, k, None]).astype(jnp.int32) for k in range(bins.shape[2]))
+    number = jnp.sum(seen, 2, keepdims=True)
+    cameras, parts, size = evidence.colours.shape[:3]
+    first = (jnp.arange(cameras * parts, dtype=jnp.int32) * size).reshape(cameras, parts, 1, 1)
+    sought = jnp.take(evidence.colours.reshape(-1), first + jnp.maximum(bins, 0), mode="clip")
+    terms = jnp.where(seen, jnp.sqrt(sought / jnp.maximum(alike * number, 1)), 0.0)
+    weights = jnp.where(number[:, :, 0] > 0, evidence.part_weights, 0.0)
+    total = jnp.sum(weights, 1)
+    overlap = jnp.sum(weights * jnp.sum(terms, 2), 1) / jnp.where(total > 0, total, 1.0)
+    return jnp.sqrt(jnp.clip(1 - overlap, 0.0, 1.0))
+
+
+def boundary_distance(descriptors: jax.Array, body: jax.Array, max_corners: int) -> jax.Array:
+    """Euclidean distance (C, N) between descriptors (C, count, 1) and those of words (C, rows, words, N)."""
+    found = grid_descriptors(body, descriptors.shape[1], max_corners)
+    there = jnp.isfinite(descriptors)
+    return jnp.sqrt(jnp.sum(jnp.where(there, (found - jnp.where(there, descriptors, 0.0)) ** 2, 0.0), 1))

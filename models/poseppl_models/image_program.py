@@ -1,0 +1,97 @@
+"""Programs of bodies seen in images: a Gaussian random walk, a heuristic likelihood of each camera, limits and rejections.
+
+Images are inputs of a frame, not data sites: a heuristic likelihood is no density over images, and enters by
+``numpyro.factor``. Cameras are independent given the state, so that their log-likelihoods add, each by its weight; a camera
+of weight 0 drops out, whatever its images hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpyro
+import numpyro.distributions as dist
+
+from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.batched_score import batched_score
+from poseppl.geometry.flesh import Flesh
+from poseppl.program import StateSpaceModel
+from poseppl_models.cone_body import ConeBody
+
+CameraScore = Callable[[jax.Array, KinematicTree, Flesh, Cameras, Any, Any], jax.Array]
+"""Batch last: states (d, N), the body, cameras, evidence and params, leaves (..., N or 1), to log-likelihoods (C, N)."""
+Constraint = Callable[[ConeBody, jax.Array, Any], jax.Array]
+"""A body, a state (d,) and the params, to a log-factor ()."""
+CHUNK = 64
+"""Particles at a time: what a likelihood makes of so many in three cameras stays in the cache."""
+
+
+class ImageInputs(NamedTuple):
+    """Inputs of one frame.
+
+    Attributes:
+        cameras: C cameras, px.
+        camera_weight: Shape (C,): 1 for a camera that counts, 0 for one that drops out.
+        evidence: What the likelihood wants to know of the images, a pytree with leaves (C, ...).
+        start: Mean of the first state (d,): mm and radians.
+        start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk (d,), a frame.
+    """
+
+    cameras: Cameras
+    camera_weight: jax.Array
+    evidence: Any
+    start: jax.Array
+    start_scale: jax.Array
+    step_scale: jax.Array
+
+
+def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, Constraint] | None = None) -> StateSpaceModel:
+    """Write the programs; their inputs are :class:`ImageInputs`.
+
+    Args:
+        body: The body.
+        score: Log-likelihood of each camera.
+        constraints: Further log-factors by name, such as joint limits.
+    """
+    likelihood = camera_likelihood(body, score)
+    spans = _spans(body.tree)
+
+    def initial(params: Any, inputs: ImageInputs) -> None:
+        for name, span in spans.items():
+            numpyro.sample(name, dist.Normal(inputs.start[span], inputs.start_scale[span]))
+
+    def transition(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
+        for name, span in spans.items():
+            numpyro.sample(name, dist.Normal(state[name], inputs.step_scale[span]))
+
+    def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
+        pose = jnp.concatenate([state[name] for name in spans])
+        numpyro.factor("images", likelihood(params, pose, inputs))
+        for name, constraint in (constraints or {}).items():
+            numpyro.factor(name, constraint(body, pose, params))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.Array, ImageInputs], jax.Array]:
+    """Log-likelihood () of params, a state (d,) and the inputs: the weighted sum over cameras."""
+    scored = batched_score(score, chunk=CHUNK)
+
+    def likelihood(params: Any, pose: jax.Array, inputs: ImageInputs) -> jax.Array:
+        values = scored(pose, body.tree, body.flesh, inputs.cameras, inputs.evidence, jax.tree.map(jnp.asarray, params))
+        weight = inputs.camera_weight
+        return jnp.sum(jnp.where(weight > 0, weight * values, 0.0))
+
+    return likelihood
+
+
+def _spans(tree: KinematicTree) -> dict[str, slice]:
+    """Coordinates of each site: one for each joint that turns, and one for the root's position."""
+    sites: dict[str, list[int]] = {}
+    for index, (joint, axis) in enumerate(tree.coordinates):
+        sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
+    return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
