@@ -25,7 +25,7 @@ from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.cameras import Cameras
 from poseppl.geometry.coverage import Shapes, project_parts
 from poseppl.geometry.flesh import Flesh, PartFrames
-from poseppl.geometry.outlines import outline_corners
+from poseppl.geometry.outlines import limb_corners
 
 _WORD = 32
 _LEVEL = 1e-6
@@ -66,7 +66,7 @@ def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, word
     Returns:
         Words (C, rows, words, N); bits beyond the width of the image may be set.
     """
-    corners = outline_corners(cameras, flesh, parts)
+    corners = limb_corners(cameras, flesh, parts)
     shapes = project_parts(cameras, flesh, parts)
     corners, shapes = computed_once((corners, shapes))
     spans = row_spans(corners, shapes, rows, stride)

@@ -34,23 +34,37 @@ def outline(camera, cone):
     return np.array([image_of(camera, point) for point in points])
 
 
-def ellipse(camera, cone, ring, step=1e-3):
-    """Centre and half-axes' matrix of a ring's image, to first order, by differences."""
+def limbs(camera, cone):
+    """Corners (4, 2) between the lines along which rays touch the cone: where the normal is at right angles to the ray."""
     base, tip, x, y, radii, scales = cone
-    middle = (base, tip)[ring]
-    columns = [
-        (image_of(camera, middle + step * axis) - image_of(camera, middle - step * axis)) / (2 * step) * radii[ring] * scale
-        for axis, scale in ((x, scales[0]), (y, scales[1]))
-    ]
-    arms = np.stack(columns, 1)
-    return image_of(camera, middle), arms @ arms.T + 0.25 * np.eye(2)
+    length = np.linalg.norm(tip - base)
+    eye = camera[1] - base
+    along, ex, ey = eye @ (tip - base) / length, eye @ x / scales[0], eye @ y / scales[1]
+    half = np.arccos((radii[0] + (radii[1] - radii[0]) / length * along) / np.hypot(ex, ey))
+    first, second = (
+        np.cos(angle) * scales[0] * x + np.sin(angle) * scales[1] * y for angle in np.arctan2(ey, ex) + np.array([-half, half])
+    )
+    points = (base + radii[0] * first, tip + radii[1] * first, tip + radii[1] * second, base + radii[0] * second)
+    return np.array([image_of(camera, point) for point in points])
+
+
+def ellipse(camera, cone, ring):
+    """Centre and half-axes' matrix of a ring's image, from its dual conic; a quarter of a pixel is added all round."""
+    rotation, eye, focal, principal = camera
+    lens = np.array([[focal[0], 0, principal[0]], [0, focal[1], principal[1]], [0, 0, 1]])
+    base, tip, x, y, radii, scales = cone
+    centre = lens @ rotation @ ((base, tip)[ring] - eye)
+    arms = [lens @ rotation @ (radii[ring] * scale * axis) for axis, scale in ((x, scales[0]), (y, scales[1]))]
+    conic = np.outer(centre, centre) - sum(np.outer(arm, arm) for arm in arms)
+    middle = conic[:2, 2] / conic[2, 2]
+    return middle, np.outer(middle, middle) - conic[:2, :2] / conic[2, 2] + 0.25**2 * np.eye(2)
 
 
 def silhouette(camera, cones, rows, columns):
     """What the parts cover of pixels at the given rows and columns: on each row between the outermost points of each part."""
     covered = np.zeros((len(rows), len(columns)), bool)
     for cone in cones:
-        corners = outline(camera, cone)
+        corners = limbs(camera, cone)
         rings = [ellipse(camera, cone, ring) for ring in range(2)]
         for index, y in enumerate(rows):
             found = []
