@@ -7,13 +7,14 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.body import Body
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
-from poseppl.geometry import Cameras
+from poseppl.geometry import Cameras, depth
 from poseppl.io import CameraRecord, Video
 from poseppl.io.opencv import opencv
 from poseppl.io.synchronised import VideoWarning, synchronised
@@ -71,6 +72,14 @@ class SilhouetteScene(NamedTuple):
     scale: Floats
     usable: NDArray[np.bool_]
     noise: float
+
+
+def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
+    """Standard deviations (C,) in px of the scene's noise at the place of a state's root."""
+    cameras = seen.scene.cameras
+    away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
+    focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
+    return np.asarray(seen.noise * focal / away)
 
 
 class _Frame(NamedTuple):

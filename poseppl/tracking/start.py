@@ -98,7 +98,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
         guess = rest.copy()
         guess[headings] += turn
-        guess[:3] = guess[:3] + _place(body, cameras, points, guess) - _centre(body, guess, shown)
+        guess[:3] = guess[:3] + place_of_points(body, cameras, points, guess) - _centre(body, guess, shown)
         solution = solve(x0=guess)
         found.append((float(solution.cost), solution.x))
     best = min(found, key=lambda candidate: candidate[0])[1]
@@ -112,7 +112,7 @@ def _centre(body: Body, state: Floats, seen: NDArray[np.bool_]) -> Floats:
     return np.asarray(places[seen].mean(0))
 
 
-def _place(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:
+def place_of_points(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:
     """Where the middle of the seen markers is: the nearest point to the rays of all cameras that see some, else by size."""
     places, normals = [], []
     for camera in range(len(points)):

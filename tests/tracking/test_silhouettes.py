@@ -19,8 +19,9 @@ from poseppl.geometry import marker_positions
 from poseppl.io import VideoWarning
 from poseppl.run import frame_inputs
 from poseppl.tracking import TrackSettings, track
-from poseppl.tracking.silhouette_problem import seek_silhouette, silhouette_problem
+from poseppl.tracking.silhouette_problem import silhouette_problem
 from poseppl.tracking.silhouette_scene import silhouette_scene
+from poseppl.tracking.silhouette_start import seek_silhouette
 
 
 def scene_of(*states, **options):

@@ -1,0 +1,165 @@
+"""Where tracking in silhouettes starts, if no truth is known.
+
+It starts from the pose that explains the silhouettes of the first usable frame best: least squares on the residuals of
+:class:`poseppl.distributions.Silhouettes` and on angles that differ from rest, from several headings at the place that the
+middles of the silhouettes point to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+from poseppl.body import Body, SilhouetteInputs
+from poseppl.distributions import SilhouetteSeen
+from poseppl.errors import InputError
+from poseppl.tracking.scene import Floats
+from poseppl.tracking.silhouette_scene import SilhouetteScene, noise_in_pixels
+from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, place_of_points, scales
+
+_REST_SPREAD = 0.4
+_LATER, _WALKS = 100, 250.0
+"""Frames over which, and mm from which on, the way of the person tells where it faces."""
+_FRAMES, _EVERY = 4, 10
+"""How many frames decide which way the person faces, and how far apart they are."""
+
+
+def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
+    """Find a start in the first frame that most cameras see.
+
+    A silhouette is nearly the same from the front and from the back. Of the best pose and the best one that faces the other
+    way, that is taken which faces where the person goes; of one that stays in place, that which explains later frames better.
+
+    Raises:
+        InputError: No frame has a silhouette.
+    """
+    count = seen.usable.sum(1)
+    if not count.max():
+        raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
+    usable = np.flatnonzero(count == count.max())
+    frames = usable[: _FRAMES * _EVERY : _EVERY]
+    search = _Search(seen, params, int(frames[0]))
+    candidates = sorted((search.solve(guess, int(frames[0])) for guess in search.guesses()), key=lambda found: found.cost)
+    away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
+    rivals = [candidates[0], *away[:1]]
+    going = search.way(int(frames[0]), int(usable[min(_LATER, len(usable) - 1)]))
+    if np.linalg.norm(going) >= _WALKS:
+        totals = [-float(search.forward(found.state) @ going) for found in rivals]
+    else:
+        totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
+    best = rivals[int(np.argmin(totals))].state.copy()
+    rest = np.asarray(seen.scene.body.rest, np.float64)
+    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
+    return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+class _Found(NamedTuple):
+    cost: float
+    state: Floats
+
+
+class _Search:
+    """Least squares on the residuals of one frame after the other."""
+
+    def __init__(self, seen: SilhouetteScene, params: Mapping[str, float], first: int) -> None:
+        self._seen, body = seen, seen.scene.body
+        self._rest = np.asarray(body.rest, np.float64)
+        root = body.tree.coordinates[0][0]
+        self._headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
+        self._x_scale = scales(body, 100.0, 0.3)
+        self._place = _middle(seen, first, body, self._rest)
+        free = np.array([joint != root for joint, _ in body.tree.coordinates])
+        residuals = _residuals(seen, params, self._rest, free, self._place)
+        self._evaluate, self._derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+
+    def guesses(self) -> list[Floats]:
+        """The rest pose at the place of the silhouettes, in every heading."""
+        found = []
+        for turn in 2 * np.pi * np.arange(NUM_HEADINGS if self._headings else 1) / NUM_HEADINGS:
+            guess = self._rest.copy()
+            guess[self._headings] += turn
+            guess[:3] = self._place
+            found.append(guess)
+        return found
+
+    def solve(self, guess: Floats, frame: int) -> _Found:
+        """The best pose near a guess."""
+        data = _data(self._seen, frame)
+        solution = least_squares(
+            lambda x: np.asarray(self._evaluate(x, data), np.float64),
+            guess,
+            jac=lambda x: np.asarray(self._derive(x, data), np.float64),
+            x_scale=self._x_scale,
+            ftol=1e-3,
+            xtol=1e-4,
+            gtol=None,
+            max_nfev=40,
+        )
+        return _Found(float(solution.cost), np.asarray(solution.x, np.float64))
+
+    def follow(self, found: _Found, frames: Sequence[int]) -> float:
+        """Sum of the costs of a pose and of what becomes of it."""
+        total = found.cost
+        for frame in frames:
+            found = self.solve(found.state, frame)
+            total += found.cost
+        return total
+
+    def way(self, first: int, last: int) -> Floats:
+        """How far the person goes between two frames on the ground (2,), mm."""
+        places = (_middle(self._seen, frame, self._seen.scene.body, self._rest) for frame in (last, first))
+        return np.asarray(next(places) - next(places))[:2]
+
+    def forward(self, state: Floats) -> Floats:
+        """Where a state faces (2,): along y, turned by its heading."""
+        heading = float(state[self._headings].sum())
+        return np.array([-np.sin(heading), np.cos(heading)])
+
+    def faces_away(self, state: Floats, other: Floats) -> bool:
+        """Whether the headings of two states differ by more than a right angle."""
+        return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
+
+
+def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, jax.Array, jax.Array]:
+    """What was seen in a frame, which points of the contours count, and which cameras."""
+    contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
+    on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
+    return SilhouetteSeen(contour, distance, scale), on_outline, usable
+
+
+def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
+    """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
+    names = body.tree.marker_names
+    points = np.full((len(seen.usable[0]), len(names), 2), np.nan)
+    for camera in np.flatnonzero(seen.usable[frame]):
+        contour = seen.contour[frame, camera]
+        low, high = contour.min(0), contour.max(0)
+        # the box of the silhouette, seen as the box of the markers
+        spread = np.linspace(0.0, 1.0, len(names))[:, None]
+        points[camera] = np.where([False, True], low + spread * (high - low), (low + high) / 2)
+    return place_of_points(body, seen.scene.cameras, points, rest)
+
+
+def _residuals(seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats) -> Any:
+    body, cameras = seen.scene.body, seen.scene.cameras
+    guess = rest.copy()
+    guess[:3] = place
+    noise = jnp.asarray(noise_in_pixels(seen, guess), float)
+
+    def inputs(data: SilhouetteSeen) -> SilhouetteInputs:
+        return SilhouetteInputs(cameras, data, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
+
+    model = body.program.compile(inputs(_data(seen, 0)[0]), dict(params))
+
+    def residuals(x: jax.Array, data: tuple[SilhouetteSeen, jax.Array, jax.Array]) -> jax.Array:
+        distances = model.observation_moments(x, inputs(data[0]))[0].reshape(len(noise), -1)
+        outline, beyond = distances[:, : data[1].shape[1]] * data[1], distances[:, data[1].shape[1] :] * data[2][:, None]
+        pull = jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)
+        return jnp.concatenate([(outline / noise[:, None]).ravel(), (beyond / noise[:, None]).ravel(), pull])
+
+    return residuals
