@@ -52,7 +52,7 @@ def peak_memory() -> float:
 
 
 def arguments(description: str | None, **options: Any) -> argparse.Namespace:
-    """Parse --quick, flags (False by default) and integer options, each with its default."""
+    """Parse --quick, flags (False by default), and options of the type of their defaults."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--quick", action="store_true", help="a tiny size, to see that it runs")
     for name, default in options.items():
@@ -60,5 +60,5 @@ def arguments(description: str | None, **options: Any) -> argparse.Namespace:
         if default is False:
             parser.add_argument(option, action="store_true")
         else:
-            parser.add_argument(option, type=int, default=default, help=f"{default} by default")
+            parser.add_argument(option, type=type(default), default=default, help=f"{default} by default")
     return parser.parse_args()

@@ -24,7 +24,9 @@ import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
 
+from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.batch_last import batch_last
+from poseppl.geometry.batched_score import batched_score
 from poseppl.geometry.cameras import Cameras, project_components
 from poseppl.geometry.coverage import part_distances, project_parts
 from poseppl.geometry.flesh import Flesh, PartFrames, parts_of
@@ -105,13 +107,14 @@ def silhouette_distances(
     tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: jax.Array, seen: SilhouetteSeen
 ) -> jax.Array:
     """All residuals (C, K + parts * 4) of one state (d,), px; only differentiated by the state, in reverse."""
-    return _residuals(state, (tree, flesh, cameras, seen))
+    distances: jax.Array = _distances(state, tree, flesh, cameras, seen)
+    return distances
 
 
 def _distances_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen) -> jax.Array:
     """Residuals (C, entries, N) of states (d, N)."""
     parts = parts_of(tree, flesh, state)
-    shapes = jax.lax.optimization_barrier(project_parts(cameras, flesh, parts))  # type: ignore[no-untyped-call]
+    shapes = computed_once(project_parts(cameras, flesh, parts))
     outline = jnp.min(part_distances(shapes, seen.contour), 1)
     found = jnp.concatenate([outline, _beyond(cameras, flesh, parts, seen)], 1)
     return _GROSS * jnp.tanh(found / _GROSS)
@@ -171,34 +174,10 @@ def _jacobian_last(state: jax.Array, *fixed: Any) -> jax.Array:
     return jnp.moveaxis(jax.lax.map(column, basis), 0, 2)
 
 
-def _pull_back_last(state: jax.Array, fixed: Any, forces: jax.Array) -> jax.Array:
-    state = jnp.broadcast_to(state, (state.shape[0], forces.shape[-1]))  # many forces may act on one state
-    gradient: jax.Array = jax.vjp(lambda x: _distances_last(x, *fixed), state)[1](forces)[0]
-    return gradient
-
-
-_distances = batch_last(_distances_last, chunk=_CHUNK)
-_pull_back = batch_last(_pull_back_last, chunk=_CHUNK)
+_distances = batched_score(_distances_last, chunk=_CHUNK)
 _density = batch_last(_density_last, chunk=_CHUNK)
 _value_and_gradient = batch_last(_value_and_gradient_last, chunk=_CHUNK)
 _jacobian = batch_last(_jacobian_last, chunk=_CHUNK)
-
-
-@jax.custom_vjp
-def _residuals(state: jax.Array, fixed: Any) -> jax.Array:
-    distances: jax.Array = _distances(state, *fixed)
-    return distances
-
-
-def _residuals_forward(state: jax.Array, fixed: Any) -> tuple[jax.Array, Any]:
-    return _residuals(state, fixed), (state, fixed)
-
-
-def _residuals_backward(kept: Any, forces: jax.Array) -> Any:
-    return _pull_back(*kept, forces), jax.tree.map(jnp.zeros_like, kept[1])
-
-
-_residuals.defvjp(_residuals_forward, _residuals_backward)
 
 
 @jax.custom_vjp

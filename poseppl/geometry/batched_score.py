@@ -22,16 +22,17 @@ def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable
     """Make a differentiable single-particle function of a batch-last score.
 
     Args:
-        function: Takes the state (d, N) and then pytrees with leaves (..., N or 1); returns scores (C, N).
+        function: Takes the state (d, N) and then pytrees with leaves (..., N or 1); returns scores (..., N).
         chunk: So many particles at a time.
 
     Returns:
-        A function of a state (d,) and the same pytrees without the last axis, which returns (C,). It has a reverse gradient
+        A function of a state (d,) and the same pytrees without the last axis, which returns (...,). It has a reverse gradient
         with respect to the state; everything else is taken as constant. Any nesting of ``jax.vmap`` becomes one call with a
         flat batch.
     """
 
     def pulled(state: jax.Array, cotangent: jax.Array, *constants: Tree) -> jax.Array:
+        state = jnp.broadcast_to(state, (state.shape[0], cotangent.shape[-1]))  # many cotangents may meet one state
         gradient: jax.Array = jax.grad(lambda moved: jnp.sum(function(moved, *constants) * cotangent))(state)
         return gradient
 

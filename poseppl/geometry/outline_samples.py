@@ -22,6 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.geometry.barrier import computed_once
+
 _LEAST = 4
 _ROUNDING = 1e-6
 
@@ -142,7 +144,7 @@ def _add(total: Sums, found: tuple[jax.Array, ...], edge_share: jax.Array | floa
 def _groups(corners: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Iterator[_Group]:
     if len(rooms) != corners.shape[1]:
         raise ValueError(f"room for {len(rooms)} parts; expected one for each of {corners.shape[1]}")
-    corners = jax.lax.optimization_barrier(corners)  # type: ignore[no-untyped-call]
+    corners = computed_once(corners)
     counts = interval_counts(corners, spacing)
     for room in dict.fromkeys(rooms):
         index = np.array([part for part, other in enumerate(rooms) if other == room])

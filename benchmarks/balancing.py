@@ -1,0 +1,137 @@
+"""A man on a beam, from silhouettes of four calibrated cameras alone, two of them, and one: error and overlap.
+
+    POSEPPL_DATA=FOLDER python benchmarks/balancing.py [--quick] [--frames 100] [--filters assumed-density,annealed]
+
+Recording: pose2sim_balancing. Masks are the published ones, at half resolution; the start is sought in the silhouettes. Errors
+are against the published triangulation of all cameras (which is no truth: segments vary by centimetres): mean distance of 12
+joints, mm, and the same after taking away the middle of the hips. Overlap is the intersection over union of the mean pose's
+silhouette with the masks of the cameras that were not used (of all, where all were used), every tenth frame.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
+from poseppl_models.silhouettes import full_body
+from timing import arguments, show
+
+from poseppl.cli.console import start_jax
+from poseppl.geometry.batch_last import batch_last
+from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
+from poseppl.geometry.flesh import flesh_of, parts_of
+from poseppl.io import CameraRecord, read_cameras, read_image
+from poseppl.results import provenance
+from poseppl.tracking import TrackSettings, track
+from poseppl.tracking.placing import cameras_of_records
+from poseppl.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+
+STATURE = 1730.0
+"""Of the man, mm: from the thighs and shanks of the triangulation."""
+VIEWS = ((0, 1, 2, 3), (0, 2), (0,))
+_JOINTS = {
+    f"{joint}_{side}": f"{long}{word}"
+    for side, long in (("r", "R"), ("l", "L"))
+    for joint, word in (
+        ("hip", "Hip"),
+        ("knee", "Knee"),
+        ("ankle", "Ankle"),
+        ("shoulder", "Shoulder"),
+        ("elbow", "Elbow"),
+        ("wrist", "Wrist"),
+    )
+}
+_STRIDE = 4
+
+
+def main() -> None:
+    options = arguments(__doc__, frames=100, filters="assumed-density")
+    start_jax()
+    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    count = 10 if options.quick else options.frames
+    records, masks, hidden = read_masks(folder, count)
+    reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
+    for name in options.filters.split(","):
+        for view in VIEWS[:1] if options.quick else VIEWS:
+            scene = scene_of(records, masks, hidden, view)
+            tree = track(scene, TrackSettings(filter=name))
+            found = tree["summary"].dataset["markers_mean"].values
+            known = provenance(tree)
+            error, relative = errors(scene, found, reference)
+            others = [camera for camera in range(len(records)) if camera not in view] or list(view)
+            overlap = mean_overlap(scene, tree["summary"].dataset["state_mean"].values, records, masks, others)
+            rate = f"{count / known['wall_seconds']:.2f}"
+            rows.append([name, str(len(view)), f"{error:.0f}", f"{relative:.0f}", f"{overlap:.2f}", rate])
+            print(*rows[-1], flush=True)
+    show(f"{count} frames", ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"], rows)
+
+
+def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, Any], dict[str, Any]]:
+    """Half-size cameras, their masks (T, H, W), and what is unknown."""
+    records, masks, hidden = [], {}, {}
+    for number, record in enumerate(read_cameras(folder / "calibration" / "Calib_qualisys.toml"), start=1):
+        with np.load(folder / "silhouettes" / f"cam{number:02d}_masks_half.npz") as stored:
+            width = int(stored["shape"][-1])
+            masks[record.name] = np.unpackbits(stored["masks"][:count], axis=-1, count=width)
+        matrix = record.matrix.copy()
+        matrix[:2] /= 2
+        matrix[:2, 2] += 0.25 - 0.5  # centres of pixels at whole numbers in both sizes
+        records.append(record._replace(matrix=matrix, size=masks[record.name].shape[:0:-1]))
+        unknown = folder / "silhouettes" / f"cam{number:02d}_unknown_half.png"
+        if unknown.is_file():
+            hidden[record.name] = read_image(unknown)[..., 0]
+    return records, masks, hidden
+
+
+def scene_of(records: list[CameraRecord], masks: Any, hidden: Any, view: tuple[int, ...]) -> SilhouetteScene:
+    standard = full_body().lengths
+    body = full_body({name: value * STATURE / 1750.0 for name, value in standard.items()})
+    chosen = [records[camera] for camera in view]
+    return silhouette_scene(body, chosen, {record.name: masks[record.name] for record in chosen}, hidden=hidden, rate=60.0)
+
+
+def read_triangulation(path: Path, count: int) -> dict[str, Any]:
+    """Places (T, 3) of the joints, mm; the file's x, y, z are the world's y, z, x, in metres."""
+    lines = path.read_text().splitlines()
+    names = [word for word in lines[3].split("\t")[2:] if word.strip()]
+    rows = [line.split("\t")[2 : 2 + 3 * len(names)] for line in lines[5:] if line.strip()][:count]
+    places = 1000.0 * np.array([[float(word) if word.strip() else np.nan for word in row] for row in rows])
+    return {name: places.reshape(len(rows), -1, 3)[:, number][:, [2, 0, 1]] for number, name in enumerate(names)}
+
+
+def errors(scene: SilhouetteScene, found: Any, reference: dict[str, Any]) -> tuple[float, float]:
+    names = scene.scene.body.tree.marker_names
+    ours = np.stack([found[:, names.index(name)] for name in _JOINTS], 1)
+    theirs = np.stack([reference[name] for name in _JOINTS.values()], 1)
+    hips = [list(_JOINTS).index(name) for name in ("hip_r", "hip_l")]
+    relative = (ours - ours[:, hips].mean(1, keepdims=True)) - (theirs - theirs[:, hips].mean(1, keepdims=True))
+    return tuple(float(np.nanmean(np.linalg.norm(each, axis=-1))) for each in (ours - theirs, relative))  # type: ignore[return-value]
+
+
+def mean_overlap(scene: SilhouetteScene, states: Any, records: list[CameraRecord], masks: Any, cameras: list[int]) -> float:
+    """Intersection over union of silhouettes, on every fourth pixel of every tenth frame."""
+    body, shares = scene.scene.body, []
+    flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths))
+    for camera in cameras:
+        record, mask = records[camera], masks[records[camera].name][:, ::_STRIDE, ::_STRIDE]
+        rows, columns = np.mgrid[: record.size[1] : _STRIDE, : record.size[0] : _STRIDE]
+        points = jnp.asarray(np.stack([columns, rows], -1).reshape(1, -1, 2), float)
+
+        def covered(tree: Any, flesh: Any, state: Any, cameras: Any, points: Any) -> Any:
+            return hard_coverage(part_distances(project_parts(cameras, flesh, parts_of(tree, flesh, state)), points))
+
+        draw = jax.jit(batch_last(covered))
+        for frame in range(0, len(states), 10):
+            ours = np.asarray(draw(body.tree, flesh, jnp.asarray(states[frame], float), cameras_of_records([record]), points))
+            theirs = mask[frame].ravel() != 0
+            shares.append(np.sum(ours[0] & theirs) / max(1, np.sum(ours[0] | theirs)))
+    return float(np.mean(shares))
+
+
+if __name__ == "__main__":
+    main()
