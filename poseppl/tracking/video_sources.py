@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from poseppl.body import load_builder
 from poseppl.errors import InputError
 from poseppl.io import CameraRecord, Video, open_video, read_cameras, read_image
+from poseppl.io.opencv import opencv
 from poseppl.tracking.scene import Floats
 from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, check_names, scene_of_videos
 from poseppl.vision import Background, background_from_plate, learn_background
@@ -190,8 +191,23 @@ def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Map
 def _background(video: Video, empty: Video | None) -> Background:
     if empty is None:
         return learn_background(video.images())
-    pictures: list[Any] = list(empty.images())
+    pictures = [_scaled(picture, video) for picture in empty.images()]
     return background_from_plate(pictures[0]) if len(pictures) == 1 else learn_background(pictures)
+
+
+def _scaled(picture: Image, video: Video) -> Image:
+    """A picture of the empty scene at the size of the video.
+
+    Raises:
+        InputError: It has another shape.
+    """
+    (width, height), (wide, high) = video.size, picture.shape[1::-1]
+    if (wide, high) == (width, height):
+        return picture
+    if abs(wide * height - high * width) > 0.02 * wide * height:
+        problem = f"the picture of the empty scene has {wide} x {high} pixels"
+        raise InputError(problem, field=f"camera {video.camera}", expected=f"{width} x {height}, or the same shape smaller")
+    return np.asarray(opencv().resize(picture, (width, height), interpolation=opencv().INTER_CUBIC), np.uint8)
 
 
 def _named(word: str | PathLike[str]) -> tuple[str, str]:

@@ -32,6 +32,7 @@ def room(tmp_path_factory):
         images = [np.where(masks[record.name][..., None] > 0, np.uint8(180), noise) for masks in drawn]
         write_video(folder / f"{record.name}.mp4", images, 30.0)
         write_image(folder / f"{record.name}_empty.png", noise)
+    write_image(folder / "square.png", noise[:90, :90])
     write_cameras(folder / "Calib.toml", RECORDS)
     return folder
 
@@ -78,6 +79,7 @@ def test_two_videos_are_tracked_and_drawn_over(room, tmp_path, capsys):
         (lambda room: [*videos(room), "--empty", f"middle={room}/left_empty.png"], "no video of .*'middle'.*left, right"),
         (lambda room: [*videos(room), *empty(room), "--stature", "20"], "--stature.*500 to 2500"),
         (lambda room: [*videos(room), *empty(room), "--frames", "1:2:3"], "--frames.*A:B"),
+        (lambda room: [*videos(room), "--empty", f"left={room}/square.png"], "camera left.*90 x 90 pixels.*240 x 180"),
         (lambda room: [*videos(room), "--cameras", "2"], "--cameras does not go with --video"),
         (lambda room: ["--stature", "1700"], "--stature goes with --video"),
     ],
