@@ -1,6 +1,6 @@
 """Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 10 elliptical cones, as wide as their lengths ask for.
 
-Widths are near those of clothed adults: girths of limbs over segment lengths (Drillis and Contini 1966), rounded.
+Widths are chosen here to look like a clothed adult; no table stands behind them.
 """
 
 from __future__ import annotations

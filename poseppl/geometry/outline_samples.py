@@ -10,7 +10,7 @@ a grid inside, rows along the axis and columns across it, at the nearest pixel; 
 Maps have one row more than the image, which is 0 and stands for all that lies outside (:func:`pad_maps`).
 
 Places, values and sums are computed one after the other: were they one expression, the compiler would compute the outlines anew
-for every sample, 6 to 18 times slower. A loop over cameras keeps the places apart from the look-up, which no barrier does.
+for every sample, many times slower. A loop over cameras keeps the places apart from the look-up, which no barrier does.
 """
 
 from __future__ import annotations
