@@ -13,6 +13,7 @@ its width.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -37,14 +38,7 @@ def hard_constraints(allowed: float = 10.0) -> dict[str, Constraint]:
     def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
         return hard_limits(body.limits, state)
 
-    def parts(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
-        def score(state: jax.Array, tree: KinematicTree, flesh: Flesh) -> jax.Array:
-            inside = part_capsules(flesh, parts_of(tree, flesh, state), "inside")
-            return rejected(clearances(inside, body.apart), allowed)[None]
-
-        return batched_score(score, chunk=CHUNK)(state, body.tree, body.flesh)[0]
-
-    return {"limits": limits, "parts": parts}
+    return {"limits": limits, "parts": _between_parts(rejected, allowed)}
 
 
 def smooth_constraints(width: float = LIMIT_WIDTH, softness: float = SOFTNESS) -> dict[str, Constraint]:
@@ -53,11 +47,17 @@ def smooth_constraints(width: float = LIMIT_WIDTH, softness: float = SOFTNESS) -
     def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
         return smooth_limits(body.limits, state, width)
 
+    return {"limits": limits, "parts": _between_parts(repelled, softness)}
+
+
+def _between_parts(penalty: Callable[[jax.Array, float], jax.Array], size: float) -> Constraint:
+    """A penalty of a size on the clearances of the capsules inside of the parts."""
+
     def parts(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
         def score(state: jax.Array, tree: KinematicTree, flesh: Flesh) -> jax.Array:
             inside = part_capsules(flesh, parts_of(tree, flesh, state), "inside")
-            return repelled(clearances(inside, body.apart), softness)[None]
+            return penalty(clearances(inside, body.apart), size)[None]
 
         return batched_score(score, chunk=CHUNK)(state, body.tree, body.flesh)[0]
 
-    return {"limits": limits, "parts": parts}
+    return parts

@@ -22,7 +22,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
-import numpyro.distributions as dist
 
 from poseppl.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.geometry.batch_last import batch_last
@@ -30,7 +29,7 @@ from poseppl.geometry.flesh import Cone, Flesh, flesh_of, parts_of
 from poseppl.geometry.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums
 from poseppl.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
-from poseppl_models.choo_fleet import joint_sites
+from poseppl_models.random_walk import joint_sites, random_walk
 
 Floats = np.ndarray[Any, Any]
 
@@ -259,17 +258,9 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
     """
     spans = joint_sites(body.tree)
 
-    def initial(params: Any, inputs: ImageInputs) -> None:
-        for name, span in spans.items():
-            numpyro.sample(name, dist.Normal(inputs.start[span], inputs.start_scale[span]))
-
-    def transition(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
-        for name, span in spans.items():
-            numpyro.sample(name, dist.Normal(state[name], inputs.step_scale[span]))
-
     def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
         score = benchmark_score(outline_sums(body.tree, body.flesh, pose, inputs, rooms, every=every))
         numpyro.factor("image", params["beta"] * score)
 
-    return StateSpaceModel(initial, transition, observation)
+    return StateSpaceModel(*random_walk(spans), observation)

@@ -28,6 +28,7 @@ from poseppl.body import Body, BodyInputs
 from poseppl.distributions import ProjectedMarkers
 from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
 from poseppl.program import StateSpaceModel
+from poseppl_models.random_walk import joint_sites
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""
@@ -161,14 +162,6 @@ def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
             Marker(f"ankle_{side}", f"knee_{side}", (0, 0, -size["shank"])),
         ]
     return kinematic_tree(joints, markers)
-
-
-def joint_sites(tree: KinematicTree) -> dict[str, slice]:
-    """Sites of a body's state and their coordinates: one for each joint, and one for the root's position."""
-    sites: dict[str, list[int]] = {}
-    for index, (joint, axis) in enumerate(tree.coordinates):
-        sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
-    return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
 
 
 def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:

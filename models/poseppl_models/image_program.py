@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpyro
-import numpyro.distributions as dist
 
 from poseppl.geometry import Cameras, KinematicTree
 from poseppl.geometry.batched_score import batched_score
 from poseppl.geometry.flesh import Flesh
 from poseppl.program import StateSpaceModel
 from poseppl_models.cone_body import ConeBody
+from poseppl_models.random_walk import joint_sites, random_walk
 
 CameraScore = Callable[[jax.Array, KinematicTree, Flesh, Cameras, Any, Any], jax.Array]
 """Batch last: states (d, N), the body, cameras, evidence and params, leaves (..., N or 1), to log-likelihoods (C, N)."""
@@ -58,15 +58,7 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
         constraints: Further log-factors by name, such as joint limits.
     """
     likelihood = camera_likelihood(body, score)
-    spans = _spans(body.tree)
-
-    def initial(params: Any, inputs: ImageInputs) -> None:
-        for name, span in spans.items():
-            numpyro.sample(name, dist.Normal(inputs.start[span], inputs.start_scale[span]))
-
-    def transition(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
-        for name, span in spans.items():
-            numpyro.sample(name, dist.Normal(state[name], inputs.step_scale[span]))
+    spans = joint_sites(body.tree)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
@@ -74,7 +66,7 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
         for name, constraint in (constraints or {}).items():
             numpyro.factor(name, constraint(body, pose, params))
 
-    return StateSpaceModel(initial, transition, observation)
+    return StateSpaceModel(*random_walk(spans), observation)
 
 
 def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.Array, ImageInputs], jax.Array]:
@@ -87,11 +79,3 @@ def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.
         return jnp.sum(jnp.where(weight > 0, weight * values, 0.0))
 
     return likelihood
-
-
-def _spans(tree: KinematicTree) -> dict[str, slice]:
-    """Coordinates of each site: one for each joint that turns, and one for the root's position."""
-    sites: dict[str, list[int]] = {}
-    for index, (joint, axis) in enumerate(tree.coordinates):
-        sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
-    return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}

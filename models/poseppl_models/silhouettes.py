@@ -19,8 +19,8 @@ from poseppl.geometry import marker_positions
 from poseppl.geometry.flesh import flesh_of
 from poseppl.program import StateSpaceModel
 from poseppl_models.choo_fleet import full_body as pointed_body
-from poseppl_models.choo_fleet import joint_sites
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
+from poseppl_models.random_walk import joint_sites
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:

@@ -10,6 +10,7 @@ from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
+    open_sources,
     overlay_paths,
     scene_of_options,
     video_options,
@@ -187,17 +188,18 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
     inputs = [recording, observations, options["skeleton"], options["camera"], options["calibration"], *words]
-    overlays = list(overlay_paths(options, target).values()) if options["video"] else []
+    sources = open_sources(options) if options["video"] else None
+    overlays = overlay_paths(sources, target) if sources else []
     check_writable([target, picture, *overlays], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     try:
         with progress.running():
-            tree = _run(recording, observations, options, progress)
+            tree = _run(recording, observations, sources, options, progress)
             progress.stage("drawing")
             write_result(tree, target, picture, inputs)
-            if options["video"]:
-                write_overlays(tree, options, target, progress)
+            if sources:
+                write_overlays(tree, sources, target, progress)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
@@ -221,7 +223,7 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
                 raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
 
 
-def _run(recording: str | None, observations: str | None, options: dict[str, Any], progress: Any) -> Any:
+def _run(recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], progress: Any) -> Any:
     from poseppl.filters.registry import check_settings
     from poseppl.io import read_cameras
     from poseppl.tracking import TrackSettings, observe_motion, scene_of_observations, track
@@ -239,8 +241,8 @@ def _run(recording: str | None, observations: str | None, options: dict[str, Any
     check_settings(settings.filter, settings.options)
     progress.stage("reading")
     scene: Any
-    if options["video"]:
-        scene = scene_of_options(options, progress)
+    if sources:
+        scene = scene_of_options(sources, options, progress)
     elif observations is not None:
         scene = scene_of_observations(
             observations,

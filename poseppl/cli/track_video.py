@@ -97,14 +97,13 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --video")
 
 
-def scene_of_options(options: dict[str, Any], progress: Any) -> Any:
+def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
     from poseppl.io import VideoWarning
     from poseppl.tracking.silhouette_scene import SilhouetteSettings
     from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
 
     start, stop = _frames(options["frames"])
-    sources = _sources(options)
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
     settings = SilhouetteSettings()
@@ -128,7 +127,8 @@ def scene_of_options(options: dict[str, Any], progress: Any) -> Any:
     return scene
 
 
-def _sources(options: dict[str, Any]) -> Any:
+def open_sources(options: dict[str, Any]) -> Any:
+    """Open the videos, and what goes with them."""
     from poseppl.tracking.video_sources import is_video, sources_of_files, sources_of_scene
 
     words = options["video"]
@@ -139,19 +139,18 @@ def _sources(options: dict[str, Any]) -> Any:
     return sources_of_files(words, options["calibration"], empty=options["empty"], hidden=options["hidden"])
 
 
-def overlay_paths(options: dict[str, Any], target: Path) -> dict[str, Path]:
-    """Where the overlay of each camera goes, by its name."""
-    return {video.camera: target.with_name(f"{target.stem}-{video.camera}.mp4") for video in _sources(options).videos}
+def overlay_paths(sources: Any, target: Path) -> list[Path]:
+    """Where the overlay of each video goes."""
+    return [target.with_name(f"{target.stem}-{video.camera}.mp4") for video in sources.videos]
 
 
-def write_overlays(tree: Any, options: dict[str, Any], target: Path, progress: Any) -> None:
+def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> None:
     """Write the videos again, with the skeletons over them."""
     from poseppl.report.overlay_video import write_overlay
 
-    paths = overlay_paths(options, target)
     progress.stage("drawing overlays")
-    for video in _sources(options).videos:
-        write_overlay(paths[video.camera], tree, video)
+    for path, video in zip(overlay_paths(sources, target), sources.videos, strict=True):
+        write_overlay(path, tree, video)
 
 
 def _frames(text: str | None) -> tuple[int, int | None]:
