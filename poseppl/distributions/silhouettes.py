@@ -17,6 +17,7 @@ contour err alike; their standard deviation has to be raised by the root of how 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -29,7 +30,8 @@ from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.batched_score import batched_score
 from poseppl.geometry.cameras import Cameras, project_components
 from poseppl.geometry.coverage import part_distances, project_parts
-from poseppl.geometry.flesh import Flesh, PartFrames, parts_of
+from poseppl.geometry.flesh import Flesh, PartFrames, parts_of, place_parts
+from poseppl.geometry.kinematics import derivatives_of_pushes, frames_of
 from poseppl.geometry.tree import KinematicTree
 
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
@@ -97,7 +99,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         return self.tree, self.flesh, self.cameras, self.seen
 
     def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
-        """Derivative of location / scale by ``state``, (C * entries, d), zero where ``mask`` is false; forward mode."""
+        """Derivative of location / scale by ``state``, (C * entries, d), zero where ``mask`` is false; in closed form."""
         weight = jnp.ones(self.batch_shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         rows: jax.Array = _jacobian(self.state, self.tree, self.flesh, self.cameras, self.seen)
         return (rows * (weight / self.noise[:, None])[..., None]).reshape(-1, self.state.shape[0])
@@ -116,18 +118,26 @@ def _distances_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras
     parts = parts_of(tree, flesh, state)
     shapes = computed_once(project_parts(cameras, flesh, parts))
     outline = jnp.min(part_distances(shapes, seen.contour), 1)
-    found = jnp.concatenate([outline, _beyond(cameras, flesh, parts, seen)], 1)
-    return _GROSS * jnp.tanh(found / _GROSS)
+    return _bent(jnp.concatenate([outline, _beyond(cameras, flesh, _axis_points(parts)[None], seen)], 1))
 
 
-def _beyond(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen) -> jax.Array:
-    """How far the parts stick out of the silhouette, (C, parts * 4, N)."""
+def _bent(distance: jax.Array) -> jax.Array:
+    return _GROSS * jnp.tanh(distance / _GROSS)
+
+
+def _axis_points(parts: PartFrames) -> jax.Array:
+    """Points of the parts' axes (P, 4, 3, N)."""
     share = jnp.asarray(FRACTIONS)[:, None, None]
-    points = parts.base[:, None] + share * (parts.tip - parts.base)[:, None]  # (P, 4, 3, N)
-    radius = flesh.radii[:, None, 0] + share[:, 0] * (flesh.radii[:, 1] - flesh.radii[:, 0])[:, None]
+    return parts.base[:, None] + share * (parts.tip - parts.base)[:, None]
+
+
+def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteSeen) -> jax.Array:
+    """How far the parts stick out of the silhouette at points (C or 1, P, 4, 3, N) of their axes, (C, parts * 4, N)."""
+    share = jnp.asarray(FRACTIONS)[:, None]
+    radius = flesh.radii[:, None, 0] + share * (flesh.radii[:, 1] - flesh.radii[:, 0])[:, None]
     width = radius * jnp.min(flesh.scales, 1)[:, None]
     spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
-    x, y = project_components(spread, points[:, :, 0], points[:, :, 1], points[:, :, 2])  # (C, P, 4, N)
+    x, y = project_components(spread, *(points[:, :, :, i] for i in range(3)))  # (C, P, 4, N)
     depth = jnp.linalg.norm(points - cameras.centre[:, None, None], axis=3)
     focal = jnp.mean(jnp.abs(cameras.focal), 1)[:, None, None]
     needed = _DEPTH * width * focal / depth
@@ -163,15 +173,60 @@ def _value_and_gradient_last(state: jax.Array, fixed: Any) -> tuple[jax.Array, j
     return value, pull(jnp.ones_like(value))[0]
 
 
-def _jacobian_last(state: jax.Array, *fixed: Any) -> jax.Array:
-    """Derivatives (C, entries, d, N)."""
+def _jacobian_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen) -> jax.Array:
+    """Derivatives (C, entries, d, N): a residual depends on one part, which moves as its link does."""
+    frames = frames_of(tree, state)
+    parts = place_parts(flesh, frames)
+    nearest = jnp.argmin(part_distances(computed_once(project_parts(cameras, flesh, parts)), seen.contour), 1)
+    pushes = [_outline_pushes(cameras, flesh, parts, seen.contour, nearest), _beyond_pushes(cameras, flesh, parts, seen)]
+    force, moment = (jnp.concatenate(each, 1) for each in zip(*pushes, strict=True))
+    fixed = jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))[:, None]
+    part = jnp.concatenate([nearest, jnp.broadcast_to(fixed, (len(nearest), len(fixed), nearest.shape[-1]))], 1)
+    return derivatives_of_pushes(tree, frames, force, moment, jnp.asarray(flesh.links)[part])
 
-    def column(tangent: jax.Array) -> jax.Array:
-        moved: jax.Array = jax.jvp(lambda x: _distances_last(x, *fixed), (state,), (tangent,))[1]
-        return moved
 
-    basis = jnp.broadcast_to(jnp.eye(state.shape[0], dtype=state.dtype)[:, :, None], (state.shape[0], *state.shape))
-    return jnp.moveaxis(jax.lax.map(column, basis), 0, 2)
+def _outline_pushes(
+    cameras: Cameras, flesh: Flesh, parts: PartFrames, contour: jax.Array, nearest: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Gradient of each contour point's residual by a shift and a turn of its nearest part: (C, K, 3, N) each."""
+    chosen = _chosen((parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls), nearest)
+
+    def residual(axes: jax.Array, base: jax.Array, sizes: Any, camera: Cameras, point: jax.Array) -> jax.Array:
+        """Of one point (2, N) and one part in one camera."""
+        length, radii, scales, balls = sizes
+        own = PartFrames(axes[None], base[None], (base + axes[:, 2] * length)[None])
+        size = replace(flesh, lengths=length[None], radii=radii[None], scales=scales[None], balls=balls[None])
+        shape = project_parts(jax.tree.map(lambda leaf: leaf[None], camera), size, own)
+        return _bent(part_distances(shape, point[None, None]))
+
+    each = jax.vmap(jax.vmap(residual, in_axes=(0, 0, 0, None, 0)))
+    axes, base, *sizes = chosen
+    value, pull = jax.vjp(lambda axes, base: each(axes, base, sizes, cameras, contour), axes, base)
+    turned, force = pull(jnp.ones_like(value))
+    moment = sum(jnp.cross(axes[:, :, :, i], turned[:, :, :, i], axis=2) for i in range(3))
+    return force, jnp.cross(base, force, axis=2) + moment
+
+
+def _chosen(leaves: Any, part: jax.Array) -> Any:
+    """Of leaves (P, ..., N or 1) those of the parts (C, K, N): (C, K, ..., N)."""
+
+    def choose(leaf: jax.Array) -> jax.Array:
+        number = part.reshape(*part.shape[:2], *(1,) * (leaf.ndim - 2), part.shape[2])
+        found = jnp.broadcast_to(leaf[0], (*part.shape[:2], *leaf.shape[1:-1], part.shape[2]))
+        for other in range(1, len(leaf)):
+            found = jnp.where(number == other, leaf[other], found)
+        return found
+
+    return jax.tree.map(choose, leaves)
+
+
+def _beyond_pushes(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen) -> tuple[jax.Array, jax.Array]:
+    """The same (C, parts * 4, 3, N) of how far the parts stick out; each residual has its own axis point."""
+    points = jnp.broadcast_to(_axis_points(parts), (len(cameras.centre), *_axis_points(parts).shape))
+    value, pull = jax.vjp(lambda points: _bent(_beyond(cameras, flesh, points, seen)), points)
+    (force,) = pull(jnp.ones_like(value))
+    force, points = (each.reshape(len(force), -1, *each.shape[3:]) for each in (force, points))
+    return force, jnp.cross(points, force, axis=2)
 
 
 _distances = batched_score(_distances_last, chunk=_CHUNK)

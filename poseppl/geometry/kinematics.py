@@ -158,6 +158,24 @@ def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> ja
     return jnp.concatenate([shift, turns], 2)
 
 
+def derivatives_of_pushes(tree: KinematicTree, frames: Frames, force: jax.Array, moment: jax.Array, link: jax.Array) -> jax.Array:
+    """Derivatives (..., d, N) by the state of functions of which each depends on one link, by the geometric Jacobian.
+
+    Args:
+        tree: The body.
+        frames: From :func:`frames_of`.
+        force: Gradients by a shift of the link (..., 3, N).
+        moment: Gradients by a turn of the link about the world's origin (..., 3, N).
+        link: The links (..., N).
+    """
+    place, turning = _coordinate_order(tree)
+    axis = jnp.concatenate(_axes(tree, frames))[place[3:] - 3]
+    swing = jnp.stack(_cross(frames.origin[turning], axis), 1)  # what a turn about the axis shifts the world's origin by
+    turns = sum(axis[:, i] * moment[..., None, i, :] + swing[:, i] * force[..., None, i, :] for i in range(3))
+    moved = jnp.moveaxis(jnp.asarray(tree.ancestors[:, turning], bool)[link], -1, -2)
+    return jnp.concatenate([force, jnp.where(moved, turns, 0.0)], -2)
+
+
 def _coordinate_order(tree: KinematicTree) -> tuple[np.ndarray, np.ndarray]:
     """For each coordinate its place in the list of the root's three, all turns about Z, Y and X; for each angle its link."""
     table = np.array(tree.angle_index).T
