@@ -158,7 +158,9 @@ def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> ja
     return jnp.concatenate([shift, turns], 2)
 
 
-def derivatives_of_pushes(tree: KinematicTree, frames: Frames, force: jax.Array, moment: jax.Array, link: jax.Array) -> jax.Array:
+def derivatives_of_pushes(
+    tree: KinematicTree, frames: Frames, force: jax.Array, moment: jax.Array, link: jax.Array
+) -> jax.Array:
     """Derivatives (..., d, N) by the state of functions of which each depends on one link, by the geometric Jacobian.
 
     Args:
