@@ -127,7 +127,10 @@ class Calls:
 
     def compile(self, first: bool) -> Part | None:
         """Compile both programs side by side; the first frame is run and returned, if it is wanted."""
-        step = self._what[0].step
+        filter = self._what[0]
+        if filter.before is not None:
+            return self.advance(_before(filter, self._sequence), 0, 1) if first else None
+        step = filter.step
         if step in _STARTED:
             return self._run_first() if first else None
         _STARTED.add(step)
@@ -151,6 +154,13 @@ class Calls:
         state = self._what[0].place(state)
         result: tuple[Any, Kept] = _scan_frames(*self._what, state, self.blank, self._rng_key, *bounds, rows, varying, constant)
         return result
+
+
+def _before(filter: Filter, sequence: FrameSequence) -> Any:
+    """The state before the first frame."""
+    observation, varying = sequence.frame(0)
+    build: Any = filter.before
+    return build(observation, sequence.layout.join(varying, sequence.constant))
 
 
 def _part(result: tuple[Any, Kept], num_frames: int) -> Part:

@@ -198,7 +198,7 @@ class Online:
     """
 
     def __init__(self, filter: Filter, rng_key: jax.Array) -> None:
-        self._rng_key = rng_key
+        self._filter, self._rng_key = filter, rng_key
         self._init = jax.jit(filter.init)
         self._step = jax.jit(filter.step)
         self.frame = 0
@@ -215,9 +215,10 @@ class Online:
             The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
         """
         key, _ = frame_keys(self._rng_key, self.frame)
-        if self.frame == 0:
+        if self.frame == 0 and self._filter.before is None:
             self.state, info = self._init(key, observation, inputs)
         else:
-            self.state, info = self._step(key, self.state, observation, inputs)
+            before = self.state if self._filter.before is None or self.frame else self._filter.before(observation, inputs)
+            self.state, info = self._step(key, before, observation, inputs)
         self.frame += 1
         return self.state, info

@@ -167,7 +167,8 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     type=click.Choice(["continue", "stop"]),
     default="continue",
     show_default=True,
-    help="At a frame of impossible data: predict it and go on, or stop.",
+    help="At a frame of impossible data: predict it and go on, or stop. Videos: go on without cameras that see nobody, "
+    "and up to where one ends or cannot be decoded; or stop there.",
 )
 @common_options
 def track(recording: str | None, observations: str | None, **options: Any) -> None:

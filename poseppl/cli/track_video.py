@@ -11,7 +11,7 @@ import click
 from poseppl.errors import InputError
 
 MANY = ("--video", "--empty", "--hidden")
-_ONLY = ("calibration", "empty", "hidden", "stature", "silhouette_noise")
+_ONLY = ("calibration", "empty", "hidden", "stature", "faces", "silhouette_noise")
 
 
 class ManyFiles(click.Command):
@@ -67,6 +67,12 @@ def video_options(command: Any) -> Any:
             help="--video: height of the person, whose segments are in proportion. [default: 1750, or the scene's truth]",
         ),
         click.option(
+            "--faces",
+            metavar="NAME",
+            help="--video: the camera that the person faces at first, roughly; front and back look alike. [default: where "
+            "the person goes]",
+        ),
+        click.option(
             "--silhouette-noise",
             metavar="MM",
             type=float,
@@ -118,8 +124,10 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             model=options["model"] or DEFAULT_MODEL,
             stature=options["stature"],
             settings=settings,
+            faces=options["faces"],
             start=start,
             stop=stop,
+            on_failure=options["on_failure"],
             advance=progress.advance,
         )
     for warning in told:

@@ -27,6 +27,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
@@ -70,20 +71,20 @@ def assumed_density_filter(
     check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
     moved = int(_MOVED * (num_starts - 1))
 
-    def run(
-        rng_key: jax.Array,
-        prior: GaussianMixture,
-        log_prior: LogDensity,
-        log_step_size: jax.Array,
-        observation: Observation,
-        inputs: Any,
-        last: jax.Array | None = None,
-    ) -> tuple[ChainState, Info]:
+    def before(observation: Observation, inputs: Any = None) -> ChainState:
+        mean, _ = model.initial_moments(inputs)
+        draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.burn_in, *mean.shape))
+        return chain_state(draws, jnp.full((), jnp.nan, mean.dtype))
+
+    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+        first = jnp.isnan(state.log_step_size)  # nothing but the state before the first frame has none
+        log_step_size = jnp.where(first, jnp.log(settings.step_size), state.log_step_size)
+        prior, log_prior = _prior(model, state, first, inputs, num_components)
         key_climb, key_move, key_start, key_chains = jax.random.split(rng_key, 4)
         climbers, component = draw_mixture(key_climb, prior, num_starts)
         climbers = climbers.at[0].set(prior.means[component[0]])
-        if last is not None:
-            climbers = climbers.at[num_starts - moved :].set(_move(model, key_move, last, inputs, moved))
+        others = jnp.where(first, climbers[num_starts - moved :], _move(model, key_move, state.particles, inputs, moved))
+        climbers = climbers.at[num_starts - moved :].set(others)
         prior_curvature = mixture_curvature(prior)
         possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
         failed = ~jnp.any(jnp.isfinite(possible))
@@ -112,19 +113,32 @@ def assumed_density_filter(
         return chain_state(draws, chains.log_step_size), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        mean, covariance = model.initial_moments(inputs)
-        prior = GaussianMixture(jnp.zeros(1, mean.dtype), mean[None], covariance[None])
-        start = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
-        return run(rng_key, prior, lambda x: model.log_initial(x, inputs), start, observation, inputs)
+        return step(rng_key, before(observation, inputs), observation, inputs)
 
-    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        means, covariances = jax.vmap(jax.vmap(lambda x: model.transition_moments(x, inputs)))(state.particles)
-        fitted, residuals = fit_mixture(means, num_components)
-        spread = fitted.covariances * covariance_inflation(residuals)
-        prior = fitted._replace(covariances=spread + jnp.mean(covariances, (0, 1)))
-        return run(rng_key, prior, log_mixture(prior), state.log_step_size, observation, inputs, state.particles)
+    return Filter(init, step, before=before)
 
-    return Filter(init, step)
+
+def _prior(
+    model: CompiledModel, state: ChainState, first: jax.Array, inputs: Any, num_components: int
+) -> tuple[GaussianMixture, LogDensity]:
+    """The Gaussians that sum up the past, and the log-density of the prior: at the first frame, the initial program's."""
+    means, covariances = jax.vmap(jax.vmap(lambda x: model.transition_moments(x, inputs)))(state.particles)
+    fitted, residuals = fit_mixture(means, num_components)
+    spread = fitted.covariances * covariance_inflation(residuals)
+    predicted = fitted._replace(covariances=spread + jnp.mean(covariances, (0, 1)))
+    mean, covariance = model.initial_moments(inputs)
+    number = len(predicted.log_weights)
+    initial = GaussianMixture(
+        jnp.full(number, -np.log(number), mean.dtype), *(jnp.stack([m] * number) for m in (mean, covariance))
+    )
+    prior: GaussianMixture = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
+    log_predicted = log_mixture(prior)
+
+    def log_prior(x: jax.Array) -> jax.Array:
+        # the inner choice keeps what is not chosen finite, and with it its gradient
+        return jnp.where(first, model.log_initial(jnp.where(first, x, mean), inputs), log_predicted(x))
+
+    return prior, log_prior
 
 
 def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: Any, number: int) -> jax.Array:

@@ -66,8 +66,11 @@ class Filter(NamedTuple):
         init: `(rng_key, observation, inputs) -> (state, info)`, the first frame.
         step: `(rng_key, state, observation, inputs) -> (state, info)`, each later frame.
         place: `state -> state`, moves a state that comes from elsewhere, such as a file, to the devices where `step` keeps it.
+        before: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it, too;
+            nothing but `step` is then compiled.
     """
 
     init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
     step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
     place: Callable[[Any], Any] = stay
+    before: Callable[[Any, Any], Any] | None = None

@@ -115,6 +115,11 @@ def problem_of_result(tree: xr.DataTree) -> Problem:
     cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
     start = Start(inputs["start"], inputs["start_scale"])
     points = np.asarray(tree["observed_data"].dataset["points"].values)
+    if np.isnan(points).all():
+        raise InputError(
+            "the result holds no points: it comes from silhouettes, and their pictures are not in it",
+            expected="a result of points; in Python, run_smoother on the silhouette_problem of the scene",
+        )
     return _problem(body, {**body.params, **params}, cameras, points, inputs["noise"], start, inputs.get("states"))
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +24,7 @@ from poseppl.vision import Background, check_mask, silhouette_distance
 from poseppl.vision.contours import contour_points
 
 Mask = NDArray[np.uint8]
+OnFailure = Literal["continue", "stop"]
 _CUT = 0.02
 """Share of a picture's width or height that an encoder may cut off."""
 
@@ -63,6 +64,7 @@ class SilhouetteScene(NamedTuple):
         scale: Pixels of the maps to one of the image (C,).
         usable: Whether a camera's mask says anything in a frame (T, C).
         noise: Standard deviation of distances at the body, mm.
+        faces: Name of the camera that the person faces at first, if somebody told.
     """
 
     scene: Scene
@@ -72,6 +74,7 @@ class SilhouetteScene(NamedTuple):
     scale: Floats
     usable: NDArray[np.bool_]
     noise: float
+    faces: str | None = None
 
 
 def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
@@ -143,6 +146,7 @@ def scene_of_videos(
     settings: SilhouetteSettings | None = None,
     start: int = 0,
     stop: int | None = None,
+    on_failure: OnFailure = "continue",
     advance: Any = None,
 ) -> SilhouetteScene:
     """Make a scene of videos whose backgrounds are known or were learned.
@@ -156,32 +160,47 @@ def scene_of_videos(
         settings: The settings.
         start: The first frame.
         stop: The frame after the last; None for all.
+        on_failure: "continue" without cameras that see nobody, and up to where the first video ends or cannot be decoded, each
+            reported as a ``VideoWarning``; or "stop" there.
         advance: Called with 1 after each frame.
 
-    Returns:
-        The scene, as long as the shortest video; a difference in length or rate is reported as a ``VideoWarning``.
-
     Raises:
-        InputError: Names do not match, or a frame cannot be decoded.
+        InputError: Names do not match, the first frame cannot be decoded, or what `on_failure` stops at.
     """
     chosen = (settings or SilhouetteSettings()).check()
     check_names(records, [video.camera for video in videos])
     sizes = {video.camera: video.size for video in videos}
     records = [fit_size(record, sizes[record.name]) for record in records]
     frames = []
-    for number, images in synchronised(videos, start=start, stop=stop, mismatch="shortest"):
+    for number, images in _readable(videos, start, stop, on_failure):
         row = []
         for record in records:
             blind = (hidden or {}).get(record.name)
             found = backgrounds[record.name].subtract(images[record.name])
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
-            row.append(_frame(found.foreground, unknown, record, number, chosen))
+            row.append(_frame(found.foreground, unknown, record, number, chosen, on_failure))
         frames.append(row)
         if advance is not None:
             advance(1)
     if not frames:
         raise InputError("the videos have no frame", field="--video", expected="at least one")
     return _assemble(body, records, frames, chosen, videos[0].rate, _together([video.source for video in videos]), start)
+
+
+def _readable(
+    videos: Sequence[Video], start: int, stop: int | None, on_failure: OnFailure
+) -> Iterator[tuple[int, dict[str, NDArray[np.uint8]]]]:
+    """Frames of all videos, up to the first that cannot be decoded."""
+    number = start - 1
+    try:
+        for number, images in synchronised(
+            videos, start=start, stop=stop, mismatch="raise" if on_failure == "stop" else "shortest"
+        ):
+            yield number, images
+    except InputError as error:
+        if on_failure == "stop" or number < start:
+            raise
+        warnings.warn(f"{error}; the run ends before this frame", VideoWarning, stacklevel=3)
 
 
 def _together(sources: Sequence[str]) -> str:
@@ -222,7 +241,14 @@ def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
     return record._replace(size=size)
 
 
-def _frame(mask: NDArray[Any], hidden: Mask | None, record: CameraRecord, number: int, settings: SilhouetteSettings) -> _Frame:
+def _frame(
+    mask: NDArray[Any],
+    hidden: Mask | None,
+    record: CameraRecord,
+    number: int,
+    settings: SilhouetteSettings,
+    on_failure: OnFailure = "continue",
+) -> _Frame:
     width, height = record.size
     for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
         if array is not None and array.shape != (height, width):
@@ -233,6 +259,8 @@ def _frame(mask: NDArray[Any], hidden: Mask | None, record: CameraRecord, number
         check_mask(person, record.name, number)
         usable = True
     except InputError as error:
+        if on_failure == "stop":
+            raise
         warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
         usable = False
     contour, on_outline = contour_points(person, settings.num_points, hidden)

@@ -32,11 +32,12 @@ _FRAMES, _EVERY = 4, 10
 def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
     """Find a start in the first frame that most cameras see.
 
-    A silhouette is nearly the same from the front and from the back. Of the best pose and the best one that faces the other
-    way, that is taken which faces where the person goes; of one that stays in place, that which explains later frames better.
+    A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, the best
+    pose is taken that faces it. Else, of the best pose and the best one that faces the other way, that which faces where the
+    person goes; of one that stays in place, that which explains later frames better.
 
     Raises:
-        InputError: No frame has a silhouette.
+        InputError: No frame has a silhouette, or there is no camera of the name that was told.
     """
     count = seen.usable.sum(1)
     if not count.max():
@@ -47,6 +48,9 @@ def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start
     candidates = sorted((search.solve(guess, int(frames[0])) for guess in search.guesses()), key=lambda found: found.cost)
     away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
     rivals = [candidates[0], *away[:1]]
+    faced = _faced(seen)
+    if faced is not None:
+        rivals = [max(rivals, key=lambda found: search.forward(found.state) @ (faced - found.state[:2]))]
     going = search.way(int(frames[0]), int(usable[min(_LATER, len(usable) - 1)]))
     if np.linalg.norm(going) >= _WALKS:
         totals = [-float(search.forward(found.state) @ going) for found in rivals]
@@ -56,6 +60,16 @@ def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start
     rest = np.asarray(seen.scene.body.rest, np.float64)
     best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
     return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+def _faced(seen: SilhouetteScene) -> Floats | None:
+    """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
+    if seen.faces is None:
+        return None
+    names = seen.scene.camera_names
+    if seen.faces not in names:
+        raise InputError(f"there is no camera {seen.faces!r}", field="--faces", expected=", ".join(names))
+    return np.asarray(seen.scene.cameras.centre, np.float64)[names.index(seen.faces), :2]
 
 
 class _Found(NamedTuple):

@@ -17,7 +17,7 @@ from poseppl.errors import InputError
 from poseppl.io import CameraRecord, Video, open_video, read_cameras, read_image
 from poseppl.io.opencv import opencv
 from poseppl.tracking.scene import Floats
-from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, check_names, scene_of_videos
+from poseppl.tracking.silhouette_scene import OnFailure, SilhouetteScene, SilhouetteSettings, check_names, scene_of_videos
 from poseppl.vision import Background, background_from_plate, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
@@ -140,8 +140,10 @@ def see_silhouettes(
     model: str = DEFAULT_MODEL,
     stature: float | None = None,
     settings: SilhouetteSettings | None = None,
+    faces: str | None = None,
     start: int = 0,
     stop: int | None = None,
+    on_failure: OnFailure = "continue",
     advance: Callable[[int], None] | None = None,
 ) -> SilhouetteScene:
     """Learn the backgrounds and find the silhouettes.
@@ -152,8 +154,10 @@ def see_silhouettes(
         stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
             known, or of the standard subject, if None.
         settings: Of the silhouettes.
+        faces: Name of the camera that the person faces at first, if known.
         start: The first frame.
         stop: The frame after the last; None for all.
+        on_failure: As :func:`~poseppl.tracking.silhouette_scene.scene_of_videos` takes it.
         advance: Called with 1 after each frame.
 
     Raises:
@@ -171,8 +175,9 @@ def see_silhouettes(
         settings=settings,
         start=start,
         stop=stop,
+        on_failure=on_failure,
         advance=advance,
-    )
+    )._replace(faces=faces)
     if truth is None:
         return seen
     part = slice(start, start + len(seen.contour))

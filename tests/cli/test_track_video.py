@@ -81,6 +81,7 @@ def test_two_videos_are_tracked_and_drawn_over(room, tmp_path, capsys):
         (lambda room: [*videos(room), *empty(room), "--frames", "1:2:3"], "--frames.*A:B"),
         (lambda room: [*videos(room), "--empty", f"left={room}/square.png"], "camera left.*90 x 90 pixels.*240 x 180"),
         (lambda room: [*videos(room), "--cameras", "2"], "--cameras does not go with --video"),
+        (lambda room: [*videos(room), *empty(room), "--faces", "middle"], "--faces.*no camera 'middle'.*left, right"),
         (lambda room: ["--stature", "1700"], "--stature goes with --video"),
     ],
 )
@@ -97,3 +98,42 @@ def test_a_video_that_ends_early_ends_the_run_with_a_note(room, tmp_path, capsys
     status, text = run(capsys, *words, *empty(room), *FEW, "-o", tmp_path / "short.nc")
     assert status == 0 and "right" in text and "2 frames" in text, text
     assert load_result(tmp_path / "short.nc")["posterior"].sizes["frame"] == 2
+
+
+def test_a_person_who_leaves_is_predicted_or_stops_the_run(room, tmp_path, capsys):
+    for record in RECORDS:
+        images = list(open_video(room / f"{record.name}.mp4", record.name).images())
+        nobody = next(open_video(room / f"{record.name}_empty.png", record.name).images())
+        write_video(tmp_path / f"{record.name}.mp4", [*images[:2], nobody], 30.0)
+    words = ["--video", tmp_path / "left.mp4", tmp_path / "right.mp4", "--calibration", room / "Calib.toml", *empty(room), *FEW]
+    status, text = run(capsys, *words, "-o", tmp_path / "gone.nc")
+    assert status == 0, text
+    assert re.search("camera left, frame 2.*does not count", text) and re.search("camera right, frame 2", text), text
+    found = load_result(tmp_path / "gone.nc")["summary"].dataset["markers_mean"].values
+    assert len(found) == 3 and np.isfinite(found).all()
+    status, text = run(capsys, *words, "--on-failure", "stop", "-o", tmp_path / "stopped.nc")
+    assert status == 1 and re.search("camera left, frame 2.*no foreground", text), text
+    assert not (tmp_path / "stopped.nc").exists()
+
+
+def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path, capsys):
+    images = list(open_video(room / "left.mp4", "left").images())
+    (tmp_path / "left").mkdir()
+    for number, image in enumerate(images):
+        write_image(tmp_path / "left" / f"{number:06d}.png", image)
+    broken = tmp_path / "left" / "000002.png"
+    broken.write_bytes(broken.read_bytes()[:60])
+    words = ["--video", tmp_path / "left", room / "right.mp4", "--calibration", room / "Calib.toml", *empty(room), *FEW]
+    status, text = run(capsys, *words, "-o", tmp_path / "short.nc")
+    assert status == 0 and re.search("camera left, frame 2.*ends before this frame", text), text
+    assert load_result(tmp_path / "short.nc")["posterior"].sizes["frame"] == 2
+    status, text = run(capsys, *words, "--on-failure", "stop", "-o", tmp_path / "stopped.nc")
+    assert status == 1 and re.search("camera left, frame 2", text), text
+    assert not (tmp_path / "stopped.nc").exists()
+
+
+def test_silhouettes_are_not_smoothed_from_a_file(room, tmp_path, capsys):
+    status, text = run(capsys, *videos(room), *empty(room), *FEW, "-o", tmp_path / "seen.nc")
+    assert status == 0, text
+    status = main(["smooth", str(tmp_path / "seen.nc"), "--quiet"])
+    assert status == 1 and "comes from silhouettes" in " ".join(capsys.readouterr().err.split())

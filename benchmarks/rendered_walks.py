@@ -1,0 +1,112 @@
+"""Which filter follows a rendered person, with how many cameras, with and without furniture in the way?
+
+    poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
+    poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
+    python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
+        [--runs 3] [--output rendered-walks]
+
+Silhouettes are found in the videos, whose empty rooms are known; each run starts around the truth. Errors are mean distances of
+posterior means of the joints from the truth, mm, and the same after the pelvis is moved onto its own; coverage is that of
+90 % intervals of the joints' coordinates; seconds a frame are without compilation. Mean and standard deviation over runs, which
+differ in their seed. Runs that OUTPUT/runs.csv holds are not made again.
+"""
+
+from __future__ import annotations
+
+import csv
+import statistics
+import warnings
+from pathlib import Path
+from typing import Any
+
+from timing import arguments, show
+
+from poseppl.cli.console import start_jax
+from poseppl.experiments.tables import Table, write_csv
+from poseppl.io import VideoWarning
+from poseppl.results import provenance
+from poseppl.tracking import TrackSettings, measure_run, track
+from poseppl.tracking.video_sources import see_silhouettes, sources_of_scene
+
+NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
+"""In the corners of the room; two cameras are neighbours."""
+FILTERS = "assumed-density,tempered,hmc,extended-kalman,annealed,de-mc,particle"
+_COLUMNS = ("scene", "cameras", "filter", "seed", "frames", "error", "relative", "coverage", "seconds", "compile")
+_KEY = 5
+"""So many columns tell which run it was."""
+
+
+def main() -> None:
+    options = arguments(
+        __doc__, scenes="clean,clutter", filters=FILTERS, cameras="4,2,1", frames=40, runs=3, output="rendered-walks"
+    )
+    start_jax()
+    frames, runs = (3, 1) if options.quick else (options.frames, options.runs)
+    kept = read_runs(Path(options.output) / "runs.csv")
+    table = Table("runs", _COLUMNS, kept, "Runs of rendered_walks.py; mm and seconds.")
+    Path(options.output).mkdir(parents=True, exist_ok=True)
+    for scene in options.scenes.split(","):
+        for cameras in options.cameras.split(","):
+            wanted = [
+                (scene, cameras, name, str(seed), str(frames)) for name in options.filters.split(",") for seed in range(runs)
+            ]
+            missing = [key for key in wanted if key not in {row[:_KEY] for row in table.rows}]
+            seen = see(scene, int(cameras), frames) if missing else None
+            for key in missing:
+                table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
+                write_csv(table, Path(options.output))
+                print(*table.rows[-1], flush=True)
+    show(
+        f"{frames} frames", ["scene", "cameras", "filter", "error", "relative", "coverage, %", "s a frame"], summed(table.rows)
+    )
+
+
+def see(folder: str, cameras: int, frames: int) -> Any:
+    """The silhouettes of a rendered scene."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VideoWarning)
+        return see_silhouettes(sources_of_scene(folder, NAMES[:cameras]), stop=frames)
+
+
+def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:
+    """Error, relative error, coverage, seconds a frame, and of compilation."""
+    tree = track(seen, TrackSettings(filter=name, seed=seed))
+    numbers, known = measure_run(tree), provenance(tree)
+    found = (
+        numbers.joint_error,
+        numbers.joint_error_relative,
+        numbers.coverage,
+        1 / (numbers.frames_per_second or float("nan")),
+        known["compile_seconds"],
+    )
+    return tuple(f"{value:.5g}" for value in found)
+
+
+def read_runs(path: Path) -> list[tuple[str, ...]]:
+    """The rows of a table of runs, none if there is no such file."""
+    if not path.is_file():
+        return []
+    with path.open(newline="") as file:
+        return [tuple(row) for row in csv.reader(file)][1:]
+
+
+def summed(rows: list[tuple[str, ...]]) -> list[list[str]]:
+    """Mean and standard deviation over seeds."""
+    groups: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
+    for row in rows:
+        groups.setdefault((*row[:3], row[4]), []).append(tuple(map(float, row[_KEY:])))
+    shown = []
+    for (scene, cameras, name, _), values in groups.items():
+        error, relative, coverage, seconds, _ = zip(*values, strict=True)
+        spread = f" ± {statistics.stdev(error):.0f}" if len(error) > 1 else ""
+        means = (
+            f"{statistics.mean(relative):.0f}",
+            f"{100 * statistics.mean(coverage):.0f}",
+            f"{statistics.median(seconds):.2g}",
+        )
+        shown.append([scene, cameras, name, f"{statistics.mean(error):.0f}{spread}", *means])
+    return shown
+
+
+if __name__ == "__main__":
+    main()
