@@ -147,6 +147,18 @@ def test_the_start_is_found_without_a_truth():
     assert np.linalg.norm((found - known)[trunk], axis=-1).max() < 120.0
 
 
+def test_the_start_faces_the_camera_that_was_told():
+    scene = scene_of(pose(4))
+    tree = body().tree
+    for name, number in (("left", 0), ("right", 1)):
+        start = seek_silhouette(scene._replace(faces=name), body().params).mean
+        heading = start[tree.coordinates.index((tree.joint_names[0], "Z"))]
+        towards = np.asarray(scene.scene.cameras.centre)[number, :2] - start[:2]
+        assert np.array([-np.sin(heading), np.cos(heading)]) @ towards > 0
+    with pytest.raises(InputError, match="no camera 'middle'.*left, right"):
+        seek_silhouette(scene._replace(faces="middle"), body().params)
+
+
 def test_cameras_must_match():
     masks = {name: mask[None] for name, mask in masks_of(pose()).items()}
     with pytest.raises(InputError, match="left, right.*left, middle"):
