@@ -3,10 +3,10 @@
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
     online = Online(filter, rng_key); state, info = online.update(observation, inputs)
 
-A sequence of any length is one compilation of the filter's `init` and one of its `step`: frames go through a scan of a fixed
-length, of which the last call, or the calls of a slow filter, use only a part. The key of a frame is folded from its number, so
-that results depend neither on these parts nor on whether the frames came one by one. What is kept of a frame is what `collect`
-returns for it; nothing else grows with the sequence.
+A sequence of any length is one compilation of the filter's `init` and one of its `step`, or of `step` alone where a filter tells
+its state before the first frame: frames go through a scan of a fixed length, of which the last call, or the calls of a slow
+filter, use only a part. The key of a frame is folded from its number, so that results depend neither on these parts nor on
+whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows with the sequence.
 """
 
 from __future__ import annotations
@@ -215,10 +215,11 @@ class Online:
             The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
         """
         key, _ = frame_keys(self._rng_key, self.frame)
-        if self.frame == 0 and self._filter.before is None:
+        if self.frame == 0 and self._filter.before is not None:
+            self.state = self._filter.before(observation, inputs)
+        if self.state is None:
             self.state, info = self._init(key, observation, inputs)
         else:
-            before = self.state if self._filter.before is None or self.frame else self._filter.before(observation, inputs)
-            self.state, info = self._step(key, before, observation, inputs)
+            self.state, info = self._step(key, self.state, observation, inputs)
         self.frame += 1
         return self.state, info
