@@ -3,10 +3,11 @@
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
     online = Online(filter, rng_key); state, info = online.update(observation, inputs)
 
-A sequence of any length is one compilation of the filter's `init` and one of its `step`, or of `step` alone where a filter tells
-its state before the first frame: frames go through a scan of a fixed length, of which the last call, or the calls of a slow
-filter, use only a part. The key of a frame is folded from its number, so that results depend neither on these parts nor on
-whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows with the sequence.
+A sequence of any length is one compilation of the filter's `init` and one of its `step`, or of `step` alone where a filter
+tells its state before the first frame: frames go through a scan of a fixed length, of which the last call, or the calls of a
+slow filter, use only a part. The key of a frame is folded from its number, so that results depend neither on these parts nor
+on whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows with the
+sequence.
 """
 
 from __future__ import annotations
