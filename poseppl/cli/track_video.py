@@ -11,7 +11,7 @@ import click
 from poseppl.errors import InputError
 
 MANY = ("--video", "--empty", "--hidden")
-_ONLY = ("calibration", "empty", "hidden", "stature", "faces", "silhouette_noise")
+_ONLY = ("calibration", "empty", "hidden", "stature", "faces", "silhouette_noise", "edges")
 
 
 class ManyFiles(click.Command):
@@ -78,6 +78,7 @@ def video_options(command: Any) -> Any:
             type=float,
             help="--video: standard deviation of a silhouette's distances at the body. [default: 60]",
         ),
+        click.option("--edges", is_flag=True, default=None, help="--video: edges within the silhouettes count, too."),
     ]
     for option in reversed(options):
         command = option(command)
@@ -117,6 +118,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
         if not 0 < options["silhouette_noise"] < 1e4:
             raise InputError(f"{options['silhouette_noise']:g}", field="--silhouette-noise", expected="a positive number of mm")
         settings = settings._replace(noise=options["silhouette_noise"])
+    settings = settings._replace(edges=bool(options["edges"]))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", VideoWarning)
         scene = see_silhouettes(

@@ -1,7 +1,7 @@
 """A silhouette seen by cameras, as Gaussian residuals: a likelihood that gradient methods and Kalman filters can use.
 
-Two kinds of residuals say that the silhouette of the body and that in the image are the same, both signed distances in pixels
-whose value is observed to be 0:
+Kinds of residuals say that the silhouette of the body and that in the image are the same, distances in pixels whose value is
+observed to be 0:
 
 * from each of K points on the observed contour to the nearest part of the body in the image, negative inside
   (:mod:`poseppl.geometry.coverage`): the body's outline passes through the contour;
@@ -10,6 +10,9 @@ whose value is observed to be 0:
       max(0, D(u) + r / 2),
 
   D being the signed distance to the observed silhouette at the axis point u, and r the part's half-width there.
+
+* if the edges of the image count, from points on the sides of each part to the nearest of them
+  (:mod:`poseppl.distributions.part_edges`).
 
 Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbours on a
 contour err alike; their standard deviation has to be raised by the root of how many do.
@@ -25,6 +28,9 @@ import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
 
+from poseppl.distributions.distance_maps import at_points
+from poseppl.distributions.part_edges import FRACTIONS as EDGE_FRACTIONS
+from poseppl.distributions.part_edges import SAMPLES, edge_distances
 from poseppl.geometry.barrier import computed_once
 from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.batched_score import batched_score
@@ -52,15 +58,19 @@ class SilhouetteSeen(NamedTuple):
         contour: Points of the contour (C, K, 2), px.
         distance: Signed distance to the silhouette (C, H, W), in px of the image, negative inside.
         scale: Pixels of ``distance`` to one of the image (C,): centres of pixels are at whole numbers in both.
+        edges: Distance to the nearest edge in the image (C, H, W), px of the image, cut off; None if edges do not count.
     """
 
     contour: jax.Array
     distance: jax.Array
     scale: jax.Array
+    edges: jax.Array | None = None
 
 
 class Silhouettes(dist.Normal):  # type: ignore[misc]
-    """Distances between a body's silhouette and the observed one; the value has batch shape (C, K + parts * 4) and is 0.
+    """Distances between a body's silhouette and the observed one; the value is 0.
+
+    Its batch shape is (C, K + parts * 4), and with edges parts * 6 more.
 
     Args:
         tree: The body.
@@ -108,7 +118,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
 def silhouette_distances(
     tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: jax.Array, seen: SilhouetteSeen
 ) -> jax.Array:
-    """All residuals (C, K + parts * 4) of one state (d,), px; only differentiated by the state, in reverse."""
+    """All residuals (C, entries) of one state (d,), px; only differentiated by the state, in reverse."""
     distances: jax.Array = _distances(state, tree, flesh, cameras, seen)
     return distances
 
@@ -118,7 +128,11 @@ def _distances_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras
     parts = parts_of(tree, flesh, state)
     shapes = computed_once(project_parts(cameras, flesh, parts))
     outline = jnp.min(part_distances(shapes, seen.contour), 1)
-    return _bent(jnp.concatenate([outline, _beyond(cameras, flesh, _axis_points(parts)[None], seen)], 1))
+    found = [outline, _beyond(cameras, flesh, _axis_points(parts)[None], seen)]
+    if seen.edges is not None:
+        beside = edge_distances(cameras, flesh, parts, seen.edges, seen.scale)
+        found.append(beside.reshape(len(beside), -1, beside.shape[-1]))
+    return _bent(jnp.concatenate(found, 1))
 
 
 def _bent(distance: jax.Array) -> jax.Array:
@@ -141,23 +155,8 @@ def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteS
     depth = jnp.linalg.norm(points - cameras.centre[:, None, None], axis=3)
     focal = jnp.mean(jnp.abs(cameras.focal), 1)[:, None, None]
     needed = _DEPTH * width * focal / depth
-    scale = seen.scale[:, None, None]
-    outside = _bilinear(seen.distance, (x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5) + needed
+    outside = at_points(seen.distance, seen.scale, x, y) + needed
     return (_SOFT * jax.nn.softplus(outside / _SOFT)).reshape(x.shape[0], -1, x.shape[-1])
-
-
-def _bilinear(maps: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
-    """Values of maps (C, H, W, 1) between pixels (C, ..., N); beyond the border, those at the border."""
-    count, height, width = maps.shape[:3]
-    x, y = jnp.clip(x, 0.0, width - 1.001), jnp.clip(y, 0.0, height - 1.001)
-    column, row = jnp.floor(x), jnp.floor(y)
-    right, down = x - column, y - row
-    first = jnp.arange(count, dtype=jnp.int32).reshape(-1, *(1,) * (x.ndim - 1)) * (height * width)
-    place = first + (row * width + column).astype(jnp.int32)
-    flat = maps.reshape(-1)
-    above, below = ([jnp.take(flat, place + shift + step, mode="clip") for step in (0, 1)] for shift in (0, width))
-    upper, lower = (pair[0] + right * (pair[1] - pair[0]) for pair in (above, below))
-    return upper + down * (lower - upper)
 
 
 def _density_last(state: jax.Array, fixed: Any) -> jax.Array:
@@ -179,8 +178,12 @@ def _jacobian_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras:
     parts = place_parts(flesh, frames)
     nearest = jnp.argmin(part_distances(computed_once(project_parts(cameras, flesh, parts)), seen.contour), 1)
     pushes = [_outline_pushes(cameras, flesh, parts, seen.contour, nearest), _beyond_pushes(cameras, flesh, parts, seen)]
+    own = [jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))]
+    if seen.edges is not None:
+        pushes.append(_edge_pushes(cameras, flesh, parts, seen))
+        own.append(jnp.repeat(jnp.arange(len(flesh.links)), SAMPLES))
     force, moment = (jnp.concatenate(each, 1) for each in zip(*pushes, strict=True))
-    fixed = jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))[:, None]
+    fixed = jnp.concatenate(own)[:, None]
     part = jnp.concatenate([nearest, jnp.broadcast_to(fixed, (len(nearest), len(fixed), nearest.shape[-1]))], 1)
     return derivatives_of_pushes(tree, frames, force, moment, jnp.asarray(flesh.links)[part])
 
@@ -191,17 +194,54 @@ def _outline_pushes(
     """Gradient of each contour point's residual by a shift and a turn of its nearest part: (C, K, 3, N) each."""
     chosen = _chosen((parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls), nearest)
 
-    def residual(axes: jax.Array, base: jax.Array, sizes: Any, camera: Cameras, point: jax.Array) -> jax.Array:
+    def residual(part: Any, camera: Cameras, point: jax.Array) -> jax.Array:
         """Of one point (2, N) and one part in one camera."""
-        length, radii, scales, balls = sizes
-        own = PartFrames(axes[None], base[None], (base + axes[:, 2] * length)[None])
-        size = replace(flesh, lengths=length[None], radii=radii[None], scales=scales[None], balls=balls[None])
-        shape = project_parts(jax.tree.map(lambda leaf: leaf[None], camera), size, own)
-        return _bent(part_distances(shape, point[None, None]))
+        return _bent(part_distances(project_parts(camera, *_alone(flesh, part)), point[None, None]))
 
-    each = jax.vmap(jax.vmap(residual, in_axes=(0, 0, 0, None, 0)))
-    axes, base, *sizes = chosen
-    value, pull = jax.vjp(lambda axes, base: each(axes, base, sizes, cameras, contour), axes, base)
+    return _pushes(residual, chosen, cameras, contour)
+
+
+def _edge_pushes(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen) -> tuple[jax.Array, jax.Array]:
+    """The same (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
+    assert seen.edges is not None
+    count, cameras_too = len(flesh.links), len(cameras.centre)
+    every = (parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls)
+    each = jax.tree.map(
+        lambda leaf: jnp.broadcast_to(jnp.repeat(leaf, SAMPLES, 0), (cameras_too, count * SAMPLES, *leaf.shape[1:])), every
+    )
+    fraction = jnp.tile(jnp.asarray(EDGE_FRACTIONS), 2 * count)
+    second = jnp.tile(jnp.arange(SAMPLES) >= len(EDGE_FRACTIONS), count)
+    sample = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (cameras_too, count * SAMPLES)), (fraction, second))
+
+    def residual(part: Any, camera: Any, sample: tuple[jax.Array, jax.Array]) -> jax.Array:
+        """Of one point of one part's sides in one camera."""
+        (lens, edges, scale), (fraction, second) = camera, sample
+        sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
+        return _bent(jnp.where(second, sides[:, :, 1], sides[:, :, 0]))
+
+    return _pushes(residual, each, (cameras, seen.edges, seen.scale), sample)
+
+
+def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
+    """One part as the flesh and frames of a body, axes (3, 3, N), base (3, N), and so on."""
+    axes, base, length, radii, scales, balls = part
+    size = replace(flesh, lengths=length[None], radii=radii[None], scales=scales[None], balls=balls[None])
+    return size, PartFrames(axes[None], base[None], (base + axes[:, 2] * length)[None])
+
+
+def _pushes(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[jax.Array, jax.Array]:
+    """Gradients of residuals (C, K, N) by a shift and a turn about the world's origin of the part of each: (C, K, 3, N) each.
+
+    Args:
+        residual: `(part, camera, datum) -> residual`, the camera with a leading axis of 1.
+        parts: Axes, base and sizes, leaves (C, K, ..., N or 1).
+        cameras: What belongs to a camera, leaves (C, ...).
+        data: What belongs to a residual, leaves (C, K, ...).
+    """
+    (axes, base), sizes = parts[:2], parts[2:]
+    single = jax.tree.map(lambda leaf: leaf[:, None], cameras)
+    each = jax.vmap(jax.vmap(residual, in_axes=(0, None, 0)))
+    value, pull = jax.vjp(lambda axes, base: each((axes, base, *sizes), single, data), axes, base)
     turned, force = pull(jnp.ones_like(value))
     moment = sum(jnp.cross(axes[:, :, :, i], turned[:, :, :, i], axis=2) for i in range(3))
     return force, jnp.cross(base, force, axis=2) + moment

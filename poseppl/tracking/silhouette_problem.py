@@ -41,6 +41,7 @@ def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None
             np.asarray(seen.contour, np.float32),  # type: ignore[arg-type]
             seen.distance,  # type: ignore[arg-type]
             fixed(jnp.asarray(seen.scale, float)),
+            seen.edges,  # type: ignore[arg-type]
         ),
         fixed(jnp.asarray(noise_in_pixels(seen, start.mean), float)),
         fixed(jnp.asarray(start.mean, float)),

@@ -20,13 +20,15 @@ from poseppl.io.opencv import opencv
 from poseppl.io.synchronised import VideoWarning, synchronised
 from poseppl.tracking.placing import cameras_of_records
 from poseppl.tracking.scene import Floats, Scene
-from poseppl.vision import Background, check_mask, silhouette_distance
+from poseppl.vision import Background, EdgeSettings, check_mask, edge_distance, find_edges, silhouette_distance
 from poseppl.vision.contours import contour_points
 
 Mask = NDArray[np.uint8]
 OnFailure = Literal["continue", "stop"]
 _CUT = 0.02
 """Share of a picture's width or height that an encoder may cut off."""
+_NEXT = 10.0
+"""Largest distance from an edge that is told apart, px."""
 
 
 class SilhouetteSettings(NamedTuple):
@@ -38,12 +40,14 @@ class SilhouetteSettings(NamedTuple):
             segmentation do not agree on, raised because neighbouring points err alike.
         map_size: The longer side of a distance map, px; images are reduced to it.
         truncation: Largest distance that is told apart, px of the image.
+        edges: Whether edges within the silhouette count, where there are images.
     """
 
     num_points: int = 64
     noise: float = 60.0
     map_size: int = 320
     truncation: float = 60.0
+    edges: bool = False
 
     def check(self) -> SilhouetteSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
@@ -64,6 +68,7 @@ class SilhouetteScene(NamedTuple):
         scale: Pixels of the maps to one of the image (C,).
         usable: Whether a camera's mask says anything in a frame (T, C).
         noise: Standard deviation of distances at the body, mm.
+        edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
         faces: Name of the camera that the person faces at first, if somebody told.
     """
 
@@ -74,6 +79,7 @@ class SilhouetteScene(NamedTuple):
     scale: Floats
     usable: NDArray[np.bool_]
     noise: float
+    edges: NDArray[np.float32] | None = None
     faces: str | None = None
 
 
@@ -90,6 +96,7 @@ class _Frame(NamedTuple):
     on_outline: Mask
     distance: NDArray[np.float32]
     usable: bool
+    edges: NDArray[np.float32] | None = None
 
 
 def silhouette_scene(
@@ -178,7 +185,9 @@ def scene_of_videos(
             blind = (hidden or {}).get(record.name)
             found = backgrounds[record.name].subtract(images[record.name])
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
-            row.append(_frame(found.foreground, unknown, record, number, chosen, on_failure))
+            seen = _frame(found.foreground, unknown, record, number, chosen, on_failure)
+            edges = _edges(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
+            row.append(seen._replace(edges=edges))
         frames.append(row)
         if advance is not None:
             advance(1)
@@ -299,10 +308,18 @@ def _assemble(
         np.array([map_scale(record, settings) for record in records]),
         np.array([[frame.usable for frame in row] for row in frames]),
         settings.noise,
+        _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
     )
 
 
-def _same_size(maps: Sequence[Sequence[NDArray[np.float32]]]) -> NDArray[np.float32]:
+def _edges(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[np.float32]:
+    """Distances to the nearest edge of the foreground, at the scale of the maps, px of the image."""
+    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT)
+    size = (round(distance.shape[1] * scale), round(distance.shape[0] * scale))
+    return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
+
+
+def _same_size(maps: Sequence[Sequence[Any]]) -> NDArray[np.float32]:
     """Stack maps (H, W) of each frame and camera; smaller ones are continued by their border."""
     height, width = (max(each.shape[axis] for each in maps[0]) for axis in (0, 1))
     grown = [

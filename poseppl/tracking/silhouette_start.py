@@ -143,7 +143,8 @@ def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, jax.Array,
     """What was seen in a frame, which points of the contours count, and which cameras."""
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
     on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
-    return SilhouetteSeen(contour, distance, scale), on_outline, usable
+    edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
+    return SilhouetteSeen(contour, distance, scale, edges), on_outline, usable
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:

@@ -32,8 +32,13 @@ def record(name: str, angle: float) -> CameraRecord:
 RECORDS = (record("left", 0.3), record("right", 1.7))
 
 
-@functools.cache
 def body():
+    return _body(jnp.result_type(float))
+
+
+@functools.cache
+def _body(dtype):
+    """One body for each precision."""
     return full_body()
 
 

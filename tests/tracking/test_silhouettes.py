@@ -78,9 +78,37 @@ def test_one_pass_equals_normals_and_its_gradients_finite_differences():
         np.testing.assert_allclose(found, np.asarray(jax.jit(jax.grad(plain))(x)), rtol=1e-8, atol=1e-9 * np.abs(found).max())
 
 
-def test_information_is_that_of_the_residuals():
+def with_edges(scene):
+    """Edges where the masks' outlines are, and two lines across."""
+    distance = np.abs(scene.distance).astype(np.float32)
+    rows = np.arange(distance.shape[2], dtype=np.float32)[:, None]
+    lines = np.minimum(np.abs(rows - 70), np.abs(rows - 100.5))
+    return scene._replace(edges=np.minimum(np.minimum(distance, lines), np.float32(10.0)))
+
+
+def test_edges_have_gradients_and_pull_the_sides_of_parts():
+    with precision(np.float64):
+        truth = pose(1)
+        model, observation, inputs = program_of(with_truth(with_edges(scene_of(truth)), truth))
+        x = jnp.asarray(truth + 0.02 * np.random.default_rng(0).standard_normal(len(truth)), float)
+        density = jax.jit(lambda x: model.log_observation(x, observation, inputs))
+        found = np.asarray(jax.jit(jax.grad(density))(x))
+        step = 1e-7
+        moved = np.array([(density(x.at[i].add(step)) - density(x.at[i].add(-step))) / (2 * step) for i in range(len(x))])
+        np.testing.assert_allclose(found, moved, rtol=1e-3, atol=1e-4 * np.abs(moved).max())  # kinks, as without edges
+        both = jax.jit(lambda x: model.observation_moments(x, inputs)[0])(x).reshape(2, -1)
+        alone = jax.jit(lambda x: model.observation_moments(x, inputs._replace(seen=inputs.seen._replace(edges=None)))[0])(x)
+        np.testing.assert_allclose(both[:, : alone.size // 2].ravel(), alone, rtol=1e-12)
+        beside = both[:, alone.size // 2 :]
+        # bent by 20 tanh(. / 20), no distance is more than that of the cut
+        assert 0 <= beside.min() < 1.0 and 5.0 < beside.max() <= 20 * np.tanh(0.5) + 1e-9
+
+
+@pytest.mark.parametrize("edges", [False, True])
+def test_information_is_that_of_the_residuals(edges):
     truth = pose(2)
-    model, observation, inputs = program_of(with_truth(scene_of(truth), truth))
+    scene = with_truth(scene_of(truth), truth)
+    model, observation, inputs = program_of(with_edges(scene) if edges else scene)
     x = jnp.asarray(truth, float)
     rows = jax.jit(jax.jacrev(lambda x: model.observation_moments(x, inputs)[0]))(x)
     weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), rows.shape[0] // 2) ** 2
