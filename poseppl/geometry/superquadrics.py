@@ -1,7 +1,7 @@
 """Superquadric ellipsoids with tapering and bending on the links of a kinematic tree: flesh of Sminchisescu and Triggs 2001.
 
-A part is a deformed superquadric (section 2; Barr 1984, doi:10.1145/800031.808573), with nine parameters of its shape. With half-axes
-a, b, c and exponents e_1 (along z) and e_2 (across), a node at latitude eta and longitude omega is, in the part's frame,
+A part is a deformed superquadric (section 2; Barr 1984, doi:10.1145/800031.808573), with nine parameters of its shape. With
+half-axes a, b, c and exponents e_1 (along z) and e_2 (across), a node at latitude eta and longitude omega is, in its own frame,
 
     x = a C(eta, e_1) C(omega, e_2),   y = b C(eta, e_1) S(omega, e_2),   z = c S(eta, e_1),
 
@@ -10,11 +10,12 @@ with (C, S) a point of the superellipse |C|^(2/e) + |S|^(2/e) = 1. It is tapered
     x <- (1 + t_x z / c) x,   y <- (1 + t_y z / c) y,
     r <- r + (1 - k r) (1 - cos k z) / k,   z <- (1 - k r) sin(k z) / k,
 
-r being the coordinate along the direction of bending and k the curvature, so that sections across the part stay plane and rigid.
-Exponents of 1 make ellipsoids, towards 0 boxes and cylinders, 2 diamonds. Normals n go as det(J) J^-T n with the deformation's J.
+r being the coordinate along the direction of bending and k the curvature: sections across the part stay plane and rigid.
+Exponents of 1 make ellipsoids, towards 0 boxes and cylinders, 2 diamonds. Normals n go as det(J) J^-T n, with the deformation's
+Jacobian J.
 
-Angles here are not quite Barr's, whose cosines are raised to e and whose nodes crowd into the corners of boxes: C and S are along
-(cos^sqrt(e), sin^sqrt(e)). The surface is the same, and for ellipsoids the angles are.
+Angles here are not quite Barr's, whose cosines are raised to e and whose nodes crowd into the corners of boxes: C and S go as
+cos^sqrt(e) and sin^sqrt(e), scaled onto the superellipse. The surface is the same, and for ellipsoids the angles are.
 
 >>> from poseppl.geometry import Joint, Marker, kinematic_tree
 >>> tree = kinematic_tree([Joint("hip", None, (0, 0, 0), "X")], [Marker("knee", "hip", (0, 0, -400))])
@@ -148,7 +149,7 @@ def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, piec
     )
 
 
-def pieces_needed(part: Superquadric, loss: float = 0.004) -> int:
+def pieces_needed(part: Superquadric, loss: float = 0.003) -> int:
     """Into how many pieces a part has to be cut for the convex hulls of the pieces to tell its silhouette.
 
     The hull of an arc of length l and angle g fills a segment of the circle on the hollow side, of area l^2 g / 12; the n
@@ -163,7 +164,9 @@ def pieces_needed(part: Superquadric, loss: float = 0.004) -> int:
     return max(tapered, int(np.ceil(np.sqrt(abs(part.bend) * ratio / (12 * loss)))))
 
 
-def surface_nodes(tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitudes: jax.Array, longitudes: jax.Array) -> Nodes:
+def surface_nodes(
+    tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitudes: jax.Array, longitudes: jax.Array
+) -> Nodes:
     """Nodes of one state (d,) in the world; for gradients in reverse take :func:`nodes_of`, this has none.
 
     Args:
@@ -178,7 +181,7 @@ def surface_nodes(tree: KinematicTree, flesh: Superquadrics, state: jax.Array, l
 
 
 def nodes_of(tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitudes: jax.Array, longitudes: jax.Array) -> Nodes:
-    """Nodes (P, R, W, 3, N) of states (d, N), the batch last; all other leaves have a last axis of N or 1, or none for angles."""
+    """Nodes (P, R, W, 3, N) of states (d, N), the batch last; other leaves have a last axis of N or 1, angles may have none."""
     return place_nodes(flesh, frames_of(tree, state), local_nodes(flesh, latitudes, longitudes))
 
 
@@ -206,7 +209,8 @@ def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Arra
     (level, height), (x, y) = _superellipse(eta, along), _superellipse(omega, around)
     a, b, c = (flesh.half_axes[:, i, None, None] for i in range(3))
     place = jnp.broadcast_arrays(a * level * x, b * level * y, c * height)
-    slopes = [_slope(level, along) * _slope(x, around) / a, _slope(level, along) * _slope(y, around) / b, _slope(height, along) / c]
+    steep = _slope(level, along)
+    slopes = steep * _slope(x, around) / a, steep * _slope(y, around) / b, _slope(height, along) / c
     moved, columns = _deformed(flesh, place)
     normal = sum(slope[:, :, :, None] * area for slope, area in zip(slopes, _areas(columns), strict=True))
     length = jnp.sqrt(jnp.sum(normal**2, 3, keepdims=True))
@@ -279,7 +283,7 @@ def _check(tree: KinematicTree, part: Superquadric, before: Sequence[str]) -> No
         raise ValueError(f"two parts are named {part.name!r}")
     if not (min(part.half_axes) > 0 and np.all(np.isfinite(part.half_axes))):
         raise ValueError(f"{name} has half-axes {part.half_axes}; expected three sizes in mm")
-    if not (_LEAST_EXPONENT <= min(part.exponents) and max(part.exponents) <= 2):
+    if not (min(part.exponents) >= _LEAST_EXPONENT and max(part.exponents) <= 2):
         raise ValueError(f"{name} has exponents {part.exponents}; expected {_LEAST_EXPONENT} to 2")
     if not max(map(abs, part.taper)) < 1:
         raise ValueError(f"{name} has a taper of {part.taper}; expected more than -1, less than 1")
