@@ -11,8 +11,8 @@ with (C, S) a point of the superellipse |C|^(2/e) + |S|^(2/e) = 1. It is tapered
     r <- r + (1 - k r) (1 - cos k z) / k,   z <- (1 - k r) sin(k z) / k,
 
 r being the coordinate along the direction of bending and k the curvature: sections across the part stay plane and rigid.
-Exponents of 1 make ellipsoids, towards 0 boxes and cylinders, 2 diamonds. Normals n go as det(J) J^-T n, with the deformation's
-Jacobian J.
+Exponents of 1 make ellipsoids, towards 0 boxes and cylinders, 2 diamonds. Normals n go as J^-T n, J being the deformation's
+Jacobian.
 
 Angles here are not quite Barr's, whose cosines are raised to e and whose nodes crowd into the corners of boxes: C and S go as
 cos^sqrt(e) and sin^sqrt(e), scaled onto the superellipse. The surface is the same, and for ellipsoids the angles are.
@@ -41,6 +41,7 @@ from poseppl.geometry.kinematics import Frames, frames_of
 from poseppl.geometry.tree import KinematicTree
 
 Triple = tuple[float, float, float]
+Vector = tuple[jax.Array, jax.Array, jax.Array]
 
 _LEAST_EXPONENT = 0.1
 _LEAST = 1e-6
@@ -208,13 +209,11 @@ def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Arra
     along, around = (flesh.exponents[:, i, None, None] for i in range(2))
     (level, height), (x, y) = _superellipse(eta, along), _superellipse(omega, around)
     a, b, c = (flesh.half_axes[:, i, None, None] for i in range(3))
-    place = jnp.broadcast_arrays(a * level * x, b * level * y, c * height)
     steep = _slope(level, along)
     slopes = steep * _slope(x, around) / a, steep * _slope(y, around) / b, _slope(height, along) / c
-    moved, columns = _deformed(flesh, place)
-    normal = sum(slope[:, :, :, None] * area for slope, area in zip(slopes, _areas(columns), strict=True))
-    length = jnp.sqrt(jnp.sum(normal**2, 3, keepdims=True))
-    return Nodes(moved, normal / length)
+    points, normals = _bent(flesh, *_tapered(flesh, (a * level * x, b * level * y, c * height), slopes))
+    points, normals = (jnp.stack(jnp.broadcast_arrays(*vector), 3) for vector in (points, normals))
+    return Nodes(points, normals * jax.lax.rsqrt(jnp.sum(normals**2, 3, keepdims=True)))
 
 
 def _superellipse(angle: jax.Array, exponent: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -234,40 +233,31 @@ def _slope(coordinate: jax.Array, exponent: jax.Array) -> jax.Array:
     return jnp.sign(coordinate) * jnp.maximum(jnp.abs(coordinate), _LEAST) ** (2 / exponent - 1)
 
 
-def _deformed(flesh: Superquadrics, place: Sequence[jax.Array]) -> tuple[jax.Array, list[jax.Array]]:
-    """Points (P, R, W, 3, N) and their derivatives by x, y and z before."""
-
-    def deform(x: jax.Array, y: jax.Array, z: jax.Array) -> jax.Array:
-        return bent(flesh, *tapered(flesh, x, y, z))
-
-    none, one = jnp.zeros_like(place[0]), jnp.ones_like(place[0])
-    moved = deform(*place)
-    columns = [jax.jvp(deform, tuple(place), tuple(one if i == j else none for j in range(3)))[1] for i in range(3)]
-    return moved, columns
+def _tapered(flesh: Superquadrics, place: Vector, normal: Vector) -> tuple[Vector, Vector]:
+    """Taper coordinates (P, R, W, N), and the normals there, of any length."""
+    (x, y, z), (along_x, along_y, along_z) = place, normal
+    steep_x, steep_y = (flesh.tapers[:, i, None, None] / flesh.half_axes[:, 2, None, None] for i in range(2))
+    wide_x, wide_y = 1 + steep_x * z, 1 + steep_y * z
+    along_x, along_y = along_x / wide_x, along_y / wide_y
+    return (wide_x * x, wide_y * y, z), (along_x, along_y, along_z - steep_x * x * along_x - steep_y * y * along_y)
 
 
-def tapered(flesh: Superquadrics, x: jax.Array, y: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Taper coordinates (P, R, W, N) of the parts' frames."""
-    height = z / flesh.half_axes[:, 2, None, None]
-    return (1 + flesh.tapers[:, 0, None, None] * height) * x, (1 + flesh.tapers[:, 1, None, None] * height) * y, z
+def _bent(flesh: Superquadrics, place: Vector, normal: Vector) -> tuple[Vector, Vector]:
+    """Bend coordinates (P, R, W, N), and turn the normals there, of any length.
 
-
-def bent(flesh: Superquadrics, x: jax.Array, y: jax.Array, z: jax.Array) -> jax.Array:
-    """Bend coordinates (P, R, W, N) of the parts' frames; returns (P, R, W, 3, N)."""
-    angle, towards = flesh.bends[:, 0, None, None], flesh.bends[:, 1, None, None]
-    curvature = angle / (2 * flesh.half_axes[:, 2, None, None])
+    With ``left = 1 - k r`` the Jacobian stretches z by it and turns by the angle k z towards which the part bends.
+    """
+    (x, y, z), (along_x, along_y, along_z) = place, normal
+    towards = flesh.bends[:, 1, None, None]
+    curvature = flesh.bends[:, 0, None, None] / (2 * flesh.half_axes[:, 2, None, None])
     cosine, sine = jnp.cos(towards), jnp.sin(towards)
-    left = 1 - curvature * (cosine * x + sine * y)
-    turn = curvature * z
+    left, turn = 1 - curvature * (cosine * x + sine * y), curvature * z
     # (1 - cos kz) / k and sin(kz) / k, for k = 0 too
-    aside = left * z * turn / 2 * jnp.sinc(turn / (2 * jnp.pi)) ** 2
-    return jnp.stack([x + cosine * aside, y + sine * aside, left * z * jnp.sinc(turn / jnp.pi)], 3)
-
-
-def _areas(columns: Sequence[jax.Array]) -> list[jax.Array]:
-    """Columns of det(J) J^-T."""
-    x, y, z = columns
-    return [jnp.cross(y, z, axis=3), jnp.cross(z, x, axis=3), jnp.cross(x, y, axis=3)]
+    aside, height = left * z * turn / 2 * jnp.sinc(turn / (2 * jnp.pi)) ** 2, left * z * jnp.sinc(turn / jnp.pi)
+    along_r, upright = cosine * along_x + sine * along_y, along_z / left
+    added = along_r * (jnp.cos(turn) - 1) + upright * jnp.sin(turn)
+    turned = along_x + cosine * added, along_y + sine * added, upright * jnp.cos(turn) - along_r * jnp.sin(turn)
+    return (x + cosine * aside, y + sine * aside, height), turned
 
 
 def _turned(axes: jax.Array, vectors: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ from bodies import JOINTS, mixed_tree, plain_kinematics, states
 from cone_views import camera, four_cameras, overlap
 from oracles.superquadric_rays import is_inside
 from precision import epsilon, precision
-from superquadric_views import TREE, covered, distances_of, frame_of, last, placed_nodes, pose, random_part, silhouettes
+from superquadric_views import TREE, distances_of, frame_of, last, placed_nodes, pose, random_part, silhouettes
 
 from poseppl.geometry import Marker
 from poseppl.geometry.batched_score import batched_score
@@ -103,7 +103,7 @@ def test_silhouettes_agree_with_rays(distance):
     """Discretisation: over 0.99 of the union. A part without its taper, or its bend, must be told where it has much of them."""
     rng = np.random.default_rng(int(distance))
     with precision(np.float64):
-        for number in range(8):
+        for number in range(6):
             part, state = random_part(rng), pose(rng, distance / 60)
             view = camera(distance, rng.uniform(-0.5, 0.9), rng.uniform(0, 6))
             found, expected = silhouettes(part, state, view)
@@ -115,11 +115,11 @@ def test_silhouettes_agree_with_rays(distance):
 
 
 def test_silhouettes_of_bent_parts_are_hollow():
-    """A half-circle seen from the side: with one convex piece in the place of twelve the hollow would be filled."""
+    """A quarter of a circle seen from the side: with one convex piece in the place of many the hollow would be filled."""
     with precision(np.float64):
-        part = Superquadric("hook", "hip", (30.0, 30.0, 240.0), bend=2.5, axis=(0, 0, 1))
+        part = Superquadric("hook", "hip", (40.0, 40.0, 240.0), bend=1.5, axis=(0, 0, 1))
         state, view = np.zeros(6), camera(3000.0, 0.0)
-        found, expected = silhouettes(part, state, view, pieces=12)
+        found, expected = silhouettes(part, state, view, pieces=None)
         assert overlap(found, expected) > 0.99
         assert overlap(silhouettes(part, state, view, pieces=1)[0], expected) < 0.8
 
@@ -140,7 +140,7 @@ def test_contours_of_ellipsoids_lie_in_planes():
         axes, centre = frame_of(part, state)
         eye = (np.asarray(view.centre[0]) - centre) @ axes / np.array(part.half_axes) ** 2
         errors = []
-        for count in (12, 24, 48):
+        for count in (12, 36):
             angles = jnp.linspace(-np.pi / 2, np.pi / 2, count + 1), jnp.linspace(0, 2 * np.pi, 2 * count, endpoint=False)
             nodes = jax.jit(nodes_of)(last(TREE), last(superquadrics_of(TREE, [part])), jnp.asarray(state)[:, None], *angles)
             contours = jax.jit(contour_points)(last(view), nodes)
@@ -150,7 +150,7 @@ def test_contours_of_ellipsoids_lie_in_planes():
             errors.append(np.abs(points @ eye - 1).max())
             seen = np.asarray(facing(last(view), nodes)) > 0
             assert 0.2 < seen.mean() < 0.5  # a near eye sees less than half
-        assert np.polyfit(np.log([12, 24, 48]), np.log(errors), 1)[0] < -1.7, errors
+        assert errors[1] < errors[0] / 6, errors
 
 
 def test_contours_lie_on_silhouettes():
@@ -176,7 +176,7 @@ def body_score(state, cameras, flesh, tree, points):
 
 
 def image_points(rng, count):
-    return jnp.asarray(rng.uniform((220, 150), (420, 330), (4, count, 2)))
+    return jnp.asarray(rng.uniform((260, 180), (380, 300), (4, count, 2)))
 
 
 def test_soft_coverage_tends_to_the_hard_one():
@@ -198,7 +198,7 @@ def test_soft_coverage_tends_to_the_hard_one():
 def test_gradients_of_the_smooth_coverage_against_finite_differences():
     """Exact up to central differences: steps of 1e-6 leave some 1e-8 of the gradient; corners rarely move within one.
 
-    The reverse gradient through a batch is the same one.
+    A batch is one at a time, up to rounding.
     """
     rng = np.random.default_rng(6)
     with precision(np.float64):
@@ -212,6 +212,8 @@ def test_gradients_of_the_smooth_coverage_against_finite_differences():
             expected = np.asarray(moved(state + steps) - moved(state - steps)) / 2e-6
             np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
             assert np.all(np.abs(gradient) > 1e-4)
+        alone = jax.jit(lambda x: score(x, *arguments))
+        np.testing.assert_allclose(moved(states), [alone(state) for state in states], rtol=1e-9)
 
 
 def test_gradients_of_points_by_state_and_shape_against_finite_differences():
@@ -241,7 +243,7 @@ def test_gradients_of_points_by_state_and_shape_against_finite_differences():
 def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
     """The eye on the axis, inside a part, and the part behind the camera."""
     points = image_points(np.random.default_rng(8), 20)[:1].astype(dtype)
-    flesh = last(superquadrics_of(TREE, PARTS))
+    flesh = last(superquadrics_of(TREE, PARTS[:2], pieces=2))
 
     @jax.jit
     @jax.value_and_grad
@@ -252,18 +254,6 @@ def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
     for distance, place in ((3000.0, 0.0), (100.0, 0.0), (3000.0, -6000.0)):
         value, gradient = score(jnp.array([0.0, place, 0.0, 0.0, 0.0, 0.0], dtype), last(camera(distance, elevation=0.0)))
         assert np.isfinite(value) and np.all(np.isfinite(gradient)), (distance, place)
-
-
-def test_a_batch_is_one_at_a_time():
-    """Exact up to rounding, in float64; in float32 a corner may move to another node."""
-    rng = np.random.default_rng(9)
-    with precision(np.float64):
-        arguments = (four_cameras(), superquadrics_of(TREE, PARTS), TREE, image_points(rng, 20))
-        score = batched_score(body_score, chunk=8)
-        states = jnp.asarray(np.stack([pose(rng) for _ in range(11)]))
-        together = jax.jit(jax.vmap(lambda state: score(state, *arguments)))(states)
-        alone = jax.jit(lambda state: score(state, *arguments))
-        np.testing.assert_allclose(together, [alone(state) for state in states], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -294,10 +284,3 @@ def test_what_is_no_part(change, words):
 def test_what_is_too_coarse(change):
     with pytest.raises(ValueError, match=next(iter(change))):
         outlines_of(last(camera(3000.0)), last(superquadrics_of(TREE, PARTS)), None, Fineness(**change))
-
-
-def test_covered_points_of_a_batch_of_cameras():
-    """Cameras differ: a part behind one of two is not seen by it."""
-    flesh = superquadrics_of(TREE, [PARTS[0]._replace(centre=(0.0, 0.0, 0.0))])
-    middle = jnp.full((4, 1, 2), jnp.array([320.0, 240.0]))
-    assert np.asarray(covered(four_cameras(), flesh, jnp.zeros(6), middle)).all()
