@@ -22,11 +22,11 @@ def last(tree):
 
 
 def test_silhouettes_overlap_those_of_cones_at_random_poses():
-    """IoU over 0.8 in both cameras; a body a fifth thinner is told by a fifth of the area, whatever its pose."""
+    """IoU over 0.88 in both cameras, where hands are missing and ends differ; a body a quarter thinner is further away."""
     body, rng = full_body(), np.random.default_rng(0)
     tree, cones = body.tree, flesh_of(body.tree, choo_fleet_flesh(body.lengths))
-    views = [look_at(place, (0.0, 0.0, 900.0), 1.0) for place in ((0.0, -4000.0, 1500.0), (3500.0, 500.0, 1200.0))]
-    grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 110), np.linspace(-0.4, 0.4, 110)), -1).reshape(1, -1, 2, 1)
+    views = [look_at(place, (0.0, 0.0, 900.0), 400.0) for place in ((0.0, -4000.0, 1500.0), (3500.0, 500.0, 1200.0))]
+    grid = np.stack(np.meshgrid(np.linspace(-140, 140, 110), np.linspace(-140, 140, 110)), -1).reshape(1, -1, 2, 1)
     points, cameras = jnp.asarray(grid.repeat(2, 0), float), last(join_cameras(views))
 
     @jax.jit
@@ -53,6 +53,5 @@ def test_silhouettes_overlap_those_of_cones_at_random_poses():
         state = jnp.asarray(state, float)[:, None]
         found.append(overlaps(flesh, state))
         thinner.append(overlaps(thin, state))
-    assert np.min(found) > 0.8, found
+    assert np.min(found) > 0.88, found
     assert np.max(thinner) < np.min(found), (found, thinner)
-    print(np.round(found, 3), np.round(thinner, 3))
