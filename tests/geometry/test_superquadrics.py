@@ -240,9 +240,9 @@ def test_gradients_of_points_by_state_and_shape_against_finite_differences():
                 np.testing.assert_allclose(found[number][place], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-4)
 
 
-def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
-    """The eye on the axis, inside a part, and the part behind the camera."""
-    points = image_points(np.random.default_rng(8), 20)[:1].astype(dtype)
+def test_gradients_are_finite_seen_along_an_axis_and_from_behind():
+    """The eye on the axis, inside a part, and the part behind the camera; in float32, where they fail first."""
+    points = image_points(np.random.default_rng(8), 20)[:1]
     flesh = last(superquadrics_of(TREE, PARTS[:2], pieces=2))
 
     @jax.jit
@@ -252,7 +252,7 @@ def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
         return jnp.sum(soft_coverage(distances, jnp.full((1, 1), 2.0)))
 
     for distance, place in ((3000.0, 0.0), (100.0, 0.0), (3000.0, -6000.0)):
-        value, gradient = score(jnp.array([0.0, place, 0.0, 0.0, 0.0, 0.0], dtype), last(camera(distance, elevation=0.0)))
+        value, gradient = score(jnp.array([0.0, place, 0.0, 0.0, 0.0, 0.0]), last(camera(distance, elevation=0.0)))
         assert np.isfinite(value) and np.all(np.isfinite(gradient)), (distance, place)
 
 
