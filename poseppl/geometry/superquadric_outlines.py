@@ -130,8 +130,8 @@ def outlines_of(cameras: Cameras, flesh: Superquadrics, frames: Frames, fineness
     """
     fineness = (fineness or Fineness()).check()
     num_sides = fineness.sides
-    nodes = local_nodes(flesh, *_angles(flesh.pieces, fineness))
-    image = _project(cameras, place_nodes(flesh, frames, nodes._replace(points=_filled(nodes.points))).points, 3)
+    mesh = local_nodes(flesh, *_angles(flesh.pieces, fineness))
+    image = _project(cameras, place_nodes(flesh, frames, mesh._replace(points=_filled(mesh.points))).points, 3)
     steps = (image.shape[2] - 1) // flesh.pieces
     rows = np.arange(flesh.pieces)[:, None] * steps + np.arange(steps + 1)
     nodes = image[:, :, rows].reshape(*image.shape[:2], flesh.pieces, -1, 2, image.shape[-1])  # (C, P, S, V, 2, N)

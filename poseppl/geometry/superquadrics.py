@@ -211,8 +211,8 @@ def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Arra
     a, b, c = (flesh.half_axes[:, i, None, None] for i in range(3))
     steep = _slope(level, along)
     slopes = steep * _slope(x, around) / a, steep * _slope(y, around) / b, _slope(height, along) / c
-    points, normals = _bent(flesh, *_tapered(flesh, (a * level * x, b * level * y, c * height), slopes))
-    points, normals = (jnp.stack(jnp.broadcast_arrays(*vector), 3) for vector in (points, normals))
+    deformed = _bent(flesh, *_tapered(flesh, (a * level * x, b * level * y, c * height), slopes))
+    points, normals = (jnp.stack(jnp.broadcast_arrays(*vector), 3) for vector in deformed)
     return Nodes(points, normals * jax.lax.rsqrt(jnp.sum(normals**2, 3, keepdims=True)))
 
 
