@@ -32,7 +32,8 @@ def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable
     """
 
     def pulled(state: jax.Array, cotangent: jax.Array, *constants: Tree) -> jax.Array:
-        state = jnp.broadcast_to(state, (state.shape[0], cotangent.shape[-1]))  # many cotangents may meet one state
+        count = max(leaf.shape[-1] for leaf in jax.tree.leaves((state, cotangent, constants)))
+        state = jnp.broadcast_to(state, (state.shape[0], count))  # many cotangents, or data, may meet one state
         gradient: jax.Array = jax.grad(lambda moved: jnp.sum(function(moved, *constants) * cotangent))(state)
         return gradient
 

@@ -110,7 +110,7 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
         _check(tree, part, [other.name for other in parts[:number]])
     last = {joint: link for link, joint in enumerate(tree.link_joint)}  # links are sorted by depth: the last one stays
     return Flesh(
-        rotations=jnp.asarray(np.stack([_frame(part) for part in parts]), float),
+        rotations=jnp.asarray(np.stack([axes_of(part.axis, part.across) for part in parts]), float),
         origins=jnp.asarray([part.origin for part in parts], float),
         lengths=jnp.asarray([part.length for part in parts], float),
         radii=jnp.asarray([part.radii for part in parts], float),
@@ -141,10 +141,10 @@ def place_parts(flesh: Flesh, frames: Frames) -> PartFrames:
     return PartFrames(jnp.asarray(axes), base, base + jnp.asarray(axes)[:, :, 2] * flesh.lengths[:, None])
 
 
-def _frame(part: Cone) -> np.ndarray:
-    """The part's x, y and z as columns."""
-    z = np.array(part.axis, float) / np.linalg.norm(part.axis)
-    x = np.array(part.across, float) - z * np.dot(part.across, z)
+def axes_of(axis: Triple, across: Triple) -> np.ndarray:
+    """A part's x, y and z as columns: z along ``axis``, x as near to ``across`` as can be."""
+    z = np.array(axis, float) / np.linalg.norm(axis)
+    x = np.array(across, float) - z * np.dot(across, z)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], 1)
 
