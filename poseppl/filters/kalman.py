@@ -53,7 +53,16 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     check_at_least(1, num_particles=num_particles)
     check_method(linearisation)
 
-    def update(rng_key: jax.Array, predicted: Gaussian, observation: Observation, inputs: Any) -> tuple[KalmanState, Info]:
+    def before(observation: Observation, inputs: Any = None) -> KalmanState:
+        mean, covariance = model.initial_moments(inputs)
+        draws, weights = jnp.broadcast_to(mean, (num_particles, *mean.shape)), jnp.zeros(num_particles, mean.dtype)
+        return KalmanState(draws, weights, Gaussian(mean, jnp.full_like(covariance, jnp.nan)))
+
+    def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+        linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
+        first = jnp.all(jnp.isnan(state.posterior.covariance))  # nothing but the state before the first frame has none
+        initial, moved = Gaussian(*model.initial_moments(inputs)), propagate(state.posterior, linear)
+        predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, moved)
         posterior, log_evidence, failed = assimilate(model, predicted, observation, inputs, linearisation)
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
@@ -72,13 +81,9 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         return KalmanState(draws, jnp.full(num_particles, -jnp.log(num_particles), dtype), posterior), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
-        return update(rng_key, Gaussian(*model.initial_moments(inputs)), observation, inputs)
+        return step(rng_key, before(observation, inputs), observation, inputs)
 
-    def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
-        linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
-        return update(rng_key, propagate(state.posterior, linear), observation, inputs)
-
-    return Filter(init, step)
+    return Filter(init, step, before=before)
 
 
 def check_method(method: str) -> None:
