@@ -41,6 +41,8 @@ FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 COLUMNS = ("system", "scene", "cameras", "frames", "runs", "method", "evaluations")
 COLUMNS += tuple(name + end for name in FIGURES for end in ("", "_sd")) + ("seconds", "weight", "weight_sd", "failed")
 
+_BLOCK = 250
+
 
 def main() -> None:
     options = arguments(
@@ -117,7 +119,7 @@ def track(problem: Problem, filter: Filter, seed: int) -> dict[str, Any]:
         errors.append(score(problem, state.particles, np.exp(np.asarray(state.log_weights, np.float64)), number))
         failed += int(info.failed)
         if problem.system == "du-guan":
-            weights.append(float(jnp.mean(jnp.exp(_likelihoods(model, state.particles, inputs)))))
+            weights.append(average_weight(model, state.particles, inputs))
     return {
         "errors": errors,
         "seconds": seconds,
@@ -144,6 +146,17 @@ def figures(runs: list[list[list[float]]]) -> list[float]:
 @jax.jit
 def _places(tree: Any, states: jax.Array) -> jax.Array:
     return jax.vmap(partial(marker_positions, tree))(states)
+
+
+def average_weight(model: Any, particles: jax.Array, inputs: Any) -> float:
+    """Mean likelihood of particles (N, d), taken in blocks of one size, so that every filter's are compiled together."""
+    blocks = np.array_split(np.arange(len(particles)), -(-len(particles) // _BLOCK))
+    padded = [np.resize(block, _BLOCK) for block in blocks]
+    values = [
+        np.asarray(_likelihoods(model, particles[rows], inputs))[: len(block)]
+        for rows, block in zip(padded, blocks, strict=True)
+    ]
+    return float(np.mean(np.exp(np.concatenate(values).astype(np.float64))))
 
 
 @partial(jax.jit, static_argnums=0)

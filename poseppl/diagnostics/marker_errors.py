@@ -80,7 +80,9 @@ def virtual_markers(names: Sequence[str], places: ArrayLike) -> NDArray[Any]:
         raise ValueError(f"there is no marker {', '.join(missing)}. Expected crown, {', '.join(_LIMBS)}.")
     pairs = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
     chosen = [pairs.get(name, (name, name)) for name in VIRTUAL_MARKERS]
-    return (points[..., [index[one] for one, _ in chosen], :] + points[..., [index[two] for _, two in chosen], :]) / 2
+    first, second = ([index[pair[end]] for pair in chosen] for end in (0, 1))
+    middles: NDArray[Any] = (points[..., first, :] + points[..., second, :]) / 2
+    return middles
 
 
 def marker_errors(places: ArrayLike, weights: ArrayLike, truth: ArrayLike, *, root: int = 0) -> MarkerErrors:
