@@ -12,6 +12,7 @@ import numpy as np
 from poseppl_models.feature_evidence import two_way_of_features
 from poseppl_models.image_program import ImageInputs
 
+from poseppl.body import load_builder
 from poseppl.cli.simulate import simulate
 from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.geometry import Cameras
@@ -61,8 +62,6 @@ def rendered(folder: Path, name: str, arguments: Sequence[str]) -> Path:
 
 def see(place: Path, frames: int) -> Seen:
     """Take the features of the first frames of a scene, from the picture of its empty room."""
-    from poseppl.body import load_builder
-
     sources, settings = sources_of_scene(place), FeatureSettings(flow=None)
     views = []
     for video in sources.videos:

@@ -3,12 +3,14 @@
 Bodies have the scene's stature; those of Darby and of Du and Guan its segment lengths, too (Peursum's has fixed proportions).
 The first state is Gaussian around the body's pose that is closest to the first frame's truth, with the walk's own scale.
 Peursum's diffusion is the published one (section 5.2), of variances a frame at 25 Hz. For the others it is half the largest
-change of each coordinate between frames (Darby, section 6.2; Du and Guan do not tell), here of the fitted truth of the scene.
+change of each coordinate between frames (Darby, section 6.2; Du and Guan do not tell), here of the fitted truth of the scene,
+which tells the filters how fast this person walks, and not when or where to; "peursum-measured" has Peursum's filters with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -63,13 +65,17 @@ class Problem(NamedTuple):
     filters: Filters
 
 
-def peursum(seen: Seen, views: int, share: float) -> list[Problem]:
+def peursum(seen: Seen, views: int, share: float, *, measured: bool = False) -> list[Problem]:
+    """With the published diffusion, or that of the other two systems."""
     lengths = measured_lengths(seen.places)
     body = with_crown(peursum_body(fitted_stature(lengths) / STATURE), lengths["head"])
     fitted, root = fitted_states(body, seen.places), body.tree.joint_names[0]
     variances = [HEADING if pair == (root, "Z") else VARIANCES[pair[1]] for pair in body.tree.coordinates]
     turns = np.array([len(axis) == 1 for _, axis in body.tree.coordinates])
     scale = np.sqrt(np.array(variances) * 25.0 / seen.rate) * np.where(turns, np.pi / 180, 1.0)
+    name = "peursum, measured" if measured else "peursum"
+    if measured:
+        scale = _half_of_largest(body, fitted)
     frames = frames_of(seen, range(views), _cameras(seen.two_way, views), fitted[0], scale, scale)
     program = image_program(body, peursum_score(STRIDE), {"limits": hard_constraints()["limits"]})
     many, few = (max(20, round(share * count)) for count in (10_000, 1_000))
@@ -78,7 +84,7 @@ def peursum(seen: Seen, views: int, share: float) -> list[Problem]:
         f"Simple-PF, {few:,}": lambda model: particle_filter(model, few),
         f"Simple-APF, 10 x {few:,}": lambda model: annealed_filter(model, few, num_layers=10),
     }
-    return [Problem("peursum", views, seen, body, program.compile(frames[0], {"lambda": 10.0}), frames, fitted, filters)]
+    return [Problem(name, views, seen, body, program.compile(frames[0], {"lambda": 10.0}), frames, fitted, filters)]
 
 
 def darby(seen: Seen, views: int, share: float) -> list[Problem]:
@@ -129,7 +135,12 @@ def du_guan(seen: Seen, views: int, share: float) -> list[Problem]:
     return [Problem("du-guan", 1, seen, body, program.compile(frames[0], params), frames, fitted, filters)]
 
 
-SYSTEMS: Mapping[str, Callable[[Seen, int, float], list[Problem]]] = {"peursum": peursum, "darby": darby, "du-guan": du_guan}
+SYSTEMS: Mapping[str, Callable[[Seen, int, float], list[Problem]]] = {
+    "peursum": peursum,
+    "peursum-measured": partial(peursum, measured=True),
+    "darby": darby,
+    "du-guan": du_guan,
+}
 
 
 def _cameras(evidence: Any, views: int) -> Any:
@@ -142,5 +153,9 @@ def _measured(build: Callable[..., ConeBody], seen: Seen) -> tuple[ConeBody, np.
     segments = {name: length for name, length in lengths.items() if name != "head"}
     body = with_crown(build(fitted_stature(lengths), segments), lengths["head"])
     fitted = fitted_states(body, seen.places)
+    return body, fitted, _half_of_largest(body, fitted)
+
+
+def _half_of_largest(body: ConeBody, fitted: np.ndarray) -> np.ndarray:
     least = np.where([len(axis) == 2 for _, axis in body.tree.coordinates], _LEAST_PLACE, _LEAST_ANGLE)
-    return body, fitted, np.maximum(np.abs(np.diff(fitted, axis=0)).max(0) / 2, least)
+    return np.maximum(np.abs(np.diff(fitted, axis=0)).max(0) / 2, least)
