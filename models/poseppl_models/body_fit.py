@@ -116,10 +116,8 @@ def _solver(body: ConeBody, index: NDArray[np.int_]) -> Callable[[Floats, Floats
 
     def residuals(x: jax.Array, target: jax.Array, before: jax.Array) -> jax.Array:
         apart = marker_positions(body.tree, x)[index] - target
-        pulls = [
-            weight * jnp.where(free, 0.0, x - towards) for weight, towards in zip(_PULLS, (before, body.rest), strict=True)
-        ]
-        return jnp.concatenate([apart.ravel(), *pulls])
+        to_before, to_rest = (jnp.where(free, 0.0, change) for change in (x - before, x - body.rest))
+        return jnp.concatenate([apart.ravel(), _PULLS[0] * to_before, _PULLS[1] * to_rest])
 
     value, slope = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
 
