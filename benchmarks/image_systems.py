@@ -73,7 +73,7 @@ def peursum(seen: Seen, views: int, share: float, *, measured: bool = False) -> 
     variances = [HEADING if pair == (root, "Z") else VARIANCES[pair[1]] for pair in body.tree.coordinates]
     turns = np.array([len(axis) == 1 for _, axis in body.tree.coordinates])
     scale = np.sqrt(np.array(variances) * 25.0 / seen.rate) * np.where(turns, np.pi / 180, 1.0)
-    name = "peursum, measured" if measured else "peursum"
+    name = "peursum-measured" if measured else "peursum"
     if measured:
         scale = _half_of_largest(body, fitted)
     frames = frames_of(seen, range(views), _cameras(seen.two_way, views), fitted[0], scale, scale)
