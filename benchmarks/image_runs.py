@@ -13,13 +13,14 @@ They are those of the particles' mean (absolute, relative), the mean of the part
 the best particle (poseppl.diagnostics.marker_errors). "weight" is the average sample weight of Du and Guan: the mean of the
 likelihood over the particles. Two trackers that see nothing frame the numbers: one holds the first pose, the other is told the
 truth and takes the body's closest pose. Seconds are the median frame's, without features and compilation.
-A table is printed, and written as OUTPUT/image_runs_SYSTEM.csv as soon as a system is done.
+A table is printed, and written as OUTPUT/image_runs_SYSTEM.csv row by row.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,13 +63,13 @@ def main() -> None:
     kinds = ["clean"] if quick else options.kinds.split(",")
     scenes = [scene_of(Path(options.scenes), kind, quick, 5 if quick else options.frames) for kind in kinds]
     for system in options.systems.split(","):
-        rows: list[tuple[Any, ...]] = []
+        tables.append(Table(f"image_runs_{system}", COLUMNS, []))
         for seen in scenes if system != "du-guan" else scenes[:1]:
             for problem in SYSTEMS[system](seen, options.cameras, 0.01 if quick else 1.0):
                 filters = dict(list(problem.filters.items())[-1:] if quick else problem.filters)
-                rows += measure(problem._replace(filters=filters), 1 if quick else options.runs)
-        tables.append(Table(f"image_runs_{system}", COLUMNS, rows))
-        write_csv(tables[-1], output)
+                for row in measure(problem._replace(filters=filters), 1 if quick else options.runs):
+                    tables[-1].rows.append(row)
+                    write_csv(tables[-1], output)
     for table in tables:
         present(table)
 
@@ -82,14 +83,13 @@ def scene_of(folder: Path, kind: str, quick: bool, frames: int) -> Seen:
     return see(rendered(folder, f"walk-{kind}", [*recording, *furniture]), frames)
 
 
-def measure(problem: Problem, runs: int) -> list[tuple[Any, ...]]:
+def measure(problem: Problem, runs: int) -> Iterator[tuple[Any, ...]]:
     """A row for each filter, after one for each tracker that sees nothing."""
     seen, frames = problem.seen, len(problem.frames)
     head = (problem.system, seen.name, problem.views, frames, runs)
-    rows = []
     for name, states in (("(holds the first pose)", problem.fitted[:1].repeat(frames, 0)), ("(closest pose)", problem.fitted)):
         found = [score(problem, state[None], np.ones(1), frame) for frame, state in enumerate(states[:frames])]
-        rows.append((*head[:4], 1, name, 0, *figures([found]), float("nan"), float("nan"), float("nan"), 0))
+        yield *head[:4], 1, name, 0, *figures([found]), float("nan"), float("nan"), float("nan"), 0
     for name, build in problem.filters.items():
         filter = build(problem.model)
         started = time.perf_counter()
@@ -105,11 +105,10 @@ def measure(problem: Problem, runs: int) -> list[tuple[Any, ...]]:
         seconds = float(np.median([each["seconds"][1:] for each in tracks]))
         failed = sum(each["failed"] for each in tracks)
         row = (*head, name, tracks[0]["evaluations"], *figures([each["errors"] for each in tracks]), seconds, *weight, failed)
-        rows.append(row)
+        yield row
         print(
             "   ", " ".join(f"{key} {row[COLUMNS.index(key)]:.3g}" for key in ("absolute", "relative", "optimistic", "seconds"))
         )
-    return rows
 
 
 def track(problem: Problem, filter: Filter, seed: int) -> dict[str, Any]:
