@@ -1,12 +1,13 @@
 """What papers on tracking in images ran, on rendered scenes with truth: errors of fifteen virtual markers, and seconds a frame.
 
     POSEPPL_DATA=FOLDER python benchmarks/image_runs.py [--scenes FOLDER] [--output FOLDER] [--frames 40] [--runs 3]
-                    [--systems peursum,peursum-measured,darby,du-guan] [--cameras 4] [--kinds clean,clutter] [--quick]
+                    [--systems peursum,peursum-measured,darby,du-guan] [--cameras 4] [--kinds clean,clutter]
+                    [--filters WORD] [--quick]
 
 Scenes: CMU's walk 02_01 at 30 Hz in a room with a camera in every corner, with and without furniture in the way; they are
 rendered once into --scenes. Systems and their sources: image_systems.py. --cameras is for the two systems of several cameras;
-Eq. 9 and Du and Guan see the first camera alone. --quick takes the built-in walk, the last filter of each system and a
-hundredth of its particles.
+Eq. 9 and Du and Guan see the first camera alone. --filters takes those with a word in their name. --quick takes the built-in
+walk, the last filter of each system and a hundredth of its particles.
 
 Errors are mm, the mean of each run's mean over frames, +- standard deviation over runs (seeds); frame 0 is where a run starts.
 They are those of the particles' mean (absolute, relative), the mean of the particles' relative errors by weight, and that of
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,6 @@ from poseppl.diagnostics import marker_errors, over_runs, virtual_markers
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters import Filter
 from poseppl.geometry import marker_positions
-from poseppl.run import Online
 
 FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 COLUMNS = ("system", "scene", "cameras", "frames", "runs", "method", "evaluations")
@@ -56,6 +56,7 @@ def main() -> None:
         kinds="clean,clutter",
         scenes="scenes",
         output="image-runs",
+        filters="",
     )
     start_jax()
     quick, output, tables = options.quick, Path(options.output), []
@@ -66,7 +67,8 @@ def main() -> None:
         tables.append(Table(f"image_runs_{system}", COLUMNS, []))
         for seen in scenes if system != "du-guan" else scenes[:1]:
             for problem in SYSTEMS[system](seen, options.cameras, 0.01 if quick else 1.0):
-                filters = dict(list(problem.filters.items())[-1:] if quick else problem.filters)
+                chosen = [(name, build) for name, build in problem.filters.items() if options.filters in name]
+                filters = dict(chosen[-1:] if quick else chosen)
                 for row in measure(problem._replace(filters=filters), 1 if quick else options.runs):
                     tables[-1].rows.append(row)
                     write_csv(tables[-1], output)
@@ -93,13 +95,14 @@ def measure(problem: Problem, runs: int) -> Iterator[tuple[Any, ...]]:
     for name, build in problem.filters.items():
         filter = build(problem.model)
         started = time.perf_counter()
-        online = Online(filter, jax.random.key(0))
-        for inputs in problem.frames[:2]:
-            jax.block_until_ready(online.update(problem.model.observe({}), inputs))
+        step = jax.jit(filter.step)
+        jax.block_until_ready(
+            step(jax.random.key(0), first_state(problem, filter), problem.model.observe({}), problem.frames[0])
+        )
         print(f"{problem.system}, {seen.name}, {name}: compiled in {time.perf_counter() - started:.0f} s", flush=True)
         tracks = []
         for seed in range(runs):
-            tracks.append(track(problem, filter, seed))
+            tracks.append(track(problem, step, first_state(problem, filter), seed))
             print(f"    run {seed + 1} of {runs}: absolute {np.mean(tracks[-1]['errors'], 0)[0]:.0f} mm", flush=True)
         weight = over_runs([np.mean(each["weight"]) for each in tracks])
         seconds = float(np.median([each["seconds"][1:] for each in tracks]))
@@ -111,14 +114,31 @@ def measure(problem: Problem, runs: int) -> Iterator[tuple[Any, ...]]:
         )
 
 
-def track(problem: Problem, filter: Filter, seed: int) -> dict[str, Any]:
+def first_state(problem: Problem, filter: Filter) -> Any:
+    """The state before frame 0, which is a step like any other, so that one program is compiled: the start's mean.
+
+    A step of the walk makes it the Gaussian start. DE-MC's population, which may not walk, is spread already.
+    """
+    inputs = problem.frames[0]
+    like = jax.eval_shape(filter.init, jax.random.key(0), problem.model.observe({}), inputs)[0]
+    noise = jax.random.normal(jax.random.key(0), like.particles.shape) if "velocity" in like._fields else 0.0
+    known = {
+        "particles": jnp.broadcast_to(inputs.start, like.particles.shape) + noise * inputs.start_scale,
+        "log_weights": jnp.full(like.log_weights.shape, -np.log(len(like.particles))),
+        "best": inputs.start,
+        "velocity": jnp.zeros_like(inputs.start),
+    }
+    return like._replace(**{name: known[name].astype(getattr(like, name).dtype) for name in like._fields})
+
+
+def track(problem: Problem, step: Callable[..., Any], state: Any, seed: int) -> dict[str, Any]:
     """One run: errors and seconds of each frame, and the mean likelihood of the particles."""
-    model, online = problem.model, Online(filter, jax.random.key(seed + 1))
+    model, key = problem.model, jax.random.key(seed + 1)
     data = model.observe({})
     errors, seconds, weights, failed = [], [], [], 0
     for number, inputs in enumerate(problem.frames):
         started = time.perf_counter()
-        state, info = jax.block_until_ready(online.update(data, inputs))
+        state, info = jax.block_until_ready(step(jax.random.fold_in(key, number), state, data, inputs))
         seconds.append(time.perf_counter() - started)
         errors.append(score(problem, state.particles, np.exp(np.asarray(state.log_weights, np.float64)), number))
         failed += int(info.failed)
