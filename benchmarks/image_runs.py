@@ -21,29 +21,23 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from image_scene import Seen, rendered, see
 from image_systems import SYSTEMS, Problem
+from image_tracks import FIGURES, first_state, score, track
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import marker_errors, over_runs, virtual_markers
+from poseppl.diagnostics import over_runs
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.filters import Filter
-from poseppl.geometry import marker_positions
 
-FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 COLUMNS = ("system", "scene", "cameras", "frames", "runs", "method", "evaluations")
 COLUMNS += tuple(name + end for name in FIGURES for end in ("", "_sd")) + ("seconds", "weight", "weight_sd", "failed")
-
-_BLOCK = 250
 
 
 def main() -> None:
@@ -114,78 +108,10 @@ def measure(problem: Problem, runs: int) -> Iterator[tuple[Any, ...]]:
         )
 
 
-def first_state(problem: Problem, filter: Filter) -> Any:
-    """The state before frame 0, which is a step like any other, so that one program is compiled: the start's mean.
-
-    A step of the walk makes it the Gaussian start. DE-MC's population, which may not walk, is spread already.
-    """
-    inputs = problem.frames[0]
-    like = jax.eval_shape(filter.init, jax.random.key(0), problem.model.observe({}), inputs)[0]
-    noise = jax.random.normal(jax.random.key(0), like.particles.shape) if "velocity" in like._fields else 0.0
-    known = {
-        "particles": jnp.broadcast_to(inputs.start, like.particles.shape) + noise * inputs.start_scale,
-        "log_weights": jnp.full(like.log_weights.shape, -np.log(len(like.particles))),
-        "best": inputs.start,
-        "velocity": jnp.zeros_like(inputs.start),
-    }
-    return like._replace(**{name: known[name].astype(getattr(like, name).dtype) for name in like._fields})
-
-
-def track(problem: Problem, step: Callable[..., Any], state: Any, seed: int) -> dict[str, Any]:
-    """One run: errors and seconds of each frame, and the mean likelihood of the particles."""
-    model, key = problem.model, jax.random.key(seed + 1)
-    data = model.observe({})
-    errors, seconds, weights, failed = [], [], [], 0
-    for number, inputs in enumerate(problem.frames):
-        started = time.perf_counter()
-        state, info = jax.block_until_ready(step(jax.random.fold_in(key, number), state, data, inputs))
-        seconds.append(time.perf_counter() - started)
-        errors.append(score(problem, state.particles, np.exp(np.asarray(state.log_weights, np.float64)), number))
-        failed += int(info.failed)
-        if problem.system == "du-guan":
-            weights.append(average_weight(model, state.particles, inputs))
-    return {
-        "errors": errors,
-        "seconds": seconds,
-        "weight": weights or [np.nan],
-        "failed": failed,
-        "evaluations": int(info.num_likelihood),
-    }
-
-
-def score(problem: Problem, particles: Any, weights: np.ndarray, frame: int) -> list[float]:
-    """The figures of one frame."""
-    tree = problem.body.tree
-    places = virtual_markers(tree.marker_names, _places(tree, jnp.asarray(particles, float)))
-    found = marker_errors(places[None], weights[None], problem.seen.truth[None, frame])
-    return [float(np.mean(getattr(found, name))) for name in FIGURES]
-
-
 def figures(runs: list[list[list[float]]]) -> list[float]:
     """Mean and standard deviation over runs of each figure, without the frame where a run starts."""
     values = np.array(runs)[:, 1:]
     return [number for index in range(len(FIGURES)) for number in over_runs(values[:, :, index])]
-
-
-@jax.jit
-def _places(tree: Any, states: jax.Array) -> jax.Array:
-    return jax.vmap(partial(marker_positions, tree))(states)
-
-
-def average_weight(model: Any, particles: jax.Array, inputs: Any) -> float:
-    """Mean likelihood of particles (N, d), taken in blocks of one size, so that every filter's are compiled together."""
-    blocks = np.array_split(np.arange(len(particles)), -(-len(particles) // _BLOCK))
-    padded = [np.resize(block, _BLOCK) for block in blocks]
-    values = [
-        np.asarray(_likelihoods(model, particles[rows], inputs))[: len(block)]
-        for rows, block in zip(padded, blocks, strict=True)
-    ]
-    return float(np.mean(np.exp(np.concatenate(values).astype(np.float64))))
-
-
-@partial(jax.jit, static_argnums=0)
-def _likelihoods(model: Any, states: jax.Array, inputs: Any) -> jax.Array:
-    return jax.vmap(lambda x: model.log_observation(x, model.observe({}), inputs))(states)
 
 
 def present(table: Table) -> None:
@@ -195,16 +121,9 @@ def present(table: Table) -> None:
         known = dict(zip(table.columns, row, strict=True))
         pairs = [_pair(known[name], known[f"{name}_sd"], 0) for name in FIGURES]
         shown = [_pair(known["weight"], known["weight_sd"], 3)] if np.isfinite(known["weight"]) else [""]
-        rows.append(
-            [
-                f"{known['system']}, {known['scene']}",
-                str(known["cameras"]),
-                known["method"],
-                *pairs,
-                f"{known['seconds']:.2f}",
-                *shown,
-            ]
-        )
+        label = ", ".join([*known["system"].split(", ")[1:], known["scene"]])
+        numbers = [*pairs, f"{known['seconds']:.2f}", *shown]
+        rows.append([label, str(known["cameras"]), known["method"], *numbers])
     columns = ["", "cameras", "method", "absolute", "relative", "weighted rel.", "optimistic", "s", "weight"]
     show(f"{table.name}: {table.rows[0][3]} frames, mm", columns, rows)
 
