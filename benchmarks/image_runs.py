@@ -91,12 +91,12 @@ def measure(problem: Problem, runs: int) -> Iterator[tuple[Any, ...]]:
         started = time.perf_counter()
         step = jax.jit(filter.step)
         jax.block_until_ready(
-            step(jax.random.key(0), first_state(problem, filter), problem.model.observe({}), problem.frames[0])
+            step(jax.random.key(0), first_state(problem, filter, 0), problem.model.observe({}), problem.frames[0])
         )
         print(f"{problem.system}, {seen.name}, {name}: compiled in {time.perf_counter() - started:.0f} s", flush=True)
         tracks = []
         for seed in range(runs):
-            tracks.append(track(problem, step, first_state(problem, filter), seed))
+            tracks.append(track(problem, step, first_state(problem, filter, seed), seed))
             print(f"    run {seed + 1} of {runs}: absolute {np.mean(tracks[-1]['errors'], 0)[0]:.0f} mm", flush=True)
         weight = over_runs([np.mean(each["weight"]) for each in tracks])
         seconds = float(np.median([each["seconds"][1:] for each in tracks]))

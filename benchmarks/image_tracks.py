@@ -20,14 +20,14 @@ FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 _BLOCK = 250
 
 
-def first_state(problem: Problem, filter: Filter) -> Any:
+def first_state(problem: Problem, filter: Filter, seed: int) -> Any:
     """The state before frame 0, which is a step like any other, so that one program is compiled: the start's mean.
 
     A step of the walk makes it the Gaussian start. DE-MC's population, which may not walk, is spread already.
     """
     inputs = problem.frames[0]
     like = jax.eval_shape(filter.init, jax.random.key(0), problem.model.observe({}), inputs)[0]
-    noise = jax.random.normal(jax.random.key(0), like.particles.shape) if "velocity" in like._fields else 0.0
+    noise = jax.random.normal(jax.random.key(seed), like.particles.shape) if "velocity" in like._fields else 0.0
     known = {
         "particles": jnp.broadcast_to(inputs.start, like.particles.shape) + noise * inputs.start_scale,
         "log_weights": jnp.full(like.log_weights.shape, -np.log(len(like.particles))),
