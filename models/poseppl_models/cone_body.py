@@ -56,6 +56,12 @@ def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequ
     return ConeBody(tree, flesh_of(tree, cones), joint_limits(tree), _apart([cone.name for cone in cones]), rest)
 
 
+def with_crown(body: ConeBody, height: float) -> ConeBody:
+    """The body with its marker ``crown`` so high above the neck (mm): recordings put it inside of the head. Cones stay."""
+    offsets = body.tree.marker_offsets.at[body.tree.marker_names.index("crown"), 2].set(height)
+    return body._replace(tree=body.tree.with_offsets(body.tree.offsets, offsets))
+
+
 def limb_cones(lengths: Mapping[str, float], radii: Mapping[str, tuple[float, float]], names: Sequence[str]) -> list[Cone]:
     """Cones of both sides for segments named as in :func:`poseppl_models.anthropometry.segment_radii`."""
     joints = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shank": "knee", "foot": "ankle"}

@@ -17,6 +17,12 @@ from poseppl.diagnostics.inefficiency import inefficiency as inefficiency
 from poseppl.diagnostics.inefficiency import mixing as mixing
 from poseppl.diagnostics.inefficiency import split_rhat as split_rhat
 from poseppl.diagnostics.inefficiency import windowed_inefficiency as windowed_inefficiency
+from poseppl.diagnostics.marker_errors import VIRTUAL_MARKERS as VIRTUAL_MARKERS
+from poseppl.diagnostics.marker_errors import MarkerErrors as MarkerErrors
+from poseppl.diagnostics.marker_errors import OverRuns as OverRuns
+from poseppl.diagnostics.marker_errors import marker_errors as marker_errors
+from poseppl.diagnostics.marker_errors import over_runs as over_runs
+from poseppl.diagnostics.marker_errors import virtual_markers as virtual_markers
 from poseppl.diagnostics.survival import effective_number as effective_number
 from poseppl.diagnostics.survival import survival as survival
 from poseppl.diagnostics.survival import unique_ancestors as unique_ancestors
