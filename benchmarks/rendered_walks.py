@@ -3,9 +3,9 @@
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
     python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
-        [--runs 3] [--output rendered-walks]
+        [--runs 3] [--true-masks] [--noise 60] [--output rendered-walks]
 
-Silhouettes are found in the videos, whose empty rooms are known; each run starts around the truth. At 30 frames a second the
+Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts around the truth. At 30 frames a second the
 person goes 40 mm a frame, which is what the random walk is told (the default is 15 mm). Errors are mean distances of
 posterior means of the joints from the truth, mm, and the same after the pelvis is moved onto its own; coverage is that of
 90 % intervals of the joints' coordinates; seconds a frame are without compilation. Mean and standard deviation over runs, which
@@ -15,19 +15,24 @@ differ in their seed. Runs that OUTPUT/runs.csv holds are not made again.
 from __future__ import annotations
 
 import csv
+import itertools
 import statistics
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from timing import arguments, show
 
+from poseppl.body import load_builder
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.io import VideoWarning
+from poseppl.rendering import read_masks
 from poseppl.results import provenance
 from poseppl.tracking import TrackSettings, measure_run, track
-from poseppl.tracking.video_sources import see_silhouettes, sources_of_scene
+from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, silhouette_scene
+from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 
 NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
 """In the corners of the room; two cameras are neighbours."""
@@ -39,34 +44,46 @@ _KEY = 5
 
 def main() -> None:
     options = arguments(
-        __doc__, scenes="clean,clutter", filters=FILTERS, cameras="4,2,1", frames=40, runs=3, output="rendered-walks"
+        __doc__,
+        scenes="clean,clutter",
+        filters=FILTERS,
+        cameras="4,2,1",
+        frames=40,
+        runs=3,
+        true_masks=False,
+        noise=60.0,
+        output="rendered-walks",
     )
     start_jax()
     frames, runs = (3, 1) if options.quick else (options.frames, options.runs)
-    kept = read_runs(Path(options.output) / "runs.csv")
-    table = Table("runs", _COLUMNS, kept, "Runs of rendered_walks.py; mm and seconds.")
+    table = Table("runs", _COLUMNS, read_runs(Path(options.output) / "runs.csv"), "Runs of rendered_walks.py; mm and seconds.")
     Path(options.output).mkdir(parents=True, exist_ok=True)
-    for scene in options.scenes.split(","):
-        for cameras in options.cameras.split(","):
-            wanted = [
-                (scene, cameras, name, str(seed), str(frames)) for name in options.filters.split(",") for seed in range(runs)
-            ]
-            missing = [key for key in wanted if key not in {row[:_KEY] for row in table.rows}]
-            seen = see(scene, int(cameras), frames) if missing else None
-            for key in missing:
-                table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
-                write_csv(table, Path(options.output))
-                print(*table.rows[-1], flush=True)
-    show(
-        f"{frames} frames", ["scene", "cameras", "filter", "error", "relative", "coverage, %", "s a frame"], summed(table.rows)
-    )
+    special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 60 else "")
+    for scene, cameras in itertools.product(options.scenes.split(","), options.cameras.split(",")):
+        runs_of = itertools.product(options.filters.split(","), range(runs))
+        wanted = [(scene + special, cameras, name, str(seed), str(frames)) for name, seed in runs_of]
+        missing = [key for key in wanted if key not in {row[:_KEY] for row in table.rows}]
+        seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, options.noise) if missing else None
+        for key in missing:
+            table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
+            write_csv(table, Path(options.output))
+            print(*table.rows[-1], flush=True)
+    columns = ["scene", "cameras", "filter", "error", "relative", "coverage, %", "s a frame"]
+    show(f"{frames} frames", columns, summed(table.rows))
 
 
-def see(folder: str, cameras: int, frames: int) -> Any:
+def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, noise: float) -> SilhouetteScene:
     """The silhouettes of a rendered scene."""
+    sources, settings = sources_of_scene(folder, cameras), SilhouetteSettings(noise=noise)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VideoWarning)
-        return see_silhouettes(sources_of_scene(folder, NAMES[:cameras]), stop=frames)
+        if not true_masks:
+            return see_silhouettes(sources, settings=settings, stop=frames)
+        truth: Any = sources.truth
+        masks = {name: read_masks(Path(folder) / f"{name}_visible.npz")[:frames] for name in cameras}
+        body = load_builder(DEFAULT_MODEL)(truth.lengths)
+        seen = silhouette_scene(body, sources.records, masks, hidden=sources.hidden, settings=settings)
+    return seen._replace(scene=seen.scene._replace(states=truth.states[:frames], markers=truth.markers[:frames]))
 
 
 def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:

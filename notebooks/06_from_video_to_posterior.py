@@ -33,13 +33,14 @@ import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
 from matplotlib.figure import Figure
 
-from poseppl.geometry import marker_positions, project
+from poseppl.filters import kalman_filter
+from poseppl.geometry import project
 from poseppl.io.opencv import opencv
 from poseppl.rendering import Truth, build_setting, read_masks, write_scene
 from poseppl.rendering.packages import load_mujoco
-from poseppl.run import frame_inputs
+from poseppl.results import QUANTILES
+from poseppl.run import run_filter
 from poseppl.tracking import walking_subject
-from poseppl.tracking.problem import step_scales
 from poseppl.tracking.silhouette_problem import silhouette_problem
 from poseppl.tracking.truth import save_subject_truth
 from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
@@ -107,85 +108,41 @@ print(f"half of the points are within {np.median(off):.1f} px of the true edge, 
 # ## Tracking
 #
 # Silhouettes are Gaussian residuals: distances of the outline's points from the body, and of the body's parts from the
-# silhouette. So near its mode the posterior of a frame is nearly a Gaussian, and a model has all that is needed to find it:
-# the log-density, its gradient, and the data's information J' R^-1 J. Gauss-Newton steps climb to the mode, and Kalman's
-# recursion carries the Gaussian on to the next frame. To leave out a camera is to mask its residuals. (`track` does this
-# with samplers, which do not need the posterior to be one Gaussian; they take minutes to compile.)
+# silhouette. A Kalman filter can use them as they are. The extended one carries a single Gaussian from frame to frame and
+# compiles in half a minute; the default of `track` takes longer, and knows of several modes. To leave out a camera is to
+# mask its residuals.
 
 # %%
 params = {**body.params, "sigma_position": 40.0}  # the person comes 40 mm further in a frame
 problem = silhouette_problem(seen, params)
-model, steps = problem.model, np.asarray(step_scales(body, params), float) ** 2
-log_density = jax.jit(jax.value_and_grad(model.log_observation))
-information = jax.jit(model.observation_information)
-
-
-def climb(prior, precision, observation, inputs):
-    """Mode and covariance of one frame's posterior."""
-
-    def score(x):
-        value, slope = log_density(jnp.asarray(x, float), observation, inputs)
-        return float(value) - 0.5 * (x - prior) @ precision @ (x - prior), np.asarray(slope, float) - precision @ (x - prior)
-
-    mode = prior
-    (value, slope), size = score(mode), 1.0
-    for _ in range(20):
-        curvature = np.asarray(information(jnp.asarray(mode, float), observation, inputs), float) + precision
-        move = np.linalg.solve(curvature, slope)
-        while size > 0.05:
-            higher, turned = score(mode + size * move)
-            if higher > value:
-                break
-            size /= 2
-        if size <= 0.05 or higher < value + 0.01:
-            break
-        mode, value, slope, size = mode + size * move, higher, turned, min(1.0, 2 * size)
-    return mode, np.linalg.inv(curvature)
+tracker, collect = kalman_filter(problem.model), problem.collector(200)
 
 
 def follow(cameras):
-    """Modes (frame, d) and covariances (frame, d, d) of all frames, seen by some of the cameras."""
-    mode, covariance, found = np.asarray(problem.inputs.start.value, float), np.zeros((len(steps), len(steps))), []
-    for frame in range(NUM_FRAMES):
-        observation = jax.tree.map(lambda leaf: leaf[frame], problem.observations)  # noqa: B023
-        used = np.isin(np.arange(len(NAMES)), cameras)[:, None] & np.asarray(observation.mask["silhouette"])
-        observation = observation._replace(mask={"silhouette": jnp.asarray(used)})
-        prior = np.linalg.inv(covariance + np.diag(steps))
-        mode, covariance = climb(mode, prior, observation, frame_inputs(problem.inputs, frame))
-        found.append((mode, covariance))
-    return tuple(map(np.stack, zip(*found, strict=True)))
+    """What is kept of a run that sees some of the cameras."""
+    used = np.isin(np.arange(len(NAMES)), cameras)[None, :, None] & np.asarray(problem.observations.mask["silhouette"])
+    observations = problem.observations._replace(mask={"silhouette": used})
+    return run_filter(tracker, jax.random.key(0), observations, problem.inputs, collect=collect).outputs
 
 
-place = jax.jit(jax.vmap(lambda x: marker_positions(body.tree, x)))
-moves = jax.jit(jax.vmap(jax.jacrev(lambda x: marker_positions(body.tree, x))))
-
-
-def joints_of(modes, covariances):
-    """Places (frame, marker, 3), mm, of joints and their covariances (frame, marker, 3, 3)."""
-    slopes = np.asarray(moves(jnp.asarray(modes, float)), float)
-    return np.asarray(place(jnp.asarray(modes, float)), float), np.einsum("fmid,fde,fmje->fmij", slopes, covariances, slopes)
-
-
-def measure(places, covariances):
+def measure(outputs):
     """Mean joint error (mm), and the share of true coordinates inside of 90 % intervals."""
-    gap = places - walker.markers
-    wide = 1.645 * np.sqrt(np.diagonal(covariances, axis1=2, axis2=3))
-    return np.linalg.norm(gap, axis=-1).mean(), np.mean(np.abs(gap) < wide)
+    low, high = (outputs.summary["markers_quantile"][:, QUANTILES.index(level)] for level in (0.05, 0.95))
+    gap = outputs.summary["markers_mean"] - walker.markers
+    return np.linalg.norm(gap, axis=-1).mean(), np.mean((low < walker.markers) & (walker.markers < high))
 
 
-together, alone = joints_of(*follow(range(len(NAMES)))), joints_of(*follow([0]))
-(error, held), (error_alone, held_alone) = measure(*together), measure(*alone)
+together, alone = follow(range(len(NAMES))), follow([0])
+(error, held), (error_alone, held_alone) = measure(together), measure(alone)
 print(f"four cameras: mean joint error {error:.0f} mm, 90 % intervals hold {held:.0%} of the joints' coordinates")
 print(f"one camera:   mean joint error {error_alone:.0f} mm, 90 % intervals hold {held_alone:.0%}")
 
 # %% [markdown]
-# The body over the last pictures: the mode with four cameras in blue, and in orange twelve draws from what the first camera
+# The body over the last pictures: the mean with four cameras in blue, and in orange twelve draws from what the first camera
 # alone knows. In its own picture they lie together; in the others they do not.
 
 # %%
-modes, covariances = follow([0])
-drawn = np.random.default_rng(0).multivariate_normal(modes[LAST], covariances[LAST], size=12)
-bodies = np.concatenate([np.asarray(place(jnp.asarray(drawn, float))), together[0][LAST:]])
+bodies = np.concatenate([alone.extras["markers"][LAST, 0, :12], together.summary["markers_mean"][LAST:]])
 images = np.asarray(project(seen.scene.cameras, jnp.asarray(bodies, float)))
 pairs = [[body.tree.marker_names.index(end) for end in edge] for edge in body.edges]
 picture = Figure(figsize=(9, 5), layout="constrained")
@@ -193,7 +150,7 @@ for number, name in enumerate(NAMES):
     axes = picture.add_subplot(1, 4, number + 1, xticks=[], yticks=[], title=name)
     axes.imshow(pictures[name][LAST])
     for index, joints in enumerate(images[number]):
-        colour, width = ("tab:blue", 2.0) if index == len(drawn) else ("tab:orange", 0.5)
+        colour, width = ("tab:blue", 2.0) if index == 12 else ("tab:orange", 0.5)
         for pair in pairs:
             axes.plot(*joints[pair].T, color=colour, linewidth=width)
     middle = images[number, -1].mean(0)
@@ -207,9 +164,9 @@ picture
 
 
 # %%
-def spread(covariances, rays):
-    """Standard deviations (marker,), mm, along rays (marker, 3)."""
-    return np.sqrt(np.einsum("mi,mij,mj->m", rays, covariances, rays))
+def spread(outputs, rays):
+    """Standard deviations (marker,), mm, of the last frame along rays (marker, 3)."""
+    return np.std(np.einsum("nmi,mi->nm", outputs.extras["markers"][LAST, 0], rays), axis=0)
 
 
 rays = walker.markers[LAST] - np.asarray(seen.scene.cameras.centre[0])
@@ -217,10 +174,10 @@ rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
 asides = np.cross(rays, [0.0, 0.0, 1.0])
 asides /= np.linalg.norm(asides, axis=-1, keepdims=True)
 rows = {
-    "one camera, along its line of sight": spread(alone[1][LAST], rays),
-    "one camera, across it": spread(alone[1][LAST], asides),
-    "four cameras, along the same line": spread(together[1][LAST], rays),
-    "four cameras, across it": spread(together[1][LAST], asides),
+    "one camera, along its line of sight": spread(alone, rays),
+    "one camera, across it": spread(alone, asides),
+    "four cameras, along the same line": spread(together, rays),
+    "four cameras, across it": spread(together, asides),
 }
 for name, values in rows.items():
     print(f"{name:36} {np.median(values):4.0f} mm at the median joint")
