@@ -5,11 +5,11 @@
     python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
         [--runs 3] [--true-masks] [--noise 60] [--output rendered-walks]
 
-Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts around the truth. At 30 frames a second the
-person goes 40 mm a frame, which is what the random walk is told (the default is 15 mm). Errors are mean distances of
-posterior means of the joints from the truth, mm, and the same after the pelvis is moved onto its own; coverage is that of
-90 % intervals of the joints' coordinates; seconds a frame are without compilation. Mean and standard deviation over runs, which
-differ in their seed. Runs that OUTPUT/runs.csv holds are not made again.
+Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
+around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is 15
+mm). Errors are mean distances of posterior means of the joints from the truth, mm, and the same after the pelvis is moved onto
+its own; coverage is that of 90 % intervals of the joints' coordinates; seconds a frame are without compilation. Mean and
+standard deviation over runs, which differ in their seed. Runs that OUTPUT/runs.csv holds are not made again.
 """
 
 from __future__ import annotations
