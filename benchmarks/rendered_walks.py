@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 from timing import arguments, show
 
 from poseppl.body import load_builder
@@ -67,6 +68,7 @@ def main() -> None:
         for key in missing:
             table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
             write_csv(table, Path(options.output))
+            jax.clear_caches()  # programs of many runs together are more than a process may map
             print(*table.rows[-1], flush=True)
     columns = ["scene", "cameras", "filter", "error", "relative", "coverage, %", "s a frame"]
     show(f"{frames} frames", columns, summed(table.rows))
