@@ -129,7 +129,10 @@ class Calls:
         """Compile both programs side by side; the first frame is run and returned, if it is wanted."""
         filter = self._what[0]
         if filter.before is not None:
-            return self.advance(_before(filter, self._sequence), 0, 1) if first else None
+            if first:
+                return self.advance(_before(filter, self._sequence), 0, 1)
+            self._scan(self.state, 1, 1)
+            return None
         step = filter.step
         if step in _STARTED:
             return self._run_first() if first else None

@@ -180,7 +180,7 @@ def _jacobian_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras:
     pushes = [_outline_pushes(cameras, flesh, parts, seen.contour, nearest), _beyond_pushes(cameras, flesh, parts, seen)]
     own = [jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))]
     if seen.edges is not None:
-        pushes.append(_edge_pushes(cameras, flesh, parts, seen))
+        pushes.append(_edge_pushes(cameras, flesh, parts, seen.edges, seen.scale))
         own.append(jnp.repeat(jnp.arange(len(flesh.links)), SAMPLES))
     force, moment = (jnp.concatenate(each, 1) for each in zip(*pushes, strict=True))
     fixed = jnp.concatenate(own)[:, None]
@@ -201,9 +201,10 @@ def _outline_pushes(
     return _pushes(residual, chosen, cameras, contour)
 
 
-def _edge_pushes(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen) -> tuple[jax.Array, jax.Array]:
+def _edge_pushes(
+    cameras: Cameras, flesh: Flesh, parts: PartFrames, edges: jax.Array, scale: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """The same (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
-    assert seen.edges is not None
     count, cameras_too = len(flesh.links), len(cameras.centre)
     every = (parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls)
     each = jax.tree.map(
@@ -219,7 +220,7 @@ def _edge_pushes(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: Silhou
         sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
         return _bent(jnp.where(second, sides[:, :, 1], sides[:, :, 0]))
 
-    return _pushes(residual, each, (cameras, seen.edges, seen.scale), sample)
+    return _pushes(residual, each, (cameras, edges, scale), sample)
 
 
 def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
