@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -104,11 +104,9 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
     Raises:
         ValueError: An unknown joint, a size that is not positive, two parts of one name, or an x along the axis.
     """
-    if not parts:
-        raise ValueError("a body needs at least one part")
-    for number, part in enumerate(parts):
-        _check(tree, part, [other.name for other in parts[:number]])
-    last = {joint: link for link, joint in enumerate(tree.link_joint)}  # links are sorted by depth: the last one stays
+    links = links_of(tree, parts)
+    for part in parts:
+        _check(part)
     return Flesh(
         rotations=jnp.asarray(np.stack([axes_of(part.axis, part.across) for part in parts]), float),
         origins=jnp.asarray([part.origin for part in parts], float),
@@ -116,9 +114,49 @@ def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
         radii=jnp.asarray([part.radii for part in parts], float),
         scales=jnp.asarray([part.scale for part in parts], float),
         balls=jnp.asarray([part.balls for part in parts], float),
-        links=tuple(last[tree.joint_names.index(part.joint)] for part in parts),
+        links=links,
         names=tuple(part.name for part in parts),
     )
+
+
+class Rider(Protocol):
+    """A part of any shape, as far as where it rides goes."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+
+    @property
+    def joint(self) -> str:
+        """The joint in whose frame it is fixed."""
+
+    @property
+    def axis(self) -> Triple:
+        """Direction of its own z."""
+
+    @property
+    def across(self) -> Triple:
+        """Direction near which its own x lies."""
+
+
+def links_of(tree: KinematicTree, parts: Sequence[Rider]) -> tuple[int, ...]:
+    """The links that parts ride on.
+
+    Raises:
+        ValueError: There is no part; an unknown joint, two parts of one name, or an x along the axis.
+    """
+    if not parts:
+        raise ValueError("a body needs at least one part")
+    names = [part.name for part in parts]
+    for number, part in enumerate(parts):
+        if part.joint not in tree.joint_names:
+            raise ValueError(f"part {part.name!r} rides on joint {part.joint!r}; expected one of {sorted(tree.joint_names)}")
+        if part.name in names[:number]:
+            raise ValueError(f"two parts are named {part.name!r}")
+        if np.linalg.norm(np.cross(part.axis, part.across)) < 1e-6:
+            raise ValueError(f"part {part.name!r} has its x along its axis: axis {part.axis}, across {part.across}")
+    last = {joint: link for link, joint in enumerate(tree.link_joint)}  # links are sorted by depth: the last one stays
+    return tuple(last[tree.joint_names.index(part.joint)] for part in parts)
 
 
 def part_frames(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
@@ -149,12 +187,6 @@ def axes_of(axis: Triple, across: Triple) -> np.ndarray:
     return np.stack([x, np.cross(z, x), z], 1)
 
 
-def _check(tree: KinematicTree, part: Cone, before: Sequence[str]) -> None:
-    if part.joint not in tree.joint_names:
-        raise ValueError(f"part {part.name!r} rides on joint {part.joint!r}; expected one of {sorted(tree.joint_names)}")
-    if part.name in before:
-        raise ValueError(f"two parts are named {part.name!r}")
+def _check(part: Cone) -> None:
     if not (part.length != 0 and min(part.radii) >= 0 and max(part.radii) > 0 and min(part.scale) > 0):
         raise ValueError(f"part {part.name!r} has length {part.length}, radii {part.radii}, scale {part.scale}; expected sizes")
-    if np.linalg.norm(np.cross(part.axis, part.across)) < 1e-6:
-        raise ValueError(f"part {part.name!r} has its x along its axis: axis {part.axis}, across {part.across}")

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.geometry.batch_last import batch_last
-from poseppl.geometry.flesh import axes_of
+from poseppl.geometry.flesh import axes_of, links_of
 from poseppl.geometry.kinematics import Frames, frames_of
 from poseppl.geometry.tree import KinematicTree
 
@@ -129,14 +129,12 @@ def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, piec
         ValueError: An unknown joint, two parts of one name, an x along the axis, no piece, or a shape that is none: sizes that
             are not positive, exponents or tapers out of range, or bent so much that the part runs through itself.
     """
-    if not parts:
-        raise ValueError("a body needs at least one part")
-    for number, part in enumerate(parts):
-        _check(tree, part, [other.name for other in parts[:number]])
+    links = links_of(tree, parts)
+    for part in parts:
+        _check(part)
     needed = max(map(pieces_needed, parts)) if pieces is None else pieces
     if needed < 1:
         raise ValueError(f"{needed} pieces a part; expected at least 1")
-    last = {joint: link for link, joint in enumerate(tree.link_joint)}  # links are sorted by depth: the last one stays
     return Superquadrics(
         rotations=jnp.asarray(np.stack([axes_of(part.axis, part.across) for part in parts]), float),
         centres=jnp.asarray([part.centre for part in parts], float),
@@ -144,7 +142,7 @@ def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, piec
         exponents=jnp.asarray([part.exponents for part in parts], float),
         tapers=jnp.asarray([part.taper for part in parts], float),
         bends=jnp.asarray([(part.bend, part.bend_towards) for part in parts], float),
-        links=tuple(last[tree.joint_names.index(part.joint)] for part in parts),
+        links=links,
         names=tuple(part.name for part in parts),
         pieces=needed,
     )
@@ -265,12 +263,8 @@ def _turned(axes: jax.Array, vectors: jax.Array) -> jax.Array:
     return jnp.asarray(sum(axes[:, None, None, :, k] * vectors[:, :, :, k, None] for k in range(3)))
 
 
-def _check(tree: KinematicTree, part: Superquadric, before: Sequence[str]) -> None:
+def _check(part: Superquadric) -> None:
     name = f"part {part.name!r}"
-    if part.joint not in tree.joint_names:
-        raise ValueError(f"{name} rides on joint {part.joint!r}; expected one of {sorted(tree.joint_names)}")
-    if part.name in before:
-        raise ValueError(f"two parts are named {part.name!r}")
     if not (min(part.half_axes) > 0 and np.all(np.isfinite(part.half_axes))):
         raise ValueError(f"{name} has half-axes {part.half_axes}; expected three sizes in mm")
     if not (min(part.exponents) >= _LEAST_EXPONENT and max(part.exponents) <= 2):
@@ -282,5 +276,3 @@ def _check(tree: KinematicTree, part: Superquadric, before: Sequence[str]) -> No
     most = min(np.pi, 2 * part.half_axes[2] / reach)
     if not (abs(part.bend) < most and np.isfinite(part.bend_towards)):
         raise ValueError(f"{name} is bent by {part.bend:g} rad; as long and wide as it is, expected less than {most:.3g}")
-    if np.linalg.norm(np.cross(part.axis, part.across)) < 1e-6:
-        raise ValueError(f"{name} has its x along its axis: axis {part.axis}, across {part.across}")

@@ -10,7 +10,7 @@ from poseppl_models.feature_evidence import colours_at, du_guan_of_features, two
 from poseppl.geometry.silhouette_bits import unpack_bits
 from poseppl.vision import BackgroundSettings, FeatureSettings, background_from_plate, extract
 
-pytest.importorskip("cv2")
+pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 
 
 @pytest.fixture(scope="module")
