@@ -7,12 +7,13 @@ Recording: pose2sim_balancing. Masks are the published ones, at half resolution;
 told which camera he faces. Errors are against the published triangulation of all cameras (which is no truth: segments vary by
 centimetres): mean distance of 12 joints, mm, and the same after taking away the middle of the hips. Overlap is the intersection
 over union of the mean pose's silhouette with the masks of the cameras that were not used (of all, where all were used), every
-tenth frame.
+tenth frame. With --result FILE.nc nothing is tracked: the errors are those of a result of `poseppl track --video` of all cameras.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.geometry.flesh import flesh_of, parts_of
 from poseppl.io import CameraRecord, read_cameras, read_image
-from poseppl.results import provenance
+from poseppl.results import load_result, provenance
 from poseppl.tracking import TrackSettings, track
 from poseppl.tracking.placing import cameras_of_records
 from poseppl.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
@@ -53,19 +54,24 @@ _STRIDE = 4
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1")
+    options = arguments(__doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", result="")
     start_jax()
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
-    records, masks, hidden = read_masks(folder, count)
     reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
+    if options.result:
+        summary = load_result(options.result)["summary"].dataset
+        names = [str(name) for name in summary["marker"].values]
+        print("error, relative, mm:", *(f"{value:.0f}" for value in errors(names, summary["markers_mean"].values, reference)))
+        return
+    records, masks, hidden = read_masks(folder, count)
     for name in options.filters.split(","):
         for view in [view for view in VIEWS if str(len(view)) in options.cameras.split(",")]:
             scene = scene_of(records, masks, hidden, view)._replace(faces=records[VIEWS[view]].name)
             tree = track(scene, TrackSettings(filter=name))
             found = tree["summary"].dataset["markers_mean"].values
             known = provenance(tree)
-            error, relative = errors(scene, found, reference)
+            error, relative = errors(scene.scene.body.tree.marker_names, found, reference)
             others = [camera for camera in range(len(records)) if camera not in view] or list(view)
             overlap = mean_overlap(scene, tree["summary"].dataset["state_mean"].values, records, masks, others)
             rate = f"{count / known['wall_seconds']:.2f}"
@@ -107,8 +113,8 @@ def read_triangulation(path: Path, count: int) -> dict[str, Any]:
     return {name: places.reshape(len(rows), -1, 3)[:, number][:, [2, 0, 1]] for number, name in enumerate(names)}
 
 
-def errors(scene: SilhouetteScene, found: Any, reference: dict[str, Any]) -> tuple[float, float]:
-    names = scene.scene.body.tree.marker_names
+def errors(names: Sequence[str], found: Any, reference: dict[str, Any]) -> tuple[float, float]:
+    """Mean distance and relative distance, mm, of joints (T, markers, 3)."""
     ours = np.stack([found[:, names.index(name)] for name in _JOINTS], 1)
     theirs = np.stack([reference[name] for name in _JOINTS.values()], 1)
     hips = [list(_JOINTS).index(name) for name in ("hip_r", "hip_l")]
