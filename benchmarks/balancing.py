@@ -7,7 +7,7 @@ Recording: pose2sim_balancing. Masks are the published ones, at half resolution;
 told which camera he faces. Errors are against the published triangulation of all cameras (which is no truth: segments vary by
 centimetres): mean distance of 12 joints, mm, and the same after taking away the middle of the hips. Overlap is the intersection
 over union of the mean pose's silhouette with the masks of the cameras that were not used (of all, where all were used), every
-tenth frame. With --result FILE.nc nothing is tracked: the errors are those of a result of `poseppl track --video` of all cameras.
+tenth frame. With --result FILE.nc nothing is tracked: the errors are those of a `poseppl track --video` of all cameras.
 """
 
 from __future__ import annotations
