@@ -28,8 +28,7 @@ from timing import arguments, show
 from poseppl.body import load_builder
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.io import VideoWarning
-from poseppl.rendering import read_masks
+from poseppl.io import VideoWarning, read_masks
 from poseppl.results import provenance
 from poseppl.tracking import TrackSettings, measure_run, track
 from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, silhouette_scene

@@ -35,8 +35,9 @@ from matplotlib.figure import Figure
 
 from poseppl.filters import kalman_filter
 from poseppl.geometry import project
+from poseppl.io import read_masks
 from poseppl.io.opencv import opencv
-from poseppl.rendering import Truth, build_setting, read_masks, write_scene
+from poseppl.rendering import Truth, build_setting, write_scene
 from poseppl.rendering.packages import load_mujoco
 from poseppl.results import QUANTILES
 from poseppl.run import run_filter

@@ -10,8 +10,8 @@ import click
 
 from poseppl.errors import InputError
 
-MANY = ("--video", "--empty", "--hidden")
-_ONLY = ("calibration", "empty", "hidden", "stature", "faces", "silhouette_noise", "edges")
+MANY = ("--video", "--empty", "--hidden", "--masks")
+_ONLY = ("calibration", "empty", "hidden", "masks", "stature", "faces", "silhouette_noise", "edges")
 
 
 class ManyFiles(click.Command):
@@ -59,6 +59,14 @@ def video_options(command: Any) -> Any:
             multiple=True,
             type=click.Path(),
             help="--video: pictures, white where furniture stands before the person, named alike.",
+        ),
+        click.option(
+            "--masks",
+            metavar="FILE...",
+            multiple=True,
+            type=click.Path(),
+            help="--video: masks instead of a background, white on the person, named alike: a video, a folder of pictures, or "
+            ".npz as poseppl simulate --video writes it.",
         ),
         click.option(
             "--stature",
@@ -143,10 +151,15 @@ def open_sources(options: dict[str, Any]) -> Any:
 
     words = options["video"]
     if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
+        for name in ("calibration", "empty", "hidden", "masks"):
+            if options[name]:
+                raise InputError(f"{words[0]} has its own", field=f"--{name}", expected="no such option with a scene's folder")
         return sources_of_scene(words[0])
     if options["calibration"] is None:
         raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
-    return sources_of_files(words, options["calibration"], empty=options["empty"], hidden=options["hidden"])
+    return sources_of_files(
+        words, options["calibration"], empty=options["empty"], hidden=options["hidden"], masks=options["masks"]
+    )
 
 
 def overlay_paths(sources: Any, target: Path) -> list[Path]:

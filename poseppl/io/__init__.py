@@ -14,6 +14,8 @@ from poseppl.io.cameras import write_cameras as write_cameras
 from poseppl.io.deepmimic import read_deepmimic as read_deepmimic
 from poseppl.io.files import atomic_folder as atomic_folder
 from poseppl.io.files import atomic_path as atomic_path
+from poseppl.io.masks import open_masks as open_masks
+from poseppl.io.masks import read_masks as read_masks
 from poseppl.io.motion import Motion as Motion
 from poseppl.io.motion import slice_frames as slice_frames
 from poseppl.io.motion import to_z_up as to_z_up

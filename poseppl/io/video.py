@@ -110,7 +110,9 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
         paths = images_in(source, camera)
         first = next(read_images(paths, camera, 0))
         size, count = (first.shape[1], first.shape[0]), len(paths)
-        return Video(camera, size, count, rate, text, lambda start: read_images(paths, camera, start), lambda: _digest(paths))
+        return Video(
+            camera, size, count, rate, text, lambda start: read_images(paths, camera, start), lambda: digest_of_files(paths)
+        )
     check_file(source, max_bytes=MAX_VIDEO_BYTES)
     found = probe(text, camera)
     return Video(
@@ -120,7 +122,7 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
         rate or found.rate,
         text,
         lambda start: read_video(text, camera, start, found, variable_rate),
-        lambda: _digest([Path(text)]),
+        lambda: digest_of_files([Path(text)]),
     )
 
 
@@ -144,7 +146,8 @@ def _from_arrays(source: Sequence[Image] | Image, camera: str, rate: float | Non
     return Video(camera, (width, height), len(checked), rate, "arrays", stream, digest)
 
 
-def _digest(paths: Sequence[Path]) -> str:
+def digest_of_files(paths: Sequence[Path]) -> str:
+    """Hash of the contents of files, in this order."""
     state = hashlib.blake2b(digest_size=16)
     for path in paths:
         with path.open("rb") as stream:

@@ -1,7 +1,6 @@
 """Scenes with truth: recorded motion, rendered in a room with four corner cameras and clutter, by a body of its own."""
 
 from poseppl.rendering.noise import SensorNoise as SensorNoise
-from poseppl.rendering.packed_masks import read_masks as read_masks
 from poseppl.rendering.points import find_toes as find_toes
 from poseppl.rendering.render import Stage as Stage
 from poseppl.rendering.scene_files import Truth as Truth

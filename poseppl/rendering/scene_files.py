@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 from poseppl.errors import InputError
 from poseppl.io.cameras import write_cameras
 from poseppl.io.files import atomic_folder
+from poseppl.io.masks import pack_mask, write_masks
 from poseppl.io.opencv import write_image
 from poseppl.io.places import write_places
 from poseppl.io.video_writing import VideoWriter, video_writer
 from poseppl.rendering.noise import SensorNoise, check_noise, expose, expose_long
-from poseppl.rendering.packed_masks import pack_mask, write_masks
 from poseppl.rendering.points import Floats
 from poseppl.rendering.render import Stage
 from poseppl.rendering.setting import Setting

@@ -18,15 +18,14 @@ from poseppl.geometry import Cameras, depth
 from poseppl.io import CameraRecord, Video
 from poseppl.io.opencv import opencv
 from poseppl.io.synchronised import VideoWarning, synchronised
+from poseppl.tracking.picture_sizes import fit_size, resized
 from poseppl.tracking.placing import cameras_of_records
 from poseppl.tracking.scene import Floats, Scene
-from poseppl.vision import Background, EdgeSettings, check_mask, edge_distance, find_edges, silhouette_distance
+from poseppl.vision import Background, EdgeSettings, Foreground, check_mask, edge_distance, find_edges, silhouette_distance
 from poseppl.vision.contours import contour_points
 
 Mask = NDArray[np.uint8]
 OnFailure = Literal["continue", "stop"]
-_CUT = 0.02
-"""Share of a picture's width or height that an encoder may cut off."""
 _NEXT = 10.0
 """Largest distance from an edge that is told apart, px."""
 
@@ -149,6 +148,7 @@ def scene_of_videos(
     videos: Sequence[Video],
     backgrounds: Mapping[str, Background],
     *,
+    masks: Mapping[str, Video] | None = None,
     hidden: Mapping[str, Mask] | None = None,
     settings: SilhouetteSettings | None = None,
     start: int = 0,
@@ -156,13 +156,14 @@ def scene_of_videos(
     on_failure: OnFailure = "continue",
     advance: Any = None,
 ) -> SilhouetteScene:
-    """Make a scene of videos whose backgrounds are known or were learned.
+    """Make a scene of videos whose backgrounds are known or were learned, or whose masks are given.
 
     Args:
         body: The body, whose program sees silhouettes.
         records: C calibrated cameras.
         videos: Their videos, by name.
-        backgrounds: By name.
+        backgrounds: By name, of the cameras without masks.
+        masks: For some cameras, by their names, masks as videos, white on the person; of any size in the camera's proportion.
         hidden: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
         settings: The settings.
         start: The first frame.
@@ -178,12 +179,13 @@ def scene_of_videos(
     check_names(records, [video.camera for video in videos])
     sizes = {video.camera: video.size for video in videos}
     records = [fit_size(record, sizes[record.name]) for record in records]
+    given = masks or {}
     frames = []
-    for number, images in _readable(videos, start, stop, on_failure):
+    for number, images in _readable([*videos, *given.values()], start, stop, on_failure):
         row = []
         for record in records:
             blind = (hidden or {}).get(record.name)
-            found = backgrounds[record.name].subtract(images[record.name])
+            found = _foreground(images, record, backgrounds, given.get(record.name))
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
             seen = _frame(found.foreground, unknown, record, number, chosen, on_failure)
             edges = _edges(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
@@ -194,6 +196,16 @@ def scene_of_videos(
     if not frames:
         raise InputError("the videos have no frame", field="--video", expected="at least one")
     return _assemble(body, records, frames, chosen, videos[0].rate, _together([video.source for video in videos]), start)
+
+
+def _foreground(
+    images: Mapping[str, NDArray[np.uint8]], record: CameraRecord, backgrounds: Mapping[str, Background], masks: Video | None
+) -> Foreground:
+    """What a camera's mask marks; without masks, what differs from the background."""
+    if masks is None:
+        return backgrounds[record.name].subtract(images[record.name])
+    mask = resized(images[masks.camera][..., 0], record.size, "mask", record.name) > 127
+    return Foreground(mask.astype(np.uint8), np.zeros(mask.shape, np.uint8))
 
 
 def _readable(
@@ -232,22 +244,14 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
         raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
 
 
-def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
-    """The record of a camera whose pictures have another width and height, px, than its calibration says.
-
-    Pictures that lack a few of the last columns or rows, which encoders cut off, are taken as they are: a ``VideoWarning``.
+def check_faces(name: str, cameras: Sequence[str]) -> None:
+    """Check that there is the camera which the person is told to face.
 
     Raises:
-        InputError: They differ by more.
+        InputError: There is none of this name.
     """
-    if size == record.size:
-        return record
-    told = f"the pictures have {size[0]} x {size[1]} pixels, the calibration {record.size[0]} x {record.size[1]}"
-    if not all((1 - _CUT) * whole <= side <= whole for side, whole in zip(size, record.size, strict=True)):
-        expected = "pictures of the calibrated size; scale the videos, or the calibration's size and matrix"
-        raise InputError(told, field=f"camera {record.name}", expected=expected)
-    warnings.warn(f"camera {record.name}: {told}; the last columns or rows are taken to be cut off", VideoWarning, stacklevel=3)
-    return record._replace(size=size)
+    if name not in cameras:
+        raise InputError(f"there is no camera {name!r}", field="--faces", expected=", ".join(cameras))
 
 
 def _frame(

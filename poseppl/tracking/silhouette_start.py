@@ -19,7 +19,7 @@ from poseppl.body import Body, SilhouetteInputs
 from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.tracking.scene import Floats
-from poseppl.tracking.silhouette_scene import SilhouetteScene, noise_in_pixels
+from poseppl.tracking.silhouette_scene import SilhouetteScene, check_faces, noise_in_pixels
 from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, place_of_points, scales
 
 _REST_SPREAD = 0.4
@@ -67,8 +67,7 @@ def _faced(seen: SilhouetteScene) -> Floats | None:
     if seen.faces is None:
         return None
     names = seen.scene.camera_names
-    if seen.faces not in names:
-        raise InputError(f"there is no camera {seen.faces!r}", field="--faces", expected=", ".join(names))
+    check_faces(seen.faces, names)
     return np.asarray(seen.scene.cameras.centre, np.float64)[names.index(seen.faces), :2]
 
 

@@ -14,10 +14,17 @@ from numpy.typing import NDArray
 
 from poseppl.body import load_builder
 from poseppl.errors import InputError
-from poseppl.io import CameraRecord, Video, open_video, read_cameras, read_image
-from poseppl.io.opencv import opencv
+from poseppl.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
+from poseppl.tracking.picture_sizes import resized
 from poseppl.tracking.scene import Floats
-from poseppl.tracking.silhouette_scene import OnFailure, SilhouetteScene, SilhouetteSettings, check_names, scene_of_videos
+from poseppl.tracking.silhouette_scene import (
+    OnFailure,
+    SilhouetteScene,
+    SilhouetteSettings,
+    check_faces,
+    check_names,
+    scene_of_videos,
+)
 from poseppl.vision import Background, background_from_plate, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
@@ -45,6 +52,7 @@ class VideoSources(NamedTuple):
         empty: For some cameras, pictures of the scene without a person, from which the background is learned; for the others it
             is learned from the video itself.
         hidden: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
+        masks: For some cameras, masks of the person as videos, in place of a background.
         truth: The truth, where it is known.
     """
 
@@ -52,6 +60,7 @@ class VideoSources(NamedTuple):
     videos: tuple[Video, ...]
     empty: Mapping[str, Video]
     hidden: Mapping[str, Image]
+    masks: Mapping[str, Video]
     truth: SceneTruth | None = None
 
 
@@ -61,6 +70,7 @@ def sources_of_files(
     *,
     empty: Sequence[str | PathLike[str]] = (),
     hidden: Sequence[str | PathLike[str]] = (),
+    masks: Sequence[str | PathLike[str]] = (),
 ) -> VideoSources:
     """Open videos and what goes with them.
 
@@ -69,6 +79,7 @@ def sources_of_files(
         calibration: Cameras as TOML; those without a video are left out.
         empty: Pictures or clips of the empty scene, named alike.
         hidden: Pictures that are white where furniture hides a person, named alike.
+        masks: Masks of the person, white on them, as :func:`~poseppl.io.open_masks` opens them, named alike.
 
     Raises:
         InputError: A file cannot be read, or a name is not that of a calibrated camera.
@@ -84,12 +95,13 @@ def sources_of_files(
     kept = tuple(record for record in records if record.name in names)
     order = {record.name: number for number, record in enumerate(kept)}
     beside = {name: open_video(path, name) for name, path in map(_named, empty)}
-    masks = {name: read_image(path, name)[..., 0] for name, path in map(_named, hidden)}
-    for option, given in (("--empty", beside), ("--hidden", masks)):
-        for name in given:
+    dark = {name: read_image(path, name)[..., 0] for name, path in map(_named, hidden)}
+    given = {name: open_masks(path, f"{name} (masks)") for name, path in map(_named, masks)}
+    for option, named in (("--empty", beside), ("--hidden", dark), ("--masks", given)):
+        for name in named:
             if name not in order:
                 raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{', '.join(order)}; or NAME=FILE")
-    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, masks)
+    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, dark, given)
 
 
 def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -> VideoSources:
@@ -111,7 +123,7 @@ def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -
     empty = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
     hidden = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
     truth = read_scene_truth(place / "truth.nc") if (place / "truth.nc").is_file() else None
-    return VideoSources(records, videos, empty, hidden, truth)
+    return VideoSources(records, videos, empty, hidden, {}, truth)
 
 
 def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
@@ -161,17 +173,27 @@ def see_silhouettes(
         advance: Called with 1 after each frame.
 
     Raises:
-        InputError: As :func:`~poseppl.tracking.silhouette_scene.scene_of_videos`, or the stature is not a person's.
+        InputError: As :func:`~poseppl.tracking.silhouette_scene.scene_of_videos`, the stature is not a person's, or there is no
+            camera of the name that the person faces.
     """
     truth = sources.truth
+    if faces is not None:
+        check_faces(faces, [record.name for record in sources.records])
     body = load_builder(model)(_lengths(model, stature, truth))
-    backgrounds = {video.camera: _background(video, sources.empty.get(video.camera)) for video in sources.videos}
+    backgrounds = {
+        video.camera: _background(video, sources.empty.get(video.camera))
+        for video in sources.videos
+        if video.camera not in sources.masks
+    }
+    sizes = {video.camera: video.size for video in sources.videos}
+    hidden = {name: resized(mask, sizes[name], "picture of what is hidden", name) for name, mask in sources.hidden.items()}
     seen = scene_of_videos(
         body,
         sources.records,
         sources.videos,
         backgrounds,
-        hidden=sources.hidden,
+        masks=sources.masks,
+        hidden=hidden,
         settings=settings,
         start=start,
         stop=stop,
@@ -196,23 +218,8 @@ def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Map
 def _background(video: Video, empty: Video | None) -> Background:
     if empty is None:
         return learn_background(video.images())
-    pictures = [_scaled(picture, video) for picture in empty.images()]
+    pictures = [resized(picture, video.size, "picture of the empty scene", video.camera) for picture in empty.images()]
     return background_from_plate(pictures[0]) if len(pictures) == 1 else learn_background(pictures)
-
-
-def _scaled(picture: Image, video: Video) -> Image:
-    """A picture of the empty scene at the size of the video.
-
-    Raises:
-        InputError: It has another shape.
-    """
-    (width, height), (wide, high) = video.size, picture.shape[1::-1]
-    if (wide, high) == (width, height):
-        return picture
-    if abs(wide * height - high * width) > 0.02 * wide * height:
-        problem = f"the picture of the empty scene has {wide} x {high} pixels"
-        raise InputError(problem, field=f"camera {video.camera}", expected=f"{width} x {height}, or the same shape smaller")
-    return np.asarray(opencv().resize(picture, (width, height), interpolation=opencv().INTER_CUBIC), np.uint8)
 
 
 def _named(word: str | PathLike[str]) -> tuple[str, str]:

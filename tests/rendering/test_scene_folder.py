@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError, PosepplError
-from poseppl.io import read_cameras, read_places
+from poseppl.io import read_cameras, read_masks, read_places
 from poseppl.io.files import atomic_folder
 from poseppl.io.opencv import opencv
 from poseppl.io.video_writing import video_writer
-from poseppl.rendering import SensorNoise, Setting, Truth, read_masks, write_scene
+from poseppl.rendering import SensorNoise, Setting, Truth, write_scene
 from poseppl.rendering.noise import expose, expose_long
 from poseppl.rendering.points import JOINTS
 

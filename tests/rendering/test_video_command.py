@@ -14,8 +14,8 @@ import pytest
 import xarray as xr
 
 from poseppl.cli import main
-from poseppl.io import read_cameras, read_places
-from poseppl.rendering import Setting, packages, read_masks
+from poseppl.io import read_cameras, read_masks, read_places
+from poseppl.rendering import Setting, packages
 
 SMALL = ["simulate", "--video", "--size", "96", "72"]
 

@@ -1,0 +1,61 @@
+"""Silhouettes whose masks are given instead of a background."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
+
+import cv2
+from silhouette_rooms import RECORDS, SIZE, body, masks_of, pose
+
+from poseppl.errors import InputError
+from poseppl.io import VideoWarning, open_video
+from poseppl.tracking.silhouette_scene import silhouette_scene
+from poseppl.tracking.video_sources import VideoSources, see_silhouettes
+
+FRAMES = 3
+MASKS = [masks_of(pose(seed)) for seed in range(FRAMES)]
+"""Of every frame, by the cameras' names."""
+
+
+def sources(masks):
+    """Videos that show nothing but noise, with these masks (T, H, W) of each camera."""
+    noise = np.random.default_rng(0).integers(20, 40, (FRAMES, SIZE[1], SIZE[0]), np.uint8)
+    given = {name: open_video(255 * np.asarray(values, np.uint8), f"{name} (masks)") for name, values in masks.items()}
+    return VideoSources(RECORDS, tuple(open_video(noise, record.name, rate=30.0) for record in RECORDS), {}, {}, given)
+
+
+def truth():
+    return {record.name: np.stack([masks[record.name] for masks in MASKS]) for record in RECORDS}
+
+
+def test_given_masks_are_the_silhouettes():
+    seen, wanted = see_silhouettes(sources(truth())), silhouette_scene(body(), RECORDS, truth())
+    for name in ("contour", "on_outline", "distance", "usable"):
+        np.testing.assert_allclose(getattr(seen, name), getattr(wanted, name), atol=1e-5)
+    assert seen.scene.rate == 30.0
+
+
+def test_masks_of_half_the_size_are_nearly_the_same():
+    half = {name: [cv2.resize(mask, None, fx=0.5, fy=0.5) for mask in masks] for name, masks in truth().items()}
+    seen, wanted = see_silhouettes(sources(half)), silhouette_scene(body(), RECORDS, truth())
+    off = np.abs(seen.distance - wanted.distance)
+    assert off.mean() < 1.0 < np.abs(wanted.distance).mean() / 10  # px, of distances of dozens
+    other = see_silhouettes(sources(dict(zip(truth(), list(half.values())[::-1], strict=True))))
+    assert np.abs(other.distance - wanted.distance).mean() > 1.0  # masks of the wrong cameras
+
+
+def test_masks_that_do_not_fit_are_told():
+    square = {"left": np.ones((FRAMES, 90, 90))}
+    with pytest.raises(InputError, match="camera left: the mask has 90 x 90 pixels.*240 x 180"):
+        see_silhouettes(sources(truth() | square))
+
+
+def test_fewer_masks_than_frames_end_the_run_or_stop_it():
+    short = truth() | {"right": truth()["right"][:2]}
+    with pytest.warns(VideoWarning, match=r"right \(masks\).*2 frames, 3 are wanted"):
+        assert len(see_silhouettes(sources(short)).contour) == 2
+    with pytest.raises(InputError, match=r"right \(masks\).*2 frames"):
+        see_silhouettes(sources(short), on_failure="stop")
