@@ -43,11 +43,14 @@ class Linear(NamedTuple):
     noise: jax.Array
 
 
-def linearise(conditional: Conditional, x: Gaussian, method: Method) -> Linear:
-    """Linearise a conditional for x ~ N(m, P)."""
+def linearise(
+    conditional: Conditional, x: Gaussian, method: Method, slope_at: Callable[[jax.Array], jax.Array] | None = None
+) -> Linear:
+    """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
         mean, noise = conditional(x.mean)
-        return Linear(mean, jax.jacrev(lambda at: conditional(at)[0])(x.mean), noise)
+        slope_at = slope_at or jax.jacrev(lambda at: conditional(at)[0])
+        return Linear(mean, slope_at(x.mean), noise)
     dimension = x.mean.shape[0]
     kappa = max(0.0, 3.0 - dimension)
     spread = jnp.sqrt(jnp.asarray(dimension + kappa, x.mean.dtype)) * jnp.eye(dimension, dtype=x.mean.dtype)

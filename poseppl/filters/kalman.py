@@ -105,7 +105,9 @@ def assimilate(
         The posterior, the log-evidence (-inf if it failed), and whether the data were impossible: the posterior is then the
         prediction.
     """
-    linear = linearise(lambda x: model.observation_moments(x, inputs), predicted, method)
+    linear = linearise(
+        lambda x: model.observation_moments(x, inputs), predicted, method, lambda x: model.observation_slope(x, inputs)
+    )
     data, seen = model.flat_observation(observation)
     posterior, log_evidence = condition(predicted, linear, data, seen)
     failed = ~(jnp.isfinite(log_evidence) & jnp.all(jnp.isfinite(posterior.mean)))

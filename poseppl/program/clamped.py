@@ -146,6 +146,10 @@ class ClampedModel(CompiledModel):
         """Mean and covariance of a frame's data."""
         return self.full.observation_moments(self.fill(x, _required(inputs).values), inputs.inputs)
 
+    def observation_slope(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Derivative of the mean of a frame's data by the free coordinates."""
+        return self._keep(self.full.observation_slope(self.fill(x, _required(inputs).values), inputs.inputs), axis=1)
+
     def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """The block of the full curvature that belongs to the free coordinates."""
         state = self.fill(x, _required(inputs).values)

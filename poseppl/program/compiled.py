@@ -18,6 +18,7 @@ from poseppl.program.gaussian import (
     moments_obstacle,
     observation_information,
     observation_moments,
+    observation_slope,
     transition_moments,
 )
 from poseppl.program.observation import Observation, feasible, observe
@@ -187,10 +188,17 @@ class CompiledModel:
         Raises:
             ValueError: A site that is not Gaussian, or a factor.
         """
+        return observation_moments(self.observation_sites, self._feasible_trace(x, inputs))
+
+    def observation_slope(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+        """Derivative (k, d) by `x` of the mean that :meth:`observation_moments` gives."""
+        return observation_slope(self.observation_sites, lambda state: self._feasible_trace(state, inputs), x)
+
+    def _feasible_trace(self, x: jax.Array, inputs: Inputs) -> Any:
+        """Trace of the observation program with some data that it could produce."""
         arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
         values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
-        trace = trace_program(self.programs.observation, arguments, values=values)
-        return observation_moments(self.observation_sites, trace)
+        return trace_program(self.programs.observation, arguments, values=values)
 
     def flat_observation(self, observation: Observation) -> tuple[jax.Array, jax.Array]:
         """Data (k,) of a frame as one vector, and whether each entry was seen (k,)."""

@@ -7,7 +7,7 @@ middles of the silhouettes point to.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -87,8 +87,7 @@ class _Search:
         self._x_scale = scales(body, 100.0, 0.3)
         self._place = _middle(seen, first, body, self._rest)
         free = np.array([joint != root for joint, _ in body.tree.coordinates])
-        residuals = _residuals(seen, params, self._rest, free, self._place)
-        self._evaluate, self._derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+        self._evaluate, self._derive = map(jax.jit, _residuals(seen, params, self._rest, free, self._place))
 
     def guesses(self) -> list[Floats]:
         """The rest pose at the place of the silhouettes, in every heading."""
@@ -138,12 +137,19 @@ class _Search:
         return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
 
 
-def _data(seen: SilhouetteScene, frame: int) -> tuple[SilhouetteSeen, jax.Array, jax.Array]:
-    """What was seen in a frame, which points of the contours count, and which cameras."""
+class _Data(NamedTuple):
+    """What was seen in a frame, which points of the contours count (C, K), and which cameras (C,)."""
+
+    seen: SilhouetteSeen
+    on_outline: jax.Array
+    usable: jax.Array
+
+
+def _data(seen: SilhouetteScene, frame: int) -> _Data:
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
     on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
     edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
-    return SilhouetteSeen(contour, distance, scale, edges), on_outline, usable
+    return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable)
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
@@ -159,21 +165,31 @@ def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floa
     return place_of_points(body, seen.scene.cameras, points, rest)
 
 
-def _residuals(seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats) -> Any:
+def _residuals(
+    seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats
+) -> tuple[Callable[..., jax.Array], Callable[..., jax.Array]]:
+    """Residuals of a state and the data of a frame, and their derivatives by the state."""
     body, cameras = seen.scene.body, seen.scene.cameras
     guess = rest.copy()
     guess[:3] = place
     noise = jnp.asarray(noise_in_pixels(seen, guess), float)
 
-    def inputs(data: SilhouetteSeen) -> SilhouetteInputs:
-        return SilhouetteInputs(cameras, data, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
+    def inputs(data: _Data) -> SilhouetteInputs:
+        return SilhouetteInputs(cameras, data.seen, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
 
-    model = body.program.compile(inputs(_data(seen, 0)[0]), dict(params))
+    model = body.program.compile(inputs(_data(seen, 0)), dict(params))
 
-    def residuals(x: jax.Array, data: tuple[SilhouetteSeen, jax.Array, jax.Array]) -> jax.Array:
-        distances = model.observation_moments(x, inputs(data[0]))[0].reshape(len(noise), -1)
-        outline, beyond = distances[:, : data[1].shape[1]] * data[1], distances[:, data[1].shape[1] :] * data[2][:, None]
-        pull = jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)
-        return jnp.concatenate([(outline / noise[:, None]).ravel(), (beyond / noise[:, None]).ravel(), pull])
+    def weights(data: _Data, count: int) -> jax.Array:
+        """Of all residuals: those of the outline first, then those of parts that stick out."""
+        beyond = jnp.broadcast_to(data.usable[:, None], (len(noise), count // len(noise) - data.on_outline.shape[1]))
+        return (jnp.concatenate([data.on_outline, beyond], 1) / noise[:, None]).ravel()
 
-    return residuals
+    def residuals(x: jax.Array, data: _Data) -> jax.Array:
+        distances = model.observation_moments(x, inputs(data))[0]
+        return jnp.concatenate([distances * weights(data, len(distances)), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+
+    def derivatives(x: jax.Array, data: _Data) -> jax.Array:
+        slope = model.observation_slope(x, inputs(data))
+        return jnp.concatenate([slope * weights(data, len(slope))[:, None], jnp.diag(jnp.where(free, 1 / _REST_SPREAD, 0.0))])
+
+    return residuals, derivatives

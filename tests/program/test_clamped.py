@@ -67,6 +67,8 @@ def test_gaussian_summaries_are_blocks(full, inputs):
     full_mean, full_covariance = full.transition_moments(FULL_PREVIOUS, inputs.inputs)
     np.testing.assert_array_equal(mean, full_mean[np.array(FREE)])
     np.testing.assert_array_equal(covariance, full_covariance[block])
+    slope = full.observation_slope(FULL_X, inputs.inputs)
+    np.testing.assert_array_equal(clamped.observation_slope(X, inputs), slope[:, block[1].ravel()])
     information = clamped.observation_information(X, data, inputs)
     np.testing.assert_array_equal(information, full.observation_information(FULL_X, data, inputs.inputs)[block])
 

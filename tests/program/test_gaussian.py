@@ -78,7 +78,7 @@ class Known(dist.Normal):
     def whitened_jacobian(self, mask):
         Known.asked += 1
         rows = jnp.stack([jnp.array([jnp.cos(self.state[0]), 0, 0]), jnp.stack([0.0, self.state[2], self.state[1]])])
-        return jnp.where(mask[:, None], self.fixed * rows / 0.5, 0.0)
+        return jnp.where(jnp.array([True, True]) if mask is None else mask, 1.0, 0.0)[:, None] * self.fixed * rows / 0.5
 
 
 @pytest.mark.parametrize(("constant", "asked"), [(True, 1), (False, 0)])
@@ -96,6 +96,20 @@ def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
     row = jax.jacfwd(location)(X)[0] / 0.5
     np.testing.assert_allclose(found, jnp.outer(row, row), rtol=1e-5)
     assert Known.asked == asked
+    slope = jax.jit(model(observation=program).compile().observation_slope)(X)
+    np.testing.assert_allclose(slope, jax.jacfwd(location)(X), rtol=1e-5)
+    assert Known.asked == 2 * asked
+
+
+def test_the_slope_is_that_of_all_means_in_order():
+    def program(params, state, inputs):
+        numpyro.sample("many", dist.MultivariateNormal(jnp.stack([curved(state)] * 2), jnp.array(FULL)))
+        numpyro.sample("event", dist.Normal(2.0 * curved(state), jnp.exp(state["level"])).to_event(1))
+
+    compiled = model(observation=program).compile()
+    slope = jax.jit(compiled.observation_slope)(X)
+    np.testing.assert_allclose(slope, np.concatenate([JACOBIAN, JACOBIAN, 2 * JACOBIAN]), rtol=1e-5)
+    assert slope.shape[0] == compiled.observation_moments(X)[0].shape[0]
 
 
 def test_scale_that_depends_on_the_state_is_ignored():

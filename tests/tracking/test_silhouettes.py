@@ -111,6 +111,8 @@ def test_information_is_that_of_the_residuals(edges):
     model, observation, inputs = program_of(with_edges(scene) if edges else scene)
     x = jnp.asarray(truth, float)
     rows = jax.jit(jax.jacrev(lambda x: model.observation_moments(x, inputs)[0]))(x)
+    slope = jax.jit(lambda x: model.observation_slope(x, inputs))(x)
+    np.testing.assert_allclose(slope, rows, rtol=1e-3, atol=1e-5 * np.abs(np.asarray(rows)).max())  # float32
     weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), rows.shape[0] // 2) ** 2
     expected = np.asarray(rows).T @ (np.asarray(rows) * weight[:, None])
     found = np.asarray(jax.jit(lambda x: model.observation_information(x, observation, inputs))(x))
