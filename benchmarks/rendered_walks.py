@@ -3,7 +3,7 @@
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
     python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
-        [--runs 3] [--true-masks] [--noise 60] [--output rendered-walks]
+        [--runs 3] [--true-masks] [--noise 60] [--edges] [--output rendered-walks]
 
 Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
 around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is 15
@@ -25,14 +25,13 @@ from typing import Any
 import jax
 from timing import arguments, show
 
-from poseppl.body import load_builder
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.io import VideoWarning, read_masks
+from poseppl.io import VideoWarning, open_masks
 from poseppl.results import provenance
 from poseppl.tracking import TrackSettings, measure_run, track
-from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings, silhouette_scene
-from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
+from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings
+from poseppl.tracking.video_sources import see_silhouettes, sources_of_scene
 
 NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
 """In the corners of the room; two cameras are neighbours."""
@@ -52,18 +51,21 @@ def main() -> None:
         runs=3,
         true_masks=False,
         noise=60.0,
+        edges=False,
         output="rendered-walks",
     )
     start_jax()
     frames, runs = (3, 1) if options.quick else (options.frames, options.runs)
     table = Table("runs", _COLUMNS, read_runs(Path(options.output) / "runs.csv"), "Runs of rendered_walks.py; mm and seconds.")
     Path(options.output).mkdir(parents=True, exist_ok=True)
+    settings = SilhouetteSettings(noise=options.noise, edges=options.edges)
     special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 60 else "")
+    special += " edges" if options.edges else ""
     for scene, cameras in itertools.product(options.scenes.split(","), options.cameras.split(",")):
         runs_of = itertools.product(options.filters.split(","), range(runs))
         wanted = [(scene + special, cameras, name, str(seed), str(frames)) for name, seed in runs_of]
         missing = [key for key in wanted if key not in {row[:_KEY] for row in table.rows}]
-        seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, options.noise) if missing else None
+        seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, settings) if missing else None
         for key in missing:
             table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
             write_csv(table, Path(options.output))
@@ -73,18 +75,15 @@ def main() -> None:
     show(f"{frames} frames", columns, summed(table.rows))
 
 
-def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, noise: float) -> SilhouetteScene:
+def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, settings: SilhouetteSettings) -> SilhouetteScene:
     """The silhouettes of a rendered scene."""
-    sources, settings = sources_of_scene(folder, cameras), SilhouetteSettings(noise=noise)
+    sources = sources_of_scene(folder, cameras)
+    if true_masks:
+        masks = {name: open_masks(Path(folder) / f"{name}_visible.npz", f"{name} (masks)") for name in cameras}
+        sources = sources._replace(masks=masks)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VideoWarning)
-        if not true_masks:
-            return see_silhouettes(sources, settings=settings, stop=frames)
-        truth: Any = sources.truth
-        masks = {name: read_masks(Path(folder) / f"{name}_visible.npz")[:frames] for name in cameras}
-        body = load_builder(DEFAULT_MODEL)(truth.lengths)
-        seen = silhouette_scene(body, sources.records, masks, hidden=sources.hidden, settings=settings)
-    return seen._replace(scene=seen.scene._replace(states=truth.states[:frames], markers=truth.markers[:frames]))
+        return see_silhouettes(sources, settings=settings, stop=frames)
 
 
 def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:
