@@ -110,12 +110,16 @@ def test_information_is_that_of_the_residuals(edges):
     scene = with_truth(scene_of(truth), truth)
     model, observation, inputs = program_of(with_edges(scene) if edges else scene)
     x = jnp.asarray(truth, float)
-    rows = jax.jit(jax.jacrev(lambda x: model.observation_moments(x, inputs)[0]))(x)
-    slope = jax.jit(lambda x: model.observation_slope(x, inputs))(x)
-    np.testing.assert_allclose(slope, rows, rtol=1e-3, atol=1e-5 * np.abs(np.asarray(rows)).max())  # float32
-    weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), rows.shape[0] // 2) ** 2
-    expected = np.asarray(rows).T @ (np.asarray(rows) * weight[:, None])
-    found = np.asarray(jax.jit(lambda x: model.observation_information(x, observation, inputs))(x))
+    both = jax.jit(lambda x: (model.observation_slope(x, inputs), model.observation_information(x, observation, inputs)))(x)
+    slope, found = map(np.asarray, both)
+    pull = jax.jit(lambda x, rows: jax.vjp(lambda x: model.observation_moments(x, inputs)[0], x)[1](rows)[0])
+    for rows in np.random.default_rng(0).standard_normal((4, len(slope))).astype(slope.dtype):
+        wanted = np.asarray(pull(x, jnp.asarray(rows)))
+        np.testing.assert_allclose(
+            rows @ slope, wanted, rtol=1e-3, atol=1e-5 * np.abs(slope).max() * len(slope) ** 0.5
+        )  # float32
+    weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), len(slope) // 2) ** 2
+    expected = slope.T @ (slope * weight[:, None])
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())  # float32
 
 
