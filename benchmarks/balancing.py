@@ -7,23 +7,25 @@ Recording: pose2sim_balancing. Masks are the published ones, at half resolution;
 told which camera he faces. Errors are against the published triangulation of all cameras (which is no truth: segments vary by
 centimetres): mean distance of 12 joints, mm, and the same after taking away the middle of the hips. Overlap is the intersection
 over union of the mean pose's silhouette with the masks of the cameras that were not used (of all, where all were used), every
-tenth frame. With --result FILE.nc nothing is tracked: the errors are those of a `poseppl track --video` of all cameras.
+tenth frame. With --result FILE.nc nothing is tracked: the figures are those of a `poseppl track --video` of as many frames.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.silhouettes import full_body
 from timing import arguments, show
 
+from poseppl.body import Body
 from poseppl.cli.console import start_jax
 from poseppl.geometry.batch_last import batch_last
 from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
@@ -58,26 +60,31 @@ def main() -> None:
     start_jax()
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
-    reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
-    if options.result:
-        summary = load_result(options.result)["summary"].dataset
-        names = [str(name) for name in summary["marker"].values]
-        print("error, relative, mm:", *(f"{value:.0f}" for value in errors(names, summary["markers_mean"].values, reference)))
-        return
     records, masks, hidden = read_masks(folder, count)
+    reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
+    for tree in [load_result(options.result)] if options.result else runs(options, records, masks, hidden):
+        rows.append(measured(tree, reference, records, masks))
+        print(*rows[-1], flush=True)
+    show(f"{count} frames", ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"], rows)
+
+
+def runs(options: Any, records: list[CameraRecord], masks: Any, hidden: Any) -> Iterator[xr.DataTree]:
+    """Results of all filters and views that are asked for."""
     for name in options.filters.split(","):
         for view in [view for view in VIEWS if str(len(view)) in options.cameras.split(",")]:
             scene = scene_of(records, masks, hidden, view)._replace(faces=records[VIEWS[view]].name)
-            tree = track(scene, TrackSettings(filter=name))
-            found = tree["summary"].dataset["markers_mean"].values
-            known = provenance(tree)
-            error, relative = errors(scene.scene.body.tree.marker_names, found, reference)
-            others = [camera for camera in range(len(records)) if camera not in view] or list(view)
-            overlap = mean_overlap(scene, tree["summary"].dataset["state_mean"].values, records, masks, others)
-            rate = f"{count / known['wall_seconds']:.2f}"
-            rows.append([name, str(len(view)), f"{error:.0f}", f"{relative:.0f}", f"{overlap:.2f}", rate])
-            print(*rows[-1], flush=True)
-    show(f"{count} frames", ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"], rows)
+            yield track(scene, TrackSettings(filter=name))
+
+
+def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraRecord], masks: Any) -> list[str]:
+    """The row of one result: filter, number of cameras, error, relative error, overlap, frames a second."""
+    summary, known = tree["summary"].dataset, provenance(tree)
+    used = [str(name) for name in summary["camera"].values]
+    error, relative = errors([str(name) for name in summary["marker"].values], summary["markers_mean"].values, reference)
+    others = [camera for camera, record in enumerate(records) if record.name not in used] or list(range(len(records)))
+    overlap = mean_overlap(full_body(known["lengths"]), summary["state_mean"].values, records, masks, others)
+    rate = len(summary["frame"]) / known["wall_seconds"]
+    return [known["filter"], str(len(used)), f"{error:.0f}", f"{relative:.0f}", f"{overlap:.2f}", f"{rate:.2f}"]
 
 
 def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, Any], dict[str, Any]]:
@@ -122,9 +129,9 @@ def errors(names: Sequence[str], found: Any, reference: dict[str, Any]) -> tuple
     return tuple(float(np.nanmean(np.linalg.norm(each, axis=-1))) for each in (ours - theirs, relative))  # type: ignore[return-value]
 
 
-def mean_overlap(scene: SilhouetteScene, states: Any, records: list[CameraRecord], masks: Any, cameras: list[int]) -> float:
+def mean_overlap(body: Body, states: Any, records: list[CameraRecord], masks: Any, cameras: list[int]) -> float:
     """Intersection over union of silhouettes, on every fourth pixel of every tenth frame."""
-    body, shares = scene.scene.body, []
+    shares = []
     flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths))
     for camera in cameras:
         record, mask = records[camera], masks[records[camera].name][:, ::_STRIDE, ::_STRIDE]
