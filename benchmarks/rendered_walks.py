@@ -3,7 +3,8 @@
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
     python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
-        [--runs 3] [--true-masks] [--noise 60] [--edges] [--output rendered-walks]
+        [--runs 3] [--true-masks] [--noise 60] [--edges] [--refine]
+        [--output rendered-walks]
 
 Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
 around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is 15
@@ -32,6 +33,7 @@ from poseppl.results import provenance
 from poseppl.tracking import TrackSettings, measure_run, track
 from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings
 from poseppl.tracking.video_sources import see_silhouettes, sources_of_scene
+from poseppl.vision import BackgroundSettings
 
 NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
 """In the corners of the room; two cameras are neighbours."""
@@ -52,6 +54,7 @@ def main() -> None:
         true_masks=False,
         noise=60.0,
         edges=False,
+        refine=False,
         output="rendered-walks",
     )
     start_jax()
@@ -60,12 +63,13 @@ def main() -> None:
     Path(options.output).mkdir(parents=True, exist_ok=True)
     settings = SilhouetteSettings(noise=options.noise, edges=options.edges)
     special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 60 else "")
-    special += " edges" if options.edges else ""
+    special += (" edges" if options.edges else "") + (" refined" if options.refine else "")
+    background = BackgroundSettings(refine=options.refine)
     for scene, cameras in itertools.product(options.scenes.split(","), options.cameras.split(",")):
         runs_of = itertools.product(options.filters.split(","), range(runs))
         wanted = [(scene + special, cameras, name, str(seed), str(frames)) for name, seed in runs_of]
         missing = [key for key in wanted if key not in {row[:_KEY] for row in table.rows}]
-        seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, settings) if missing else None
+        seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, settings, background) if missing else None
         for key in missing:
             table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
             write_csv(table, Path(options.output))
@@ -75,7 +79,7 @@ def main() -> None:
     show(f"{frames} frames", columns, summed(table.rows))
 
 
-def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, settings: SilhouetteSettings) -> SilhouetteScene:
+def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, settings: Any, background: Any) -> SilhouetteScene:
     """The silhouettes of a rendered scene."""
     sources = sources_of_scene(folder, cameras)
     if true_masks:
@@ -83,7 +87,7 @@ def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, sett
         sources = sources._replace(masks=masks)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VideoWarning)
-        return see_silhouettes(sources, settings=settings, stop=frames)
+        return see_silhouettes(sources, settings=settings, background=background, stop=frames)
 
 
 def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:

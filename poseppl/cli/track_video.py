@@ -11,7 +11,7 @@ import click
 from poseppl.errors import InputError
 
 MANY = ("--video", "--empty", "--hidden", "--masks")
-_ONLY = ("calibration", "empty", "hidden", "masks", "stature", "faces", "silhouette_noise", "edges")
+_ONLY = ("calibration", "empty", "hidden", "masks", "stature", "faces", "silhouette_noise", "refine", "edges")
 
 
 class ManyFiles(click.Command):
@@ -86,6 +86,12 @@ def video_options(command: Any) -> Any:
             type=float,
             help="--video: standard deviation of a silhouette's distances at the body. [default: 60]",
         ),
+        click.option(
+            "--refine",
+            is_flag=True,
+            default=None,
+            help="--video: silhouettes completed by colour where the person looks like the background; some 50 ms a picture.",
+        ),
         click.option("--edges", is_flag=True, default=None, help="--video: edges within the silhouettes count, too."),
     ]
     for option in reversed(options):
@@ -117,6 +123,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
     from poseppl.io import VideoWarning
     from poseppl.tracking.silhouette_scene import SilhouetteSettings
     from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
+    from poseppl.vision import BackgroundSettings
 
     start, stop = _frames(options["frames"])
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
@@ -134,6 +141,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             model=options["model"] or DEFAULT_MODEL,
             stature=options["stature"],
             settings=settings,
+            background=BackgroundSettings(refine=bool(options["refine"])),
             faces=options["faces"],
             start=start,
             stop=stop,

@@ -14,8 +14,9 @@ observed to be 0:
 * if the edges of the image count, from points on the sides of each part to the nearest of them
   (:mod:`poseppl.distributions.part_edges`).
 
-Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c pixels and no more. Neighbours on a
-contour err alike; their standard deviation has to be raised by the root of how many do.
+Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of the
+noise, and so as long at the body in images of any size. Neighbours on a contour err alike; their standard deviation has to be
+raised by the root of how many do.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ from poseppl.geometry.tree import KinematicTree
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
 """Where along each part's axis it is asked whether the part sticks out."""
 _CHUNK = 32
-_GROSS = 20.0
-"""Pixels beyond which a residual counts no more."""
+_GROSS = 3.0
+"""Standard deviations of the noise beyond which a residual counts no more."""
 _DEPTH = 0.5
 """Share of a part's half-width by which its axis has to lie inside of the silhouette."""
-_SOFT = 1.0
-"""Pixels over which a part begins to stick out."""
+_SOFT = 0.15
+"""Standard deviations of the noise over which a part begins to stick out."""
 
 
 class SilhouetteSeen(NamedTuple):
@@ -94,7 +95,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
     ):
         self.tree, self.flesh, self.cameras, self.state, self.seen = tree, flesh, cameras, state, seen
         self.noise = jnp.asarray(noise, state.dtype)
-        distances = silhouette_distances(tree, flesh, cameras, state, seen)
+        distances = silhouette_distances(tree, flesh, cameras, state, seen, self.noise)
         super().__init__(distances, jnp.broadcast_to(self.noise[:, None], distances.shape), validate_args=validate_args)
 
     def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
@@ -106,37 +107,41 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
     @property
     def fixed(self) -> tuple[Any, ...]:
         """What :meth:`whitened_jacobian` takes to be constant."""
-        return self.tree, self.flesh, self.cameras, self.seen
+        return self.tree, self.flesh, self.cameras, self.seen, self.noise
 
     def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
         """Derivative of location / scale by ``state``, (C * entries, d), zero where ``mask`` is false; in closed form."""
         weight = jnp.ones(self.batch_shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        rows: jax.Array = _jacobian(self.state, self.tree, self.flesh, self.cameras, self.seen)
+        rows: jax.Array = _jacobian(self.state, *self.fixed)
         return (rows * (weight / self.noise[:, None])[..., None]).reshape(-1, self.state.shape[0])
 
 
 def silhouette_distances(
-    tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: jax.Array, seen: SilhouetteSeen
+    tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: jax.Array, seen: SilhouetteSeen, noise: jax.Array
 ) -> jax.Array:
-    """All residuals (C, entries) of one state (d,), px; only differentiated by the state, in reverse."""
-    distances: jax.Array = _distances(state, tree, flesh, cameras, seen)
+    """All residuals (C, entries) of one state (d,), px, of noise (C,); only differentiated by the state, in reverse."""
+    distances: jax.Array = _distances(state, tree, flesh, cameras, seen, noise)
     return distances
 
 
-def _distances_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen) -> jax.Array:
+def _distances_last(
+    state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: jax.Array
+) -> jax.Array:
     """Residuals (C, entries, N) of states (d, N)."""
     parts = parts_of(tree, flesh, state)
     shapes = computed_once(project_parts(cameras, flesh, parts))
     outline = jnp.min(part_distances(shapes, seen.contour), 1)
-    found = [outline, _beyond(cameras, flesh, _axis_points(parts)[None], seen)]
+    found = [outline, _beyond(cameras, flesh, _axis_points(parts)[None], seen, noise)]
     if seen.edges is not None:
         beside = edge_distances(cameras, flesh, parts, seen.edges, seen.scale)
         found.append(beside.reshape(len(beside), -1, beside.shape[-1]))
-    return _bent(jnp.concatenate(found, 1))
+    return _bent(jnp.concatenate(found, 1), noise)
 
 
-def _bent(distance: jax.Array) -> jax.Array:
-    return _GROSS * jnp.tanh(distance / _GROSS)
+def _bent(distance: jax.Array, noise: jax.Array) -> jax.Array:
+    """Distances (C, entries, N) of noise (C, N or 1), bounded."""
+    most = _GROSS * noise[:, None]
+    return most * jnp.tanh(distance / most)
 
 
 def _axis_points(parts: PartFrames) -> jax.Array:
@@ -145,7 +150,7 @@ def _axis_points(parts: PartFrames) -> jax.Array:
     return parts.base[:, None] + share * (parts.tip - parts.base)[:, None]
 
 
-def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteSeen) -> jax.Array:
+def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteSeen, noise: jax.Array) -> jax.Array:
     """How far the parts stick out of the silhouette at points (C or 1, P, 4, 3, N) of their axes, (C, parts * 4, N)."""
     share = jnp.asarray(FRACTIONS)[:, None]
     radius = flesh.radii[:, None, 0] + share * (flesh.radii[:, 1] - flesh.radii[:, 0])[:, None]
@@ -156,13 +161,14 @@ def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteS
     focal = jnp.mean(jnp.abs(cameras.focal), 1)[:, None, None]
     needed = _DEPTH * width * focal / depth
     outside = at_points(seen.distance, seen.scale, x, y) + needed
-    return (_SOFT * jax.nn.softplus(outside / _SOFT)).reshape(x.shape[0], -1, x.shape[-1])
+    soft = _SOFT * noise[:, None, None]
+    return (soft * jax.nn.softplus(outside / soft)).reshape(x.shape[0], -1, x.shape[-1])
 
 
 def _density_last(state: jax.Array, fixed: Any) -> jax.Array:
     """Log-densities (N,)."""
     tree, flesh, cameras, seen, noise, value, weight = fixed
-    offset = (_distances_last(state, tree, flesh, cameras, seen) - value) / noise[:, None]
+    offset = (_distances_last(state, tree, flesh, cameras, seen, noise) - value) / noise[:, None]
     terms = -0.5 * offset**2 - jnp.log(noise[:, None]) - 0.5 * jnp.log(2 * jnp.pi)
     return jnp.sum(jnp.where(weight > 0, terms, 0.0), (0, 1))
 
@@ -172,15 +178,20 @@ def _value_and_gradient_last(state: jax.Array, fixed: Any) -> tuple[jax.Array, j
     return value, pull(jnp.ones_like(value))[0]
 
 
-def _jacobian_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen) -> jax.Array:
+def _jacobian_last(
+    state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: jax.Array
+) -> jax.Array:
     """Derivatives (C, entries, d, N): a residual depends on one part, which moves as its link does."""
     frames = frames_of(tree, state)
     parts = place_parts(flesh, frames)
     nearest = jnp.argmin(part_distances(computed_once(project_parts(cameras, flesh, parts)), seen.contour), 1)
-    pushes = [_outline_pushes(cameras, flesh, parts, seen.contour, nearest), _beyond_pushes(cameras, flesh, parts, seen)]
+    pushes = [
+        _outline_pushes((cameras, noise), flesh, parts, seen.contour, nearest),
+        _beyond_pushes((cameras, noise), flesh, parts, seen),
+    ]
     own = [jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))]
     if seen.edges is not None:
-        pushes.append(_edge_pushes(cameras, flesh, parts, seen.edges, seen.scale))
+        pushes.append(_edge_pushes((cameras, noise, seen.edges, seen.scale), flesh, parts))
         own.append(jnp.repeat(jnp.arange(len(flesh.links)), SAMPLES))
     force, moment = (jnp.concatenate(each, 1) for each in zip(*pushes, strict=True))
     fixed = jnp.concatenate(own)[:, None]
@@ -189,23 +200,24 @@ def _jacobian_last(state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras:
 
 
 def _outline_pushes(
-    cameras: Cameras, flesh: Flesh, parts: PartFrames, contour: jax.Array, nearest: jax.Array
+    cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, contour: jax.Array, nearest: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Gradient of each contour point's residual by a shift and a turn of its nearest part: (C, K, 3, N) each."""
     chosen = _chosen((parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls), nearest)
 
-    def residual(part: Any, camera: Cameras, point: jax.Array) -> jax.Array:
+    def residual(part: Any, camera: Any, point: jax.Array) -> jax.Array:
         """Of one point (2, N) and one part in one camera."""
-        return _bent(part_distances(project_parts(camera, *_alone(flesh, part)), point[None, None]))
+        lens, noise = camera
+        return _bent(part_distances(project_parts(lens, *_alone(flesh, part)), point[None, None]), noise)
 
     return _pushes(residual, chosen, cameras, contour)
 
 
 def _edge_pushes(
-    cameras: Cameras, flesh: Flesh, parts: PartFrames, edges: jax.Array, scale: jax.Array
+    cameras: tuple[Cameras, jax.Array, jax.Array, jax.Array], flesh: Flesh, parts: PartFrames
 ) -> tuple[jax.Array, jax.Array]:
     """The same (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
-    count, cameras_too = len(flesh.links), len(cameras.centre)
+    count, cameras_too = len(flesh.links), len(cameras[0].centre)
     every = (parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls)
     each = jax.tree.map(
         lambda leaf: jnp.broadcast_to(jnp.repeat(leaf, SAMPLES, 0), (cameras_too, count * SAMPLES, *leaf.shape[1:])), every
@@ -216,11 +228,11 @@ def _edge_pushes(
 
     def residual(part: Any, camera: Any, sample: tuple[jax.Array, jax.Array]) -> jax.Array:
         """Of one point of one part's sides in one camera."""
-        (lens, edges, scale), (fraction, second) = camera, sample
+        (lens, noise, edges, scale), (fraction, second) = camera, sample
         sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
-        return _bent(jnp.where(second, sides[:, :, 1], sides[:, :, 0]))
+        return _bent(jnp.where(second, sides[:, :, 1], sides[:, :, 0]), noise)
 
-    return _pushes(residual, each, (cameras, edges, scale), sample)
+    return _pushes(residual, each, cameras, sample)
 
 
 def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
@@ -261,10 +273,13 @@ def _chosen(leaves: Any, part: jax.Array) -> Any:
     return jax.tree.map(choose, leaves)
 
 
-def _beyond_pushes(cameras: Cameras, flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen) -> tuple[jax.Array, jax.Array]:
+def _beyond_pushes(
+    cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen
+) -> tuple[jax.Array, jax.Array]:
     """The same (C, parts * 4, 3, N) of how far the parts stick out; each residual has its own axis point."""
-    points = jnp.broadcast_to(_axis_points(parts), (len(cameras.centre), *_axis_points(parts).shape))
-    value, pull = jax.vjp(lambda points: _bent(_beyond(cameras, flesh, points, seen)), points)
+    lenses, noise = cameras
+    points = jnp.broadcast_to(_axis_points(parts), (len(lenses.centre), *_axis_points(parts).shape))
+    value, pull = jax.vjp(lambda points: _bent(_beyond(lenses, flesh, points, seen, noise), noise), points)
     (force,) = pull(jnp.ones_like(value))
     force, points = (each.reshape(len(force), -1, *each.shape[3:]) for each in (force, points))
     return force, jnp.cross(points, force, axis=2)

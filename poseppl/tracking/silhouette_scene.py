@@ -26,8 +26,8 @@ from poseppl.vision.contours import contour_points
 
 Mask = NDArray[np.uint8]
 OnFailure = Literal["continue", "stop"]
-_NEXT = 10.0
-"""Largest distance from an edge that is told apart, px."""
+_NEXT = 5.0
+"""Largest distance from an edge that is told apart, px of the map."""
 
 
 class SilhouetteSettings(NamedTuple):
@@ -38,14 +38,14 @@ class SilhouetteSettings(NamedTuple):
         noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
             segmentation do not agree on, raised because neighbouring points err alike.
         map_size: The longer side of a distance map, px; images are reduced to it.
-        truncation: Largest distance that is told apart, px of the image.
+        truncation: Largest distance that is told apart, px of the map.
         edges: Whether edges within the silhouette count, where there are images.
     """
 
     num_points: int = 64
     noise: float = 60.0
     map_size: int = 320
-    truncation: float = 60.0
+    truncation: float = 30.0
     edges: bool = False
 
     def check(self) -> SilhouetteSettings:
@@ -185,7 +185,7 @@ def scene_of_videos(
         row = []
         for record in records:
             blind = (hidden or {}).get(record.name)
-            found = _foreground(images, record, backgrounds, given.get(record.name))
+            found = _foreground(images, record, backgrounds, given.get(record.name), blind)
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
             seen = _frame(found.foreground, unknown, record, number, chosen, on_failure)
             edges = _edges(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
@@ -199,11 +199,15 @@ def scene_of_videos(
 
 
 def _foreground(
-    images: Mapping[str, NDArray[np.uint8]], record: CameraRecord, backgrounds: Mapping[str, Background], masks: Video | None
+    images: Mapping[str, NDArray[np.uint8]],
+    record: CameraRecord,
+    backgrounds: Mapping[str, Background],
+    masks: Video | None,
+    hidden: Mask | None,
 ) -> Foreground:
     """What a camera's mask marks; without masks, what differs from the background."""
     if masks is None:
-        return backgrounds[record.name].subtract(images[record.name])
+        return backgrounds[record.name].subtract(images[record.name], hidden=hidden)
     mask = resized(images[masks.camera][..., 0], record.size, "mask", record.name) > 127
     return Foreground(mask.astype(np.uint8), np.zeros(mask.shape, np.uint8))
 
@@ -281,7 +285,7 @@ def _frame(
     scale = map_scale(record, settings)
     size = (round(width * scale), round(height * scale))
     small = opencv().resize(covered * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127
-    distance = silhouette_distance(small.astype(np.uint8), settings.truncation * scale) / np.float32(scale)
+    distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
     return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable)
 
 
@@ -318,7 +322,7 @@ def _assemble(
 
 def _edges(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[np.float32]:
     """Distances to the nearest edge of the foreground, at the scale of the maps, px of the image."""
-    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT)
+    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT / scale)
     size = (round(distance.shape[1] * scale), round(distance.shape[0] * scale))
     return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
 

@@ -23,18 +23,18 @@ from poseppl.tracking.silhouette_scene import SilhouetteScene, check_faces, nois
 from poseppl.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, place_of_points, scales
 
 _REST_SPREAD = 0.4
+_WIDER = (4.0, 1.0)
+"""Factors of the noise, one solution after the other: gross errors, which count no more, are few at first."""
 _LATER, _WALKS = 100, 250.0
 """Frames over which, and mm from which on, the way of the person tells where it faces."""
+_TOWARDS = 0.5
+"""Cosine of the angle up to which a person faces a camera."""
 _FRAMES, _EVERY = 4, 10
 """How many frames decide which way the person faces, and how far apart they are."""
 
 
 def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
     """Find a start in the first frame that most cameras see.
-
-    A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, the best
-    pose is taken that faces it. Else, of the best pose and the best one that faces the other way, that which faces where the
-    person goes; of one that stays in place, that which explains later frames better.
 
     Raises:
         InputError: No frame has a silhouette, or there is no camera of the name that was told.
@@ -43,23 +43,37 @@ def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start
     if not count.max():
         raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
     usable = np.flatnonzero(count == count.max())
-    frames = usable[: _FRAMES * _EVERY : _EVERY]
-    search = _Search(seen, params, int(frames[0]))
-    candidates = sorted((search.solve(guess, int(frames[0])) for guess in search.guesses()), key=lambda found: found.cost)
-    away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
-    rivals = [candidates[0], *away[:1]]
-    faced = _faced(seen)
-    if faced is not None:
-        rivals = [max(rivals, key=lambda found: search.forward(found.state) @ (faced - found.state[:2]))]
-    going = search.way(int(frames[0]), int(usable[min(_LATER, len(usable) - 1)]))
-    if np.linalg.norm(going) >= _WALKS:
-        totals = [-float(search.forward(found.state) @ going) for found in rivals]
-    else:
-        totals = [search.follow(found, [int(frame) for frame in frames[1:]]) for found in rivals]
-    best = rivals[int(np.argmin(totals))].state.copy()
+    first = int(usable[0])
+    search = _Search(seen, params, first)
+    candidates = sorted((search.solve(guess, first) for guess in search.guesses()), key=lambda found: found.cost)
+    best = _turned(search, seen, candidates, usable).state.copy()
     rest = np.asarray(seen.scene.body.rest, np.float64)
     best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
     return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+def _turned(search: _Search, seen: SilhouetteScene, candidates: Sequence[_Found], usable: Any) -> _Found:
+    """The best of the candidates, sorted by their costs, that is not turned round.
+
+    A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, it is the
+    best candidate that faces it. Else, of the best candidate and the best one that faces the other way, that which faces where
+    the person goes; of one that stays in place, that which explains later frames better.
+    """
+    faced = _faced(seen)
+    if faced is not None:
+        towards = [search.forward(found.state) @ _unit(faced - found.state[:2]) for found in candidates]
+        return candidates[int(np.argmax(np.minimum(towards, _TOWARDS)))]
+    away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
+    rivals = [candidates[0], *away[:1]]
+    going = search.way(int(usable[0]), int(usable[min(_LATER, len(usable) - 1)]))
+    if np.linalg.norm(going) >= _WALKS:
+        return max(rivals, key=lambda found: float(search.forward(found.state) @ going))
+    later = [int(frame) for frame in usable[: _FRAMES * _EVERY : _EVERY][1:]]
+    return min(rivals, key=lambda found: search.follow(found, later))
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 def _faced(seen: SilhouetteScene) -> Floats | None:
@@ -101,18 +115,21 @@ class _Search:
 
     def solve(self, guess: Floats, frame: int) -> _Found:
         """The best pose near a guess."""
-        data = _data(self._seen, frame)
-        solution = least_squares(
-            lambda x: np.asarray(self._evaluate(x, data), np.float64),
-            guess,
-            jac=lambda x: np.asarray(self._derive(x, data), np.float64),
-            x_scale=self._x_scale,
-            ftol=1e-3,
-            xtol=1e-4,
-            gtol=None,
-            max_nfev=40,
-        )
-        return _Found(float(solution.cost), np.asarray(solution.x, np.float64))
+        state = guess
+        for wider in _WIDER:
+            data = _data(self._seen, frame)._replace(wider=jnp.asarray(wider, float))
+            solution = least_squares(
+                lambda x, data=data: np.asarray(self._evaluate(x, data), np.float64),
+                state,
+                jac=lambda x, data=data: np.asarray(self._derive(x, data), np.float64),
+                x_scale=self._x_scale,
+                ftol=1e-3,
+                xtol=1e-4,
+                gtol=None,
+                max_nfev=40,
+            )
+            state = np.asarray(solution.x, np.float64)
+        return _Found(float(solution.cost), state)
 
     def follow(self, found: _Found, frames: Sequence[int]) -> float:
         """Sum of the costs of a pose and of what becomes of it."""
@@ -138,18 +155,19 @@ class _Search:
 
 
 class _Data(NamedTuple):
-    """What was seen in a frame, which points of the contours count (C, K), and which cameras (C,)."""
+    """What was seen in a frame, which points of the contours count (C, K), which cameras (C,), and the noise by its factor."""
 
     seen: SilhouetteSeen
     on_outline: jax.Array
     usable: jax.Array
+    wider: jax.Array
 
 
 def _data(seen: SilhouetteScene, frame: int) -> _Data:
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
     on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
     edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
-    return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable)
+    return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable, jnp.ones(()))
 
 
 def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
@@ -175,14 +193,14 @@ def _residuals(
     noise = jnp.asarray(noise_in_pixels(seen, guess), float)
 
     def inputs(data: _Data) -> SilhouetteInputs:
-        return SilhouetteInputs(cameras, data.seen, noise, jnp.asarray(guess, float), jnp.ones(len(guess)))
+        return SilhouetteInputs(cameras, data.seen, noise * data.wider, jnp.asarray(guess, float), jnp.ones(len(guess)))
 
     model = body.program.compile(inputs(_data(seen, 0)), dict(params))
 
     def weights(data: _Data, count: int) -> jax.Array:
         """Of all residuals: those of the outline first, then those of parts that stick out."""
         beyond = jnp.broadcast_to(data.usable[:, None], (len(noise), count // len(noise) - data.on_outline.shape[1]))
-        return (jnp.concatenate([data.on_outline, beyond], 1) / noise[:, None]).ravel()
+        return (jnp.concatenate([data.on_outline, beyond], 1) / (noise * data.wider)[:, None]).ravel()
 
     def residuals(x: jax.Array, data: _Data) -> jax.Array:
         distances = model.observation_moments(x, inputs(data))[0]

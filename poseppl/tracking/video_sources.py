@@ -25,7 +25,7 @@ from poseppl.tracking.silhouette_scene import (
     check_names,
     scene_of_videos,
 )
-from poseppl.vision import Background, background_from_plate, learn_background
+from poseppl.vision import Background, BackgroundSettings, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
 STATURE = 1750.0
@@ -152,6 +152,7 @@ def see_silhouettes(
     model: str = DEFAULT_MODEL,
     stature: float | None = None,
     settings: SilhouetteSettings | None = None,
+    background: BackgroundSettings | None = None,
     faces: str | None = None,
     start: int = 0,
     stop: int | None = None,
@@ -166,6 +167,7 @@ def see_silhouettes(
         stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
             known, or of the standard subject, if None.
         settings: Of the silhouettes.
+        background: How the foreground is found.
         faces: Name of the camera that the person faces at first, if known.
         start: The first frame.
         stop: The frame after the last; None for all.
@@ -181,7 +183,7 @@ def see_silhouettes(
         check_faces(faces, [record.name for record in sources.records])
     body = load_builder(model)(_lengths(model, stature, truth))
     backgrounds = {
-        video.camera: _background(video, sources.empty.get(video.camera))
+        video.camera: _background(video, sources.empty.get(video.camera), background)
         for video in sources.videos
         if video.camera not in sources.masks
     }
@@ -215,11 +217,11 @@ def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Map
     return {name: value * stature / STATURE for name, value in standard.items()}
 
 
-def _background(video: Video, empty: Video | None) -> Background:
+def _background(video: Video, empty: Video | None, settings: BackgroundSettings | None) -> Background:
     if empty is None:
-        return learn_background(video.images())
+        return learn_background(video.images(), settings)
     pictures = [resized(picture, video.size, "picture of the empty scene", video.camera) for picture in empty.images()]
-    return background_from_plate(pictures[0]) if len(pictures) == 1 else learn_background(pictures)
+    return learn_background(pictures, settings)
 
 
 def _named(word: str | PathLike[str]) -> tuple[str, str]:

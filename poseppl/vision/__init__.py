@@ -39,5 +39,7 @@ from poseppl.vision.maps import integral_image as integral_image
 from poseppl.vision.maps import silhouette_distance as silhouette_distance
 from poseppl.vision.masks import check_mask as check_mask
 from poseppl.vision.masks import clean_mask as clean_mask
+from poseppl.vision.masks import keep_together as keep_together
 from poseppl.vision.picture import features_picture as features_picture
 from poseppl.vision.picture import save_features_picture as save_features_picture
+from poseppl.vision.refinement import refine_mask as refine_mask

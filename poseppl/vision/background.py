@@ -22,7 +22,8 @@ import numpy as np
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.io.opencv import Image, check_image, opencv
-from poseppl.vision.masks import Mask, clean_mask
+from poseppl.vision.masks import Mask, clean_mask, keep_together
+from poseppl.vision.refinement import refine_mask
 
 MAX_LEARNING_BYTES = 2**30
 
@@ -43,6 +44,9 @@ class BackgroundSettings(NamedTuple):
         closing: Diameter in px of the disc that closes gaps; 0 for none.
         least_area: Regions of fewer px are removed.
         largest_hole: Holes of at most this many px are filled.
+        reach: Regions that are further from the largest one than this share of the square root of its area are not the
+            person (:func:`~poseppl.vision.keep_together`); 0 keeps all.
+        refine: Whether the mask is completed by colour (:mod:`poseppl.vision.refinement`); some 50 ms a picture.
         learning_rate: Weight of each further frame in the frozen mixture; above 0 the foreground depends on the order.
         learned_frames: At most so many frames, evenly spread, are learned from.
     """
@@ -57,6 +61,8 @@ class BackgroundSettings(NamedTuple):
     closing: int = 7
     least_area: int = 400
     largest_hole: int = 100
+    reach: float = 0.5
+    refine: bool = False
     learning_rate: float = 0.0
     learned_frames: int = 200
 
@@ -72,6 +78,7 @@ class BackgroundSettings(NamedTuple):
         check_at_least(0, opening=self.opening, closing=self.closing, least_area=self.least_area)
         check_at_least(0, largest_hole=self.largest_hole)
         check_at_least(1, components=self.components, learned_frames=self.learned_frames)
+        check_at_least(0, reach=self.reach)
         check_at_least(0.1, threshold=self.threshold, noise=self.noise)
         check_fraction("(0, 1]", background_share=self.background_share, shadow=self.shadow)
         check_fraction("[0, 1]", learning_rate=self.learning_rate)
@@ -105,12 +112,13 @@ class Background(NamedTuple):
     settings: BackgroundSettings
     size: tuple[int, int]
 
-    def subtract(self, image: Image, unknown: Mask | None = None) -> Foreground:
+    def subtract(self, image: Image, unknown: Mask | None = None, hidden: Mask | None = None) -> Foreground:
         """Find the foreground of a frame.
 
         Args:
             image: (H, W, 3) RGB or (H, W) gray.
             unknown: (H, W), not 0 at pixels that give no evidence; None for none.
+            hidden: (H, W), not 0 where furniture may stand before a person; None for nowhere.
 
         Returns:
             The foreground, cleaned.
@@ -119,7 +127,7 @@ class Background(NamedTuple):
             InputError: The image or the mask has another size than the background.
         """
         rgb = _rgb(image)
-        for name, array in (("image", rgb), ("mask of unknown pixels", unknown)):
+        for name, array in (("image", rgb), ("mask of unknown pixels", unknown), ("mask of what is hidden", hidden)):
             if array is not None and array.shape[1::-1] != self.size:
                 problem = f"the {name} has {array.shape[1]} x {array.shape[0]} pixels"
                 raise InputError(problem, expected=f"{self.size[0]} x {self.size[1]}, as the background")
@@ -135,6 +143,10 @@ class Background(NamedTuple):
             least_area=self.settings.least_area,
             largest_hole=self.settings.largest_hole,
         )
+        if self.settings.reach:
+            mask = keep_together(mask, self.settings.reach, blind if hidden is None else blind | (np.asarray(hidden) != 0))
+        if self.settings.refine:
+            mask = refine_mask(rgb, self.mixture.getBackgroundImage(), mask, self.settings.noise)
         mask = mask * ~blind
         if self.settings.shadows == "unknown":
             blind = blind | (shadow & (mask == 0))

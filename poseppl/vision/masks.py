@@ -10,6 +10,8 @@ from poseppl.io.opencv import opencv, place
 from poseppl.vision.window import window
 
 Mask = NDArray[np.uint8]
+_SMALL = 320
+"""Regions are told apart at a longer side of at most so many px."""
 
 
 def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, least_area: int = 400, largest_hole: int = 100) -> Mask:
@@ -32,6 +34,34 @@ def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, least_area: in
         closed = _without_small(_morphology("MORPH_CLOSE", opened[part], closing), least_area, 8)
         cleaned[part] = 1 - _without_small(1 - closed, largest_hole + 1, 4)
     return cleaned
+
+
+def keep_together(mask: Mask, reach: float, passable: Mask | None = None) -> Mask:
+    """Keep the largest region and those near it: one person, of whom parts are missed or hidden.
+
+    Args:
+        mask: (H, W) uint8, 0 or 1.
+        reach: How far the next region may be, of the square root of the largest one's area; from region to region.
+        passable: (H, W), not 0 where the person may go on unseen, behind furniture: regions at its two sides are together.
+
+    Returns:
+        (H, W) uint8, 0 or 1.
+    """
+    cv2 = opencv()
+    scale = min(1.0, _SMALL / max(mask.shape))
+    size = (max(1, round(mask.shape[1] * scale)), max(1, round(mask.shape[0] * scale)))
+    small = (cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0).astype(np.uint8)
+    _, labels, regions, _ = cv2.connectedComponentsWithStats(small, connectivity=8)
+    if len(regions) <= 2:
+        return mask
+    largest = 1 + int(np.argmax(regions[1:, -1]))
+    grown = cv2.distanceTransform(1 - small, cv2.DIST_L2, 3) <= reach * np.sqrt(regions[largest, -1]) / 2
+    if passable is not None:
+        grown |= cv2.resize(np.asarray(passable, np.uint8), size, interpolation=cv2.INTER_NEAREST) != 0
+    _, groups = cv2.connectedComponents(grown.astype(np.uint8), connectivity=8)
+    kept = (groups == groups[labels == largest][0]).astype(np.uint8)
+    together: Mask = mask * cv2.resize(kept, mask.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    return together
 
 
 def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:

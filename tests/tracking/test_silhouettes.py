@@ -100,8 +100,8 @@ def test_edges_have_gradients_and_pull_the_sides_of_parts():
         alone = jax.jit(lambda x: model.observation_moments(x, inputs._replace(seen=inputs.seen._replace(edges=None)))[0])(x)
         np.testing.assert_allclose(both[:, : alone.size // 2].ravel(), alone, rtol=1e-12)
         beside = both[:, alone.size // 2 :]
-        # bent by 20 tanh(. / 20), no distance is more than that of the cut
-        assert 0 <= beside.min() < 1.0 and 5.0 < beside.max() <= 20 * np.tanh(0.5) + 1e-9
+        most = 3 * float(np.max(inputs.noise))  # bent by most tanh(. / most), no distance is more than that of the cut
+        assert 0 <= beside.min() < 1.0 and 4.0 < beside.max() <= most * np.tanh(5.0 / most) + 1e-9
 
 
 @pytest.mark.parametrize("edges", [False, True])
@@ -162,7 +162,7 @@ def test_hidden_pixels_are_no_evidence():
     blind = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
     knowing, unknowing = (beyond(each, truth) for each in (scene, blind))
     # with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
-    assert knowing.max() < 3.0 and unknowing.max() > 8.0
+    assert knowing.max() < 3.0 and unknowing.max() > 7.0
 
 
 def beyond(scene, state):
