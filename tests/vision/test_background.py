@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.vision import BackgroundSettings, background_from_plate, check_mask, clean_mask, learn_background
+from poseppl.vision import BackgroundSettings, background_from_plate, check_mask, clean_mask, keep_together, learn_background
 
 RNG = np.random.default_rng(0)
 SCENE = np.repeat(RNG.integers(60, 180, (12, 16, 3), dtype=np.uint8).repeat(10, 0).repeat(10, 1)[None], 1, axis=0)[0]
@@ -142,3 +142,49 @@ def test_a_long_clip_is_learned_from_evenly():
     background = learn_background((np.full((40, 40, 3), level, np.uint8) for level in levels), settings)
     for level, foreground in ((60, False), (160, False), (110, True)):
         assert background.subtract(np.full((40, 40, 3), level, np.uint8)).foreground.all() == foreground
+
+
+def blocks(*boxes):
+    """A mask of boxes (top, left, height, width)."""
+    mask = np.zeros((240, 320), np.uint8)
+    for top, left, height, width in boxes:
+        mask[top : top + height, left : left + width] = 1
+    return mask
+
+
+def test_regions_far_from_the_largest_are_dropped_unless_something_hides_what_is_between():
+    # of an area of 40 x 100 px regions up to sqrt(4000) / 2 = 32 px away are the person's; and then those near to them
+    person, near, further, far = (50, 100, 100, 40), (170, 110, 20, 20), (215, 110, 20, 20), (20, 220, 30, 30)
+    mask = blocks(person, near, further, far)
+    np.testing.assert_array_equal(keep_together(mask, 0.5), blocks(person, near, further))
+    table = blocks((40, 130, 30, 100))
+    np.testing.assert_array_equal(keep_together(mask, 0.5, table), mask)
+    np.testing.assert_array_equal(keep_together(mask, 0.2), blocks(person))
+    np.testing.assert_array_equal(keep_together(blocks(far), 0.5), blocks(far))
+    assert not keep_together(blocks(), 0.5).any()
+
+
+def test_background_keeps_the_person_alone():
+    image, mask = with_person(40)
+    image[70:80, 140:155] = 255 - SCENE[70:80, 140:155]
+    both = background_from_plate(SCENE, PLAIN._replace(reach=0.0)).subtract(image).foreground
+    alone = background_from_plate(SCENE, PLAIN).subtract(image).foreground
+    assert both[75, 147] and not alone[75, 147] and overlap(alone, mask) > 0.96
+
+
+def test_an_arm_of_nearly_the_colour_of_the_wall_is_found_by_that_of_the_rest():
+    scene = np.full((200, 160, 3), (120, 110, 100), np.uint8)
+    scene[20:170, 50:100] = 20  # the wall is dark behind all but the arm
+    truth = blocks((30, 60, 130, 40), (60, 100, 30, 12))[:200, :160]
+    image = noisy(np.where(truth[..., None] > 0, np.uint8([132, 120, 108]), scene), 0)
+    found = [
+        background_from_plate(scene, PLAIN._replace(refine=refine)).subtract(image).foreground for refine in (False, True, True)
+    ]
+    arm = np.s_[64:86, 101:110]
+    assert found[0][arm].mean() < 0.2 and found[1][arm].mean() > 0.9
+    assert overlap(found[0], truth) < 0.95 < 0.97 < overlap(found[1], truth)
+    np.testing.assert_array_equal(found[1], found[2])
+
+
+def test_refining_leaves_an_empty_mask_empty():
+    assert not background_from_plate(SCENE, PLAIN._replace(refine=True)).subtract(noisy(SCENE, 1)).foreground.any()
