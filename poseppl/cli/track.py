@@ -185,7 +185,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     from poseppl.cli.subject import stem_of
 
     _check_usage(recording, observations, options)
-    words = [str(word).rpartition("=")[2] for name in ("video", "empty", "hidden") for word in options[name]]
+    words = [str(word).rpartition("=")[2] for name in ("video", "empty", "hidden", "masks") for word in options[name]]
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
     inputs = [recording, observations, options["skeleton"], options["camera"], options["calibration"], *words]

@@ -96,6 +96,14 @@ def test_what_does_not_fit_is_told(room, tmp_path, capsys, change, words):
     assert not list(tmp_path.iterdir())
 
 
+def test_masks_are_never_written_over(room, tmp_path, capsys):
+    mask = tmp_path / "seen-left.mp4"  # the name of an overlay
+    mask.write_bytes((room / "left.mp4").read_bytes())
+    status, text = run(capsys, *videos(room), "--masks", f"left={mask}", *FEW, "-o", tmp_path / "seen.nc")
+    assert status == 1 and re.search(r"seen-left\.mp4.*input", text), text
+    assert mask.read_bytes() == (room / "left.mp4").read_bytes() and len(list(tmp_path.iterdir())) == 1
+
+
 def test_a_video_that_ends_early_ends_the_run_with_a_note(room, tmp_path, capsys):
     images = list(open_video(room / "right.mp4", "right").images(0, 2))
     write_video(tmp_path / "right.mp4", images, 30.0)
