@@ -36,6 +36,7 @@ from poseppl.vision import (
     foreground_flow,
     fourier_descriptors,
     outer_contour,
+    refine_mask,
     silhouette_distance,
 )
 
@@ -82,6 +83,9 @@ def parts(views: list[View], settings: FeatureSettings) -> dict[str, Callable[[]
     return {
         "mixture alone (OpenCV)": lambda: [v.background.mixture.apply(v.image, None, 0.0) for v in views],
         "cleaning of the mask": lambda: [clean_mask(v.foreground) for v in views],
+        "completion by colour": lambda: [
+            refine_mask(v.image, v.background.mixture.getBackgroundImage(), v.foreground, 6.0) for v in views
+        ],
         "edges": lambda: [find_edges(v.image, settings.edges, v.foreground) for v in views],
         "edge proximity": lambda: [edge_proximity(e, settings.edges.sigma) for e in edges],
         "edge distance": lambda: [edge_distance(e, truncation) for e in edges],

@@ -44,7 +44,8 @@ def test_masks_of_half_the_size_are_nearly_the_same():
     off = np.abs(seen.distance - wanted.distance)
     assert off.mean() < 0.2 and np.abs(wanted.distance).mean() > 10.0  # px
     other = see_silhouettes(sources(dict(zip(truth(), list(half.values())[::-1], strict=True))))
-    assert np.abs(other.distance - wanted.distance).mean() > 0.5  # masks of the wrong cameras
+    # masks of the wrong cameras: 0.7 px, as both show one person in the middle and maps are cut at 30 px
+    assert np.abs(other.distance - wanted.distance).mean() > 0.5
 
 
 def test_masks_that_do_not_fit_are_told():

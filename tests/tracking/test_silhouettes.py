@@ -148,6 +148,32 @@ def test_a_camera_with_an_empty_mask_does_not_count():
     assert model.log_observation(x, observation, inputs) == model.log_observation(x, observation, elsewhere)
 
 
+def test_pictures_of_any_size_say_the_same():
+    """A large picture of the same scene has the same residuals, in units of the noise, near and far from the truth."""
+    truth = pose(1)
+    far = truth + np.r_[250.0, np.zeros(27)]
+    found = []
+    for times in (1, 4):
+        masks = {name: np.kron(mask, np.ones((times, times), np.uint8))[None] for name, mask in masks_of(truth).items()}
+        scene = with_truth(silhouette_scene(body(), [larger(record, times) for record in RECORDS], masks), truth)
+        model, _, inputs = program_of(scene)
+        moments = jax.jit(lambda x, model=model, inputs=inputs: model.observation_moments(x, inputs)[0])
+        found.append([np.asarray(moments(jnp.asarray(x, float))).reshape(2, -1) / inputs.noise[:, None] for x in (truth, far)])
+    (near, away), (near_large, away_large) = np.abs(np.asarray(found)).mean((2, 3))
+    np.testing.assert_allclose(near_large, near, atol=0.05)  # a quarter of a pixel of the small picture is a tenth of the noise
+    np.testing.assert_allclose(away_large, away, rtol=0.05)
+    assert away > 2 * near
+    for large in (found[0][1], found[1][1]):
+        assert 2.5 < np.abs(large).max() < 3.0  # bounded alike
+
+
+def larger(record, times):
+    """A camera whose pictures have so many times the rows and columns; centres of pixels are at whole numbers in both."""
+    matrix = record.matrix * np.array([[times], [times], [1.0]])
+    matrix[:2, 2] += (times - 1) / 2
+    return record._replace(matrix=matrix, size=tuple(times * side for side in record.size))
+
+
 def test_hidden_pixels_are_no_evidence():
     truth = pose()
     masks = {name: mask[None].copy() for name, mask in masks_of(truth).items()}
@@ -161,7 +187,7 @@ def test_hidden_pixels_are_no_evidence():
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
     blind = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
     knowing, unknowing = (beyond(each, truth) for each in (scene, blind))
-    # with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
+    # bounded by 3 * 2.55 px of noise = 7.65; with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
     assert knowing.max() < 3.0 and unknowing.max() > 7.0
 
 
