@@ -90,7 +90,7 @@ def video_options(command: Any) -> Any:
             "--refine",
             is_flag=True,
             default=None,
-            help="--video: silhouettes completed by colour where the person looks like the background; some 50 ms a picture.",
+            help="--video: silhouettes completed by colour where the person looks like the background; some 40 ms a picture.",
         ),
         click.option("--edges", is_flag=True, default=None, help="--video: edges within the silhouettes count, too."),
     ]

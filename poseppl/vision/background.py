@@ -46,7 +46,7 @@ class BackgroundSettings(NamedTuple):
         largest_hole: Holes of at most this many px are filled.
         reach: Regions that are further from the largest one than this share of the square root of its area are not the
             person (:func:`~poseppl.vision.keep_together`); 0 keeps all.
-        refine: Whether the mask is completed by colour (:mod:`poseppl.vision.refinement`); some 50 ms a picture.
+        refine: Whether the mask is completed by colour (:mod:`poseppl.vision.refinement`); some 40 ms a picture.
         learning_rate: Weight of each further frame in the frozen mixture; above 0 the foreground depends on the order.
         learned_frames: At most so many frames, evenly spread, are learned from.
     """

@@ -160,7 +160,7 @@ def test_pictures_of_any_size_say_the_same():
         moments = jax.jit(lambda x, model=model, inputs=inputs: model.observation_moments(x, inputs)[0])
         found.append([np.asarray(moments(jnp.asarray(x, float))).reshape(2, -1) / inputs.noise[:, None] for x in (truth, far)])
     (near, away), (near_large, away_large) = np.abs(np.asarray(found)).mean((2, 3))
-    np.testing.assert_allclose(near_large, near, atol=0.05)  # a quarter of a pixel of the small picture is a tenth of the noise
+    np.testing.assert_allclose(near_large, near, atol=0.1)  # a quarter of a pixel of the small picture is a tenth of the noise
     np.testing.assert_allclose(away_large, away, rtol=0.05)
     assert away > 2 * near
     for large in (found[0][1], found[1][1]):
@@ -187,7 +187,8 @@ def test_hidden_pixels_are_no_evidence():
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
     blind = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
     knowing, unknowing = (beyond(each, truth) for each in (scene, blind))
-    # bounded by 3 * 2.55 px of noise = 7.65; with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
+    # residuals are bounded by 3 * 2.55 px of noise = 7.65
+    # with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
     assert knowing.max() < 3.0 and unknowing.max() > 7.0
 
 
