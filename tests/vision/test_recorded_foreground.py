@@ -20,7 +20,7 @@ PLATE_IOU = {1: 0.855, 2: 0.905, 3: 0.972, 4: 0.958}
 CLIP_IOU = {1: 0.335, 2: 0.310, 3: 0.553, 4: 0.441}
 MARGIN = 0.04
 """The levels were found with OpenCV 5.0; another decoder or resize moves single gray levels, and with them a mask's outline.
-Regions apart from the largest are dropped: of a man in pieces, as the clip leaves him in cameras 1 and 2, some go with the clutter
+Regions apart from the largest are dropped: of a man in pieces, as the clip leaves him in cameras 1 and 2, some go with them
 (0.369 and 0.370 with all regions), while with the plate camera 1 gains (0.821)."""
 
 
