@@ -84,7 +84,7 @@ def kind_of_run(tree: xr.DataTree) -> str:
 def described(known: dict[str, Any]) -> dict[str, str]:
     """Method, setting and seed of a run, from its provenance: empty words where it does not tell."""
     method = str(known.get("smoother") or known.get("filter") or "")
-    names = ("model", "filter", "settings", "smoother", "smoother settings")
+    names = ("model", "filter", "settings", "silhouettes", "smoother", "smoother settings")
     setting = {name: known[name] for name in names if known.get(name) is not None}
     seeds = [str(known[name]) for name in _FROM_SEED if name in known]
     return {"method": method, "setting": json.dumps(setting, sort_keys=True), "seed": "/".join(seeds)}

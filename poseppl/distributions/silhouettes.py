@@ -44,7 +44,7 @@ from poseppl.geometry.tree import KinematicTree
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
 """Where along each part's axis it is asked whether the part sticks out."""
 _CHUNK = 32
-_GROSS = 3.0
+_GROSS = 4.0
 """Standard deviations of the noise beyond which a residual counts no more."""
 _DEPTH = 0.5
 """Share of a part's half-width by which its axis has to lie inside of the silhouette."""

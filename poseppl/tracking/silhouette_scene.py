@@ -69,6 +69,7 @@ class SilhouetteScene(NamedTuple):
         noise: Standard deviation of distances at the body, mm.
         edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
         faces: Name of the camera that the person faces at first, if somebody told.
+        found: With what settings the silhouettes were found, by name, for the record.
     """
 
     scene: Scene
@@ -80,6 +81,7 @@ class SilhouetteScene(NamedTuple):
     noise: float
     edges: NDArray[np.float32] | None = None
     faces: str | None = None
+    found: Mapping[str, Any] | None = None
 
 
 def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
@@ -317,6 +319,7 @@ def _assemble(
         np.array([[frame.usable for frame in row] for row in frames]),
         settings.noise,
         _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
+        found=settings._asdict(),
     )
 
 

@@ -102,6 +102,7 @@ def track(
         "model source": source_of_model(settings.model),
         "filter": settings.filter,
         "settings": {**options, **params, "max_draws": max_draws},
+        "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
         "versions": versions(),
     }
     run = run_filter(

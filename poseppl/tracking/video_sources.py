@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -201,11 +201,19 @@ def see_silhouettes(
         stop=stop,
         on_failure=on_failure,
         advance=advance,
-    )._replace(faces=faces)
+    )
+    seen = seen._replace(faces=faces, found={**(seen.found or {}), **_found(sources, background, faces)})
     if truth is None:
         return seen
     part = slice(start, start + len(seen.contour))
     return seen._replace(scene=seen.scene._replace(states=truth.states[part], markers=truth.markers[part]))
+
+
+def _found(sources: VideoSources, background: BackgroundSettings | None, faces: str | None) -> dict[str, Any]:
+    """Where the silhouettes come from: cameras with masks or pictures of the empty scene, and how the others are found."""
+    given = {name: sorted(getattr(sources, name)) for name in ("masks", "empty", "hidden")}
+    settings = (background or BackgroundSettings())._asdict()
+    return {**given, "faces": faces, "background": settings if len(sources.masks) < len(sources.records) else None}
 
 
 def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Mapping[str, float] | None:

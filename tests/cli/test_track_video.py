@@ -16,7 +16,7 @@ from silhouette_rooms import RECORDS, SIZE, masks_of, pose
 
 from poseppl.cli import main
 from poseppl.io import open_video, write_cameras, write_image, write_video
-from poseppl.results import load_result
+from poseppl.results import load_result, provenance
 
 FEW = ["--filter", "annealed", "--particles", "40", "--layers", "2", "--quiet"]
 
@@ -39,9 +39,11 @@ def room(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _cache(monkeypatch):
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+@pytest.fixture(scope="module", autouse=True)
+def _cache():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+        yield
 
 
 def run(capsys, *words):
@@ -59,17 +61,29 @@ def empty(room):
     return ["--empty", *(f"{record.name}={room / record.name}_empty.png" for record in RECORDS)]
 
 
-def test_two_videos_are_tracked_and_drawn_over(room, tmp_path, capsys):
-    status, text = run(capsys, *videos(room), *empty(room), *FEW, "-o", tmp_path / "seen.nc")
-    assert status == 0, text
-    result = load_result(tmp_path / "seen.nc")
+@pytest.fixture(scope="module")
+def tracked(room, tmp_path_factory):
+    """What the command wrote of the two videos."""
+    folder = tmp_path_factory.mktemp("tracked")
+    assert main(["track", *map(str, [*videos(room), *empty(room), *FEW, "-o", folder / "seen.nc"])]) == 0
+    return folder
+
+
+def test_two_videos_are_tracked_and_drawn_over(room, tracked):
+    result = load_result(tracked / "seen.nc")
     assert result["posterior"].sizes["frame"] == 3
     assert np.isfinite(result["summary"].dataset["markers_mean"].values).all()
-    assert {path.name for path in tmp_path.iterdir()} == {"seen.nc", "seen.png", "seen-left.mp4", "seen-right.mp4"}
-    overlay = list(open_video(tmp_path / "seen-left.mp4", "left").images())
+    assert {path.name for path in tracked.iterdir()} == {"seen.nc", "seen.png", "seen-left.mp4", "seen-right.mp4"}
+    overlay = list(open_video(tracked / "seen-left.mp4", "left").images())
     assert len(overlay) == 3 and overlay[0].shape == (SIZE[1], SIZE[0], 3)
     plain = next(open_video(room / "left.mp4", "left").images())
     assert np.abs(overlay[0].astype(int) - plain).max() > 100  # something is drawn
+
+
+def test_the_result_tells_how_silhouettes_were_found(tracked):
+    found = provenance(load_result(tracked / "seen.nc"))["silhouettes"]
+    assert found["noise"] == 60.0 and found["edges"] is False and found["background"]["refine"] is False
+    assert found["empty"] == ["left", "right"] and found["masks"] == [] and found["faces"] is None
 
 
 @pytest.mark.parametrize(
@@ -145,8 +159,6 @@ def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path,
     assert not (tmp_path / "stopped.nc").exists()
 
 
-def test_silhouettes_are_not_smoothed_from_a_file(room, tmp_path, capsys):
-    status, text = run(capsys, *videos(room), *empty(room), *FEW, "-o", tmp_path / "seen.nc")
-    assert status == 0, text
-    status = main(["smooth", str(tmp_path / "seen.nc"), "--quiet"])
+def test_silhouettes_are_not_smoothed_from_a_file(tracked, capsys):
+    status = main(["smooth", str(tracked / "seen.nc"), "--quiet"])
     assert status == 1 and "comes from silhouettes" in " ".join(capsys.readouterr().err.split())

@@ -100,7 +100,7 @@ def test_edges_have_gradients_and_pull_the_sides_of_parts():
         alone = jax.jit(lambda x: model.observation_moments(x, inputs._replace(seen=inputs.seen._replace(edges=None)))[0])(x)
         np.testing.assert_allclose(both[:, : alone.size // 2].ravel(), alone, rtol=1e-12)
         beside = both[:, alone.size // 2 :]
-        most = 3 * float(np.max(inputs.noise))  # bent by most tanh(. / most), no distance is more than that of the cut
+        most = 4 * float(np.max(inputs.noise))  # bent by most tanh(. / most), no distance is more than that of the cut
         assert 0 <= beside.min() < 1.0 and 4.0 < beside.max() <= most * np.tanh(10.0 / most) + 1e-9
 
 
@@ -151,7 +151,7 @@ def test_a_camera_with_an_empty_mask_does_not_count():
 def test_pictures_of_any_size_say_the_same():
     """A large picture of the same scene has the same residuals, in units of the noise, near and far from the truth."""
     truth = pose(1)
-    far = truth + np.r_[250.0, np.zeros(27)]
+    far = truth + np.r_[500.0, np.zeros(27)]
     found = []
     for times in (1, 4):
         masks = {name: np.kron(mask, np.ones((times, times), np.uint8))[None] for name, mask in masks_of(truth).items()}
@@ -164,7 +164,7 @@ def test_pictures_of_any_size_say_the_same():
     np.testing.assert_allclose(away_large, away, rtol=0.05)
     assert away > 2 * near
     for large in (found[0][1], found[1][1]):
-        assert 2.5 < np.abs(large).max() < 3.0  # bounded alike
+        assert 3.5 < np.abs(large).max() < 4.0  # bounded alike
 
 
 def larger(record, times):
@@ -187,7 +187,7 @@ def test_hidden_pixels_are_no_evidence():
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
     blind = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
     knowing, unknowing = (beyond(each, truth) for each in (scene, blind))
-    # residuals are bounded by 3 * 2.55 px of noise = 7.65
+    # residuals are bounded by 4 * 2.55 px of noise = 10.2
     # with the table known, the legs behind it are no further out than parts in view are; without, they stick out by far
     assert knowing.max() < 3.0 and unknowing.max() > 7.0
 
