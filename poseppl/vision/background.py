@@ -26,10 +26,14 @@ from poseppl.vision.masks import Mask, clean_mask, keep_together
 from poseppl.vision.refinement import refine_mask
 
 MAX_LEARNING_BYTES = 2**30
+_USUAL = 640 * 480
+"""Pixels of a picture that the settings' diameters and areas are meant for."""
 
 
 class BackgroundSettings(NamedTuple):
     """How foreground is found and cleaned.
+
+    Diameters and areas are those in a picture of at most 640 x 480 px; in larger ones they grow with it.
 
     Attributes:
         threshold: Distance in standard deviations, over the three channels together, from which a pixel is foreground.
@@ -136,13 +140,7 @@ class Background(NamedTuple):
         blind = np.zeros(found.shape, bool) if unknown is None else np.asarray(unknown) != 0
         if self.settings.shadows == "foreground":
             found |= shadow
-        mask = clean_mask(
-            (found & ~blind).astype(np.uint8),
-            opening=self.settings.opening,
-            closing=self.settings.closing,
-            least_area=self.settings.least_area,
-            largest_hole=self.settings.largest_hole,
-        )
+        mask = _cleaned((found & ~blind).astype(np.uint8), self.settings)
         if self.settings.reach:
             mask = keep_together(mask, self.settings.reach, blind if hidden is None else blind | (np.asarray(hidden) != 0))
         if self.settings.refine:
@@ -190,6 +188,23 @@ def background_from_plate(plate: Image, settings: BackgroundSettings | None = No
         The background.
     """
     return learn_background([plate], settings)
+
+
+def _cleaned(mask: Mask, settings: BackgroundSettings) -> Mask:
+    """The mask, cleaned by the settings at its size."""
+    larger = max(1.0, (mask.size / _USUAL) ** 0.5)
+    return clean_mask(
+        mask,
+        opening=_odd(settings.opening * larger),
+        closing=_odd(settings.closing * larger),
+        least_area=round(settings.least_area * larger**2),
+        largest_hole=round(settings.largest_hole * larger**2),
+    )
+
+
+def _odd(diameter: float) -> int:
+    """The nearest odd number: a disc that has a middle."""
+    return 2 * round((diameter - 1) / 2) + 1
 
 
 def _rgb(image: Image) -> Image:

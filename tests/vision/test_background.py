@@ -101,6 +101,24 @@ def test_cleaning():
     assert not clean_mask(np.zeros_like(mask), **settings).any() and clean_mask(np.ones_like(mask), **settings).all()
 
 
+def test_large_pictures_are_cleaned_alike():
+    """In a picture of three times the width a person is cracked and specked by three times as many pixels."""
+    scene, damaged = (np.full((480, 640, 3), level, np.uint8) for level in (90, 90))
+    mask = np.zeros((480, 640), np.uint8)
+    mask[100:400, 250:350] = 1
+    damaged[mask > 0] = 200
+    damaged[240:244] = 90  # a crack from side to side
+    rows, columns = np.random.default_rng(1).integers(0, 480, (2, 40))
+    damaged[rows, columns] = 200
+    found = [background_from_plate(larger(scene, times)).subtract(larger(damaged, times)).foreground for times in (1, 3)]
+    assert overlap(found[0], mask) > 0.99
+    assert overlap(found[1], larger(mask, times=3)) > 0.99
+
+
+def larger(picture, times):
+    return picture.repeat(times, 0).repeat(times, 1)
+
+
 def test_a_hole_at_the_rim_is_no_hole():
     mask = np.ones((40, 40), np.uint8)
     mask[:, :3] = 0
