@@ -1,13 +1,14 @@
 """A man on a beam, from silhouettes of four calibrated cameras alone, two of them, and one: error and overlap.
 
     POSEPPL_DATA=FOLDER python benchmarks/balancing.py [--quick] [--frames 100] [--filters assumed-density,annealed]
-        [--cameras 4,2,1]
+        [--cameras 4,2,1] [--videos]
 
-Recording: pose2sim_balancing. Masks are the published ones, at half resolution; the start is sought in the silhouettes, being
-told which camera he faces. Errors are against the published triangulation of all cameras (which is no truth: segments vary by
-centimetres): mean distance of 12 joints, mm, and the same after taking away the middle of the hips. Overlap is the intersection
-over union of the mean pose's silhouette with the masks of the cameras that were not used (of all, where all were used), every
-tenth frame. With --result FILE.nc nothing is tracked: the figures are those of a `poseppl track --video` of as many frames.
+Recording: pose2sim_balancing. Masks are the published ones, at half resolution, or found in the videos with pictures of the
+empty room (--videos); the start is sought in the silhouettes, being told which camera he faces. Errors are against the
+published triangulation of all cameras (which is no truth: segments vary by centimetres): mean distance of 12 joints, mm, and
+the same after taking away the middle of the hips. Overlap is the intersection over union of the mean pose's silhouette with the
+published masks of the cameras that were not used (of all, where all were used), every tenth frame. With --result FILE.nc
+nothing is tracked: the figures are those of a `poseppl track --video` of as many frames.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from poseppl.results import load_result, provenance
 from poseppl.tracking import TrackSettings, track
 from poseppl.tracking.placing import cameras_of_records
 from poseppl.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+from poseppl.tracking.video_sources import see_silhouettes, sources_of_files
 
 STATURE = 1730.0
 """Of the man, mm: from the thighs and shanks of the triangulation."""
@@ -56,24 +58,28 @@ _STRIDE = 4
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", result="")
+    options = arguments(__doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", videos=False, result="")
     start_jax()
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
     records, masks, hidden = read_masks(folder, count)
     reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
-    for tree in [load_result(options.result)] if options.result else runs(options, records, masks, hidden):
+    looks = (view for view in VIEWS if str(len(view)) in options.cameras.split(","))
+    if options.videos:
+        scenes = (seen_in_videos(folder, records, view, count) for view in looks)
+    else:
+        scenes = (scene_of(records, masks, hidden, view) for view in looks)
+    for tree in [load_result(options.result)] if options.result else runs(scenes, options.filters.split(",")):
         rows.append(measured(tree, reference, records, masks))
         print(*rows[-1], flush=True)
     show(f"{count} frames", ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"], rows)
 
 
-def runs(options: Any, records: list[CameraRecord], masks: Any, hidden: Any) -> Iterator[xr.DataTree]:
-    """Results of all filters and views that are asked for."""
-    for name in options.filters.split(","):
-        for view in [view for view in VIEWS if str(len(view)) in options.cameras.split(",")]:
-            scene = scene_of(records, masks, hidden, view)._replace(faces=records[VIEWS[view]].name)
-            yield track(scene, TrackSettings(filter=name))
+def runs(scenes: Iterator[SilhouetteScene], filters: Sequence[str]) -> Iterator[xr.DataTree]:
+    """Results of all filters on all scenes."""
+    for scene, name in ((scene, name) for scene in scenes for name in filters):
+        yield track(scene, TrackSettings(filter=name))
+        jax.clear_caches()  # programs of many runs together are more than a process may map
 
 
 def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraRecord], masks: Any) -> list[str]:
@@ -105,10 +111,21 @@ def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, 
 
 
 def scene_of(records: list[CameraRecord], masks: Any, hidden: Any, view: tuple[int, ...]) -> SilhouetteScene:
+    """The published masks of some cameras."""
     standard = full_body().lengths
     body = full_body({name: value * STATURE / 1750.0 for name, value in standard.items()})
     chosen = [records[camera] for camera in view]
-    return silhouette_scene(body, chosen, {record.name: masks[record.name] for record in chosen}, hidden=hidden, rate=60.0)
+    seen = silhouette_scene(body, chosen, {record.name: masks[record.name] for record in chosen}, hidden=hidden, rate=60.0)
+    return seen._replace(faces=records[VIEWS[view]].name)
+
+
+def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> SilhouetteScene:
+    """What the videos of some cameras show, as `poseppl track --video` finds it."""
+    named = [(records[camera].name, f"cam{camera + 1:02d}") for camera in view]
+    videos = [f"{name}={folder / 'videos' / file}.mp4" for name, file in named]
+    plates = [f"{name}={folder / 'silhouettes' / file}_background_half.png" for name, file in named]
+    sources = sources_of_files(videos, folder / "calibration" / "Calib_qualisys.toml", empty=plates)
+    return see_silhouettes(sources, stature=STATURE, faces=records[VIEWS[view]].name, stop=count)
 
 
 def read_triangulation(path: Path, count: int) -> dict[str, Any]:
