@@ -124,7 +124,7 @@ def run_filter(
 
     Raises:
         ValueError: An array does not have T rows.
-        RunError: A frame failed and `on_failure` is "stop", or a state is not finite.
+        RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice.
         CheckpointError: The checkpoint belongs to another run.
     """
     sequence = frame_sequence(observations, inputs, num_frames)
@@ -150,7 +150,7 @@ def run_filter(
     for part in itertools.chain(saved, [first] if first else [], itertools.repeat(None)):
         start, began = stop, time.perf_counter()
         if part is None:
-            part = calls.advance(state, start, min(start + pace, num_frames))
+            part = _advance(calls, state, start, min(start + pace, num_frames), numbers, note)
             if adapts and time.perf_counter() - began < _PATIENCE:
                 pace = min(2 * pace, length)
         state, stop = part.state, start + len(part.kept.finite)
@@ -172,6 +172,21 @@ def run_filter(
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
     """The first frame alone, then chunks: pairs of the first frame and the one after the last."""
     return [(0, 1)] + [(start, min(start + chunk, num_frames)) for start in range(1, num_frames, chunk)]
+
+
+def _advance(calls: Calls, state: Any, start: int, stop: int, numbers: list[int], note: Callable[[str], None]) -> Part:
+    """Some frames; those whose state is not finite are computed twice.
+
+    The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU differ
+    from call to call once in a long while (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so again.
+    """
+    part = calls.advance(state, start, stop)
+    if np.all(part.kept.finite):
+        return part
+    again = calls.advance(state, start, stop)
+    if np.all(again.kept.finite):
+        note(f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again; going on")
+    return again
 
 
 def _check(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> None:

@@ -180,6 +180,29 @@ def test_a_state_that_is_not_finite_is_never_passed_over(policy: str) -> None:
         run_failing(3, broken=True, on_failure=policy)
 
 
+def test_a_fault_that_does_not_come_again_ends_no_run() -> None:
+    model, filter = failing(100)
+    seen: list[float] = []
+
+    def once(place: Any) -> Any:
+        """NaN the first time that frame 5 is computed: no program does this but by a fault."""
+        seen.append(float(place))
+        return np.float32(np.nan if place == 5 and seen.count(5.0) == 1 else 0.0)
+
+    def step(rng_key: Any, state: Any, observation: Any, inputs: Any) -> Any:
+        new, info = filter.step(rng_key, state, observation, inputs)
+        fault = jax.pure_callback(once, jax.ShapeDtypeStruct((), jnp.float32), new.particles[0, 0])
+        return new._replace(particles=new.particles + fault), info
+
+    told = Told()
+    observations = model.observe({"y": np.zeros((7, 2))})
+    options = {"num_frames": 7, "collect": collect_draws(model), "chunk": 4, "progress": told}
+    run = run_filter(Filter(filter.init, step), jax.random.key(0), observations, **options)
+    assert seen.count(5.0) == 2
+    assert np.array_equal(run.outputs.state[:, 0, 0, 0], np.arange(7.0))
+    assert told.frames == 7 and len(told.notes) == 1 and "frames 5 to 6" in told.notes[0]
+
+
 def test_impossible_data_of_a_real_model(caplog: pytest.LogCaptureFixture) -> None:
     model = linear_gaussian(2, R=1e-10 * np.eye(2)).compile()
     values = np.zeros((6, 2))
@@ -200,11 +223,13 @@ def test_impossible_data_of_a_real_model(caplog: pytest.LogCaptureFixture) -> No
 class Told:
     def __init__(self) -> None:
         self.frames = 0
+        self.notes: list[str] = []
 
     def advance(self, frames: int) -> None:
         self.frames += frames
 
-    def note(self, message: str) -> None: ...
+    def note(self, message: str) -> None:
+        self.notes.append(message)
 
 
 def test_progress_is_told_every_frame() -> None:
