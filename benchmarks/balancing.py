@@ -1,19 +1,22 @@
 """A man on a beam, from silhouettes of four calibrated cameras alone, two of them, and one: error and overlap.
 
     POSEPPL_DATA=FOLDER python benchmarks/balancing.py [--quick] [--frames 100] [--filters assumed-density,annealed]
-        [--cameras 4,2,1] [--videos]
+        [--cameras 4,2,1] [--runs 1] [--videos]
 
 Recording: pose2sim_balancing. Masks are the published ones, at half resolution, or found in the videos with pictures of the
 empty room (--videos); the start is sought in the silhouettes, being told which camera he faces. Errors are against the
 published triangulation of all cameras (which is no truth: segments vary by centimetres): mean distance of 12 joints, mm, and
 the same after taking away the middle of the hips. Overlap is the intersection over union of the mean pose's silhouette with the
 published masks of the cameras that were not used (of all, where all were used), every tenth frame. With --result FILE.nc
-nothing is tracked: the figures are those of a `poseppl track --video` of as many frames.
+nothing is tracked: the figures are those of a `poseppl track --video` of as many frames. Runs differ in their seed; means over
+them, and the standard deviation of the error.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
+import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -58,7 +61,9 @@ _STRIDE = 4
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", videos=False, result="")
+    options = arguments(
+        __doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", runs=1, videos=False, result=""
+    )
     start_jax()
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
@@ -69,28 +74,40 @@ def main() -> None:
         scenes = (seen_in_videos(folder, records, view, count) for view in looks)
     else:
         scenes = (scene_of(records, masks, hidden, view) for view in looks)
-    for tree in [load_result(options.result)] if options.result else runs(scenes, options.filters.split(",")):
+    results = [load_result(options.result)] if options.result else runs(scenes, options.filters.split(","), options.runs)
+    for tree in results:
         rows.append(measured(tree, reference, records, masks))
-        print(*rows[-1], flush=True)
-    show(f"{count} frames", ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"], rows)
+        print(*rows[-1][:2], *(f"{value:.3g}" for value in rows[-1][2:]), flush=True)
+    columns = ["filter", "cameras", "error, mm", "relative, mm", "overlap", "frames/s"]
+    show(f"{count} frames", columns, [summed(name, list(same)) for name, same in itertools.groupby(rows, lambda row: row[:2])])
 
 
-def runs(scenes: Iterator[SilhouetteScene], filters: Sequence[str]) -> Iterator[xr.DataTree]:
-    """Results of all filters on all scenes."""
-    for scene, name in ((scene, name) for scene in scenes for name in filters):
-        yield track(scene, TrackSettings(filter=name))
-        jax.clear_caches()  # programs of many runs together are more than a process may map
+def runs(scenes: Iterator[SilhouetteScene], filters: Sequence[str], number: int) -> Iterator[xr.DataTree]:
+    """Results of so many runs of all filters on all scenes."""
+    for scene in scenes:
+        for name in filters:
+            for seed in range(number):
+                yield track(scene, TrackSettings(filter=name, seed=seed))
+            jax.clear_caches()  # programs of many filters together are more than a process may map
 
 
-def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraRecord], masks: Any) -> list[str]:
-    """The row of one result: filter, number of cameras, error, relative error, overlap, frames a second."""
+def summed(name: tuple[str, str], rows: Sequence[tuple[Any, ...]]) -> list[str]:
+    """The row of runs that differ in their seed."""
+    error, relative, overlap, rate = zip(*(row[2:] for row in rows), strict=True)
+    spread = f" ± {statistics.stdev(error):.0f}" if len(rows) > 1 else ""
+    means = [f"{statistics.mean(relative):.0f}", f"{statistics.mean(overlap):.2f}", f"{statistics.median(rate):.2f}"]
+    return [*name, f"{statistics.mean(error):.0f}{spread}", *means]
+
+
+def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraRecord], masks: Any) -> tuple[Any, ...]:
+    """Of one result: filter, number of cameras, error, relative error, overlap, frames a second."""
     summary, known = tree["summary"].dataset, provenance(tree)
     used = [str(name) for name in summary["camera"].values]
     error, relative = errors([str(name) for name in summary["marker"].values], summary["markers_mean"].values, reference)
     others = [camera for camera, record in enumerate(records) if record.name not in used] or list(range(len(records)))
     overlap = mean_overlap(full_body(known["lengths"]), summary["state_mean"].values, records, masks, others)
     rate = len(summary["frame"]) / known["wall_seconds"]
-    return [known["filter"], str(len(used)), f"{error:.0f}", f"{relative:.0f}", f"{overlap:.2f}", f"{rate:.2f}"]
+    return known["filter"], str(len(used)), error, relative, overlap, rate
 
 
 def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, Any], dict[str, Any]]:
