@@ -3,7 +3,7 @@
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --no-clutter -o clean
     poseppl simulate 02_01.amc --skeleton 02.asf --frames 0:160:4 --video --clutter -o clutter
     python benchmarks/rendered_walks.py [--quick] [--scenes clean,clutter] [--filters ...] [--cameras 4,2,1] [--frames 40]
-        [--runs 3] [--true-masks] [--noise 60] [--edges] [--refine]
+        [--runs 3] [--true-masks] [--noise 80] [--edges] [--refine]
         [--output rendered-walks]
 
 Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
@@ -52,7 +52,7 @@ def main() -> None:
         frames=40,
         runs=3,
         true_masks=False,
-        noise=60.0,
+        noise=80.0,
         edges=False,
         refine=False,
         output="rendered-walks",
@@ -62,7 +62,7 @@ def main() -> None:
     table = Table("runs", _COLUMNS, read_runs(Path(options.output) / "runs.csv"), "Runs of rendered_walks.py; mm and seconds.")
     Path(options.output).mkdir(parents=True, exist_ok=True)
     settings = SilhouetteSettings(noise=options.noise, edges=options.edges)
-    special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 60 else "")
+    special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 80 else "")
     special += (" edges" if options.edges else "") + (" refined" if options.refine else "")
     background = BackgroundSettings(refine=options.refine)
     for scene, cameras in itertools.product(options.scenes.split(","), options.cameras.split(",")):

@@ -84,7 +84,7 @@ def video_options(command: Any) -> Any:
             "--silhouette-noise",
             metavar="MM",
             type=float,
-            help="--video: standard deviation of a silhouette's distances at the body. [default: 60]",
+            help="--video: standard deviation of a silhouette's distances at the body. [default: 80]",
         ),
         click.option(
             "--refine",

@@ -43,7 +43,7 @@ class SilhouetteSettings(NamedTuple):
     """
 
     num_points: int = 64
-    noise: float = 60.0
+    noise: float = 80.0
     map_size: int = 320
     truncation: float = 30.0
     edges: bool = False

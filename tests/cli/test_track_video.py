@@ -82,7 +82,7 @@ def test_two_videos_are_tracked_and_drawn_over(room, tracked):
 
 def test_the_result_tells_how_silhouettes_were_found(tracked):
     found = provenance(load_result(tracked / "seen.nc"))["silhouettes"]
-    assert found["noise"] == 60.0 and found["edges"] is False and found["background"]["refine"] is False
+    assert found["noise"] == 80.0 and found["edges"] is False and found["background"]["refine"] is False
     assert found["empty"] == ["left", "right"] and found["masks"] == [] and found["faces"] is None
 
 
