@@ -177,8 +177,8 @@ def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
 def _advance(calls: Calls, state: Any, start: int, stop: int, numbers: list[int], note: Callable[[str], None]) -> Part:
     """Some frames; those whose state is not finite are computed twice.
 
-    The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU differ
-    from call to call once in a long while (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so again.
+    The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU were
+    seen to differ from call to call (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so again.
     """
     part = calls.advance(state, start, stop)
     if np.all(part.kept.finite):

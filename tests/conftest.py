@@ -16,7 +16,7 @@ DATA = Path(os.environ.get("POSEPPL_DATA", Path(__file__).resolve().parents[2] /
 
 def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", str(CACHE))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # thousands of small programs count, too
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

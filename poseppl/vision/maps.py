@@ -105,7 +105,7 @@ def _distance_to(mask: Mask) -> Map:
     cv2 = opencv()
     if not mask.any():
         return np.full(mask.shape, np.inf, np.float32)
+    # The last digit depends on where the memory lies. Squares are whole numbers, and numpy rounds their roots correctly.
     rough = cv2.distanceTransform(1 - mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    # whose last digit depends on where the memory lies; the squares are whole numbers, and numpy rounds their roots correctly
     distance: Map = np.sqrt(np.rint(rough * rough))
     return distance

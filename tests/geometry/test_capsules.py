@@ -36,7 +36,7 @@ def test_clearance_is_the_least_distance():
         start, end = (jnp.asarray(np.moveaxis(ends[:, :, k], 0, -1)) for k in range(2))
         found = clearances(Capsules(start, end, jnp.array([[20.0], [30.0]])), ((0, 1),))[0]
     expected = [nearest_by_least_squares(*pair) - 50.0 for pair in ends]
-    np.testing.assert_allclose(found, expected, atol=1e-3)
+    np.testing.assert_allclose(found, expected, atol=1e-3)  # ours adds 3e-5 mm where segments meet, for a gradient there
 
 
 def test_factors():

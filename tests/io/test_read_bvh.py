@@ -57,7 +57,7 @@ def test_recorded_walk(data_dir):
     assert abs(motion.positions[..., 2].min()) < 30
     arm = motion.positions[:, motion.index("LeftForeArm")] - motion.positions[:, motion.index("LeftArm")]
     asf = {bone.name: bone.length for bone in read_asf(data_dir / "cmu_amc" / "02.asf").bones}
-    np.testing.assert_allclose(np.linalg.norm(arm, axis=-1).mean(), asf["lhumerus"], rtol=0.25)
+    np.testing.assert_allclose(np.linalg.norm(arm, axis=-1).mean(), asf["lhumerus"], rtol=0.25)  # of another person
     lengths = np.linalg.norm(motion.positions[:, 1:] - motion.positions[:, np.asarray(motion.parents)[1:]], axis=-1)
     np.testing.assert_allclose(lengths, np.broadcast_to(lengths[0], lengths.shape), atol=1e-6)
 

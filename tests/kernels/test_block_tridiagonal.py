@@ -60,6 +60,7 @@ def test_agrees_with_dense_linear_algebra(shape, dtype):
             np.linalg.slogdet(dense)[1],
             b.ravel(),
         )
+        # a bound on roundings, far wider than what is found; a wrong entry would be off by its own size
         tolerance = 1e3 * epsilon(dtype) * np.linalg.cond(dense) ** 0.5
         for found, answer in zip(answers(matrix, jnp.asarray(b)), expected, strict=True):
             assert found.dtype == dtype

@@ -36,6 +36,7 @@ def population():
 
 
 def test_gradients_show_the_covariance_given_the_context(population):
+    # in this file a tenth is 4.5 standard errors of a variance of 4,000 draws; found up to 0.037
     chart = chart_from_gradients(evaluate(*population, log_density, HMC_MOVES))
     np.testing.assert_allclose(chart.scale @ chart.scale.T, COVARIANCE, rtol=0.1)
 

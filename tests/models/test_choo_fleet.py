@@ -75,6 +75,7 @@ def test_compiled_program(dtype):
     step = np.where(np.arange(28) < 3, SIGMA_POSITION, SIGMA_ANGLE)
     z = np.asarray(y - x, np.float64) / step
     expected = -0.5 * np.sum(z**2) - np.sum(np.log(step)) - 14 * np.log(2 * np.pi)
+    # roundings of 28 squares and logarithms; found up to 15
     np.testing.assert_allclose(model.log_transition(y, x, frame), expected, rtol=500 * epsilon(dtype))
 
 
@@ -92,6 +93,7 @@ def test_likelihood_of_simulated_data(dtype):
     assert abs(square - 34) < 5 * np.sqrt(2 * 34)  # chi-square with 34 degrees of freedom
     observation = model.observe({"points": points})
     found = model.log_observation(x, observation, frame)
+    # a point that is rounded otherwise is off by some hundred of these, in units of the noise, for each of 17 points
     np.testing.assert_allclose(found, -0.5 * square - 17 * np.log(2 * np.pi * NOISE**2), rtol=2e4 * epsilon(dtype))
     assert found - model.log_observation(x.at[4].add(0.1), observation, frame) > 20
 
