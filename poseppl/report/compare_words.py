@@ -7,15 +7,15 @@ import xarray as xr
 
 from poseppl.diagnostics.contest import TIE
 from poseppl.diagnostics.run_figures import FORMULA
-from poseppl.diagnostics.verdicts import DOUBTFUL, GRAVE, REMARK, RHAT_HIGH, Verdict
+from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, WARNING, Verdict
 
 LEVEL = 0.9
 MAX_NAMED = 8
 _SLACK = 0.03
-_WRONG = Verdict(GRAVE, "A wrong posterior, disqualified where effective draws are counted; 90 % intervals cover so little")
-_NARROW = Verdict(DOUBTFUL, "Over-confident, 90 % intervals cover less of the truth")
-_WIDE = Verdict(DOUBTFUL, "Under-confident, 90 % intervals cover more of the truth")
-_HONEST = Verdict(REMARK, "90 % intervals as honest as this sequence can tell")
+_WRONG = Verdict(ERROR, "A wrong posterior, disqualified where effective draws are counted; 90 % intervals cover so little")
+_NARROW = Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth")
+_WIDE = Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth")
+_HONEST = Verdict(INFO, "90 % intervals as honest as this sequence can tell")
 _TITLES = {
     "ess_per_second": "Effective draws a second",
     "ess_per_evaluation": "Effective draws an evaluation",
@@ -68,7 +68,7 @@ def _winners(tree: xr.DataTree) -> list[Verdict]:
             texts.append(f"{winner} {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
     if not texts:
         texts.append("Nobody wins: fewer than two runs have figures that can be held against each other.")
-    return [Verdict(REMARK, text) for text in texts]
+    return [Verdict(INFO, text) for text in texts]
 
 
 def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
@@ -119,12 +119,12 @@ def _coverage(tree: xr.DataTree) -> list[Verdict]:
 def _agreement(tree: xr.DataTree) -> list[Verdict]:
     """The runs whose chains disagree."""
     figures = tree["figures"].dataset
-    found: dict[str, list[str]] = {GRAVE: [], DOUBTFUL: []}
+    found: dict[str, list[str]] = {ERROR: [], WARNING: []}
     for name, rhat in zip(figures["run"].values, figures["rhat"].values, strict=True):
         known = rhat[np.isfinite(rhat)]
         share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
         if share > 0.02:
-            found[GRAVE if share > 0.5 else DOUBTFUL].append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
+            found[ERROR if share > 0.5 else WARNING].append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
     start = f"Chains disagree and ESS is rough, R-hat above {RHAT_HIGH} in so many frames and coordinates"
     return [Verdict(severity, f"{start}: {words(names)}.") for severity, names in found.items() if names]
 
@@ -135,4 +135,4 @@ def _closed_form(tree: xr.DataTree) -> list[Verdict]:
     if not names:
         return []
     form = "are closed forms" if len(names) > 1 else "is a closed form"
-    return [Verdict(REMARK, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")]
+    return [Verdict(INFO, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")]

@@ -28,7 +28,7 @@ def test_frames_in_words(frames: list[int], words: str) -> None:
 
 
 def test_nothing_to_complain_of() -> None:
-    assert _texts(synthetic_result(num_frames=60)).startswith("remark: Nothing to complain of.")
+    assert _texts(synthetic_result(num_frames=60)).startswith("info: Nothing to complain of.")
 
 
 def test_a_coordinate_that_mixes_badly_is_named_with_its_frames() -> None:
@@ -46,7 +46,7 @@ def test_failures_divergences_and_rejection_by_frame() -> None:
     failed[2], divergences[5:7], acceptance[20:22] = True, 3, 0.3
     stats = {"failed": failed, "divergences": divergences, "acceptance_rate": acceptance}
     texts = _texts(synthetic_result(sample_stats=stats))
-    assert texts.startswith("grave: Impossible data in frame 12:")
+    assert texts.startswith("error: Impossible data in frame 12:")
     assert "Divergences in frames 15-16 (6 in all)" in texts
     assert "Rejection rate up to 70 % in frames 30-31" in texts
     assert "Nothing" not in texts

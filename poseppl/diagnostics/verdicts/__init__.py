@@ -1,0 +1,53 @@
+"""The diagnostics in words: what is wrong with a result, where, and what to do about it, the worst first.
+
+Each file beside this one holds the checks of one subject; a check maps a diagnosed result to its findings, and `CHECKS` lists
+those that :func:`verdicts` makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import xarray as xr
+
+from poseppl.diagnostics.diagnosis import diagnose
+from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
+from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
+from poseppl.diagnostics.verdicts.coverage import coverage
+from poseppl.diagnostics.verdicts.particles import degeneracy
+from poseppl.diagnostics.verdicts.validity import failures, missing
+from poseppl.diagnostics.verdicts.verdict import ERROR as ERROR
+from poseppl.diagnostics.verdicts.verdict import INFO as INFO
+from poseppl.diagnostics.verdicts.verdict import SEVERITIES
+from poseppl.diagnostics.verdicts.verdict import WARNING as WARNING
+from poseppl.diagnostics.verdicts.verdict import Verdict as Verdict
+from poseppl.diagnostics.verdicts.verdict import frame_ranges as frame_ranges
+
+CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
+    failures,
+    coverage,
+    degeneracy,
+    divergences,
+    mixing,
+    agreement,
+    rejection,
+    missing,
+)
+"""The checks; among findings of one severity, those of earlier checks come first."""
+
+
+def verdicts(tree: xr.DataTree) -> list[Verdict]:
+    """Judge a result.
+
+    Args:
+        tree: The result; diagnosed first if it has no group ``diagnostics``.
+
+    Returns:
+        Findings, the worst first; a single one of severity "info" if there is nothing to complain of.
+    """
+    diagnosed = tree if "diagnostics" in tree.children else diagnose(tree)
+    findings = [verdict for check in CHECKS for verdict in check(diagnosed)]
+    findings.sort(key=lambda verdict: SEVERITIES.index(verdict.severity))
+    if all(verdict.severity == INFO for verdict in findings):
+        findings.insert(0, Verdict(INFO, "Nothing to complain of."))
+    return findings

@@ -1,0 +1,32 @@
+"""Degeneracy of weighted particles."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, statistic, where
+from poseppl.results import is_weighted
+
+
+def degeneracy(tree: xr.DataTree) -> list[Verdict]:
+    """What weighted particles suffer from."""
+    if not is_weighted(tree):
+        return []
+    number = int(tree.attrs["num_particles"])
+    found = []
+    effective = statistic(tree, "ess")
+    if effective is not None:
+        low = effective < ESS_LOW
+        if low.any():
+            worst = np.nanmin(effective)
+            text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst:.1f})"
+            found.append(Verdict(ERROR, f"{text}: the particles miss the posterior; use more, or an HMC filter."))
+    unique = statistic(tree, "unique_ancestors")
+    if unique is not None:
+        few = unique < min(ESS_LOW, number)
+        few[0] = False  # no resampling comes before the first frame
+        if few.any():
+            text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
+            found.append(Verdict(WARNING, f"{text}: the sample is impoverished."))
+    return found

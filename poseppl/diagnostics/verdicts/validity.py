@@ -1,0 +1,41 @@
+"""Data that were impossible or absent, and draws that are no numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, Verdict, statistic, where
+
+
+def failures(tree: xr.DataTree) -> list[Verdict]:
+    """Frames of impossible data, of zero evidence, and of draws that are not finite."""
+    failed, evidence = statistic(tree, "failed"), statistic(tree, "log_evidence")
+    found = []
+    broken = np.zeros(tree["posterior"].sizes["frame"], bool)
+    if failed is not None and failed.any():
+        broken = failed > 0
+        found.append(
+            Verdict(
+                ERROR,
+                f"Impossible data in {where(tree, broken)}: no draw explains them, and the posterior there is the prior.",
+            )
+        )
+    if evidence is not None and (np.isneginf(evidence) & ~broken).any():
+        found.append(Verdict(ERROR, f"The evidence is zero in {where(tree, np.isneginf(evidence) & ~broken)}."))
+    empty = ~np.isfinite(tree["posterior"].dataset["state"].values).all(axis=(0, 1, 3))
+    if empty.any():
+        found.append(Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}."))
+    return found
+
+
+def missing(tree: xr.DataTree) -> list[Verdict]:
+    """Frames in which nothing was observed."""
+    if "observed_data" not in tree.children or "points" not in tree["observed_data"].dataset:
+        return []
+    points = tree["observed_data"].dataset["points"].values
+    seen = np.isfinite(points).reshape(len(points), -1)
+    blind = ~seen.any(axis=1)
+    if blind.any():
+        return [Verdict(INFO, f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction.")]
+    return []

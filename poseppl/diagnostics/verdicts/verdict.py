@@ -1,0 +1,63 @@
+"""A verdict, its severity, and the words that all verdicts share.
+
+>>> frame_ranges([14, 15, 16, 17, 20])
+'frames 14-17, 20'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+ERROR, WARNING, INFO = "error", "warning", "info"
+SEVERITIES = (ERROR, WARNING, INFO)
+
+ESS_LOW = 10.0
+MAX_RANGES = 6
+
+
+class Verdict(NamedTuple):
+    """One finding: its ``severity`` ("error", "warning" or "info") and the sentence."""
+
+    severity: str
+    text: str
+
+
+def frame_ranges(frames: Iterable[int], limit: int = MAX_RANGES) -> str:
+    """Name frames in words, neighbours merged.
+
+    Args:
+        frames: Frame numbers.
+        limit: The most ranges to spell out.
+
+    Returns:
+        Such as "frame 3" or "frames 3-7, 12 and 4 more".
+    """
+    numbers = np.unique(np.asarray(list(frames), dtype=np.int64))
+    if len(numbers) == 0:
+        return "no frame"
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    words = [str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
+    rest = sum(len(run) for run in runs[limit:])
+    tail = f" and {rest} more" if rest else ""
+    return f"{'frame' if len(numbers) == 1 else 'frames'} {', '.join(words[:limit])}{tail}"
+
+
+def where(tree: xr.DataTree, mask: ArrayLike) -> str:
+    """Name the frames of a mask (frame,)."""
+    frames: NDArray[np.int64] = tree["posterior"].dataset["frame"].values
+    chosen = np.asarray(mask, bool)
+    if chosen.all() and len(chosen) > 1:
+        return "every frame"
+    return frame_ranges(frames[chosen].tolist())
+
+
+def statistic(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
+    """One of the sample statistics (frame,); None where the result has none of this name."""
+    if "sample_stats" not in tree.children or name not in tree["sample_stats"].dataset:
+        return None
+    return np.asarray(tree["sample_stats"].dataset[name].values, np.float64)
