@@ -1,11 +1,13 @@
-"""Options and fixtures of all tests: --slow, the recordings, and a compile cache that outlives the run."""
+"""Options and fixtures of all tests: --slow, --part, --no-skips, the recordings, and a compile cache that outlives the run."""
 
 from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 import pytest
@@ -17,18 +19,49 @@ DATA = Path(os.environ.get("POSEPPL_DATA", Path(__file__).resolve().parents[2] /
 def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", str(CACHE))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # thousands of small programs count, too
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # a shell starts what runs in the background so, and the programs that tests interrupt would inherit it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the long statistical checks too")
+    parser.addoption("--part", type=_part, metavar="K/N", help="run every N-th of the tests chosen, from the K-th on")
+    parser.addoption("--no-skips", action="store_true", help="a test that skips itself fails: this machine should have it all")
+
+
+def _part(text: str) -> tuple[int, int]:
+    part, number = map(int, text.split("/"))
+    if not 1 <= part <= number:
+        raise ValueError(text)
+    return part, number
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.getoption("--slow"):
-        return
-    for item in items:
-        if item.get_closest_marker("slow"):
-            item.add_marker(pytest.mark.skip(reason="a long check; run with --slow"))
+    chosen = [item for item in items if config.getoption("--slow") or not item.get_closest_marker("slow")]
+    if config.getoption("--part"):
+        part, number = config.getoption("--part")
+        chosen = sorted(chosen, key=lambda item: item.nodeid)[part - 1 :: number]
+    kept = set(chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+    items[:] = chosen
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    return _unskipped(item.config, (yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, Any, Any]:
+    return _unskipped(collector.config, (yield))
+
+
+def _unskipped(config: pytest.Config, report: Any) -> Any:
+    """The report; with --no-skips a failure where it tells of a skip."""
+    if report.skipped and config.getoption("--no-skips") and not hasattr(report, "wasxfail"):
+        report.outcome, report.longrepr = "failed", f"skipped, with --no-skips: {report.longrepr}"
+    return report
 
 
 @pytest.fixture(scope="module", autouse=True)
