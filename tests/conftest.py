@@ -37,6 +37,7 @@ def _part(text: str) -> tuple[int, int]:
     return part, number
 
 
+@pytest.hookimpl(trylast=True)  # after -m and -k have chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     chosen = [item for item in items if config.getoption("--slow") or not item.get_closest_marker("slow")]
     if config.getoption("--part"):
