@@ -33,7 +33,8 @@ class Body(NamedTuple):
         measure: Recorded marker positions by name, each (T, 3) mm, to ``lengths``.
         free: Names of the joints that are tracked, the rest being clamped to the truth; None tracks all.
         rest: State of the rest pose (d,): standing at the origin.
-        params: The programs' params, such as the scales of the random walk; the command line may override them.
+        params: The programs' params. ``sigma_position`` (mm) and ``sigma_angle`` (radians), each a root of a second, are the
+            scales that ``step_scale`` of the inputs is made of; the command line may override them.
         noise: Standard deviation of the image noise at focal length 1.
     """
 
@@ -64,12 +65,14 @@ class BodyInputs(NamedTuple):
         noise: Standard deviation of the image noise (C, markers), in image units.
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
     """
 
     cameras: Cameras
     noise: jax.Array
     start: jax.Array
     start_scale: jax.Array
+    step_scale: jax.Array
 
 
 class SilhouetteInputs(NamedTuple):
@@ -81,6 +84,7 @@ class SilhouetteInputs(NamedTuple):
         noise: Standard deviation of the silhouette's distances (C,), px.
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
     """
 
     cameras: Cameras
@@ -88,6 +92,7 @@ class SilhouetteInputs(NamedTuple):
     noise: jax.Array
     start: jax.Array
     start_scale: jax.Array
+    step_scale: jax.Array
 
 
 def load_builder(name: str) -> Callable[..., Body]:

@@ -13,7 +13,8 @@ group              variables
 ``truth``          where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``         the calibration, one row a camera
 ``body``           ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
-``inputs``         what else the model was given: noise, the start, clamped states
+``inputs``         what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof), the
+                   standard deviations of the random walk's step to each frame, mm and radians
 ``diagnostics``    added by :func:`poseppl.diagnostics.diagnose`
 =================  =============================================================================================
 
@@ -135,7 +136,8 @@ def build_result(
         groups["body"].attrs |= {"root": root} if root else {}
     if inputs is not None:
         arrays = {name: np.asarray(values) for name, values in inputs.items()}
-        groups["inputs"] = xr.Dataset(
+        steps = {name: arrays.pop(name) for name in ("step_scale",) if name in arrays}
+        groups["inputs"] = _checked({name: (("frame", "dof"), values) for name, values in steps.items()}, known).assign(
             {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
         )
     tree = xr.DataTree.from_dict(groups)

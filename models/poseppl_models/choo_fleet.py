@@ -22,20 +22,21 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import numpyro
-import numpyro.distributions as dist
 
 from poseppl.body import Body, BodyInputs
 from poseppl.distributions import ProjectedMarkers
 from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
 from poseppl.program import StateSpaceModel
-from poseppl_models.random_walk import joint_sites
+from poseppl_models.random_walk import joint_sites, random_walk
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""
-SIGMA_POSITION = 15.0
-"""Standard deviation of the random walk of translations, mm a frame."""
-SIGMA_ANGLE = 0.15
-"""Standard deviation of the random walk of angles, radians a frame."""
+RATE = 30.0
+"""Frames a second of the paper's recordings."""
+SIGMA_POSITION = 15.0 * RATE**0.5
+"""Standard deviation of the random walk of translations, mm a root of a second: 15 mm a frame of the paper."""
+SIGMA_ANGLE = 0.15 * RATE**0.5
+"""Standard deviation of the random walk of angles, radians a root of a second: 0.15 a frame of the paper."""
 REST_ANGLE = 0.1
 """Flexion of the hips at rest (radians); knees and elbows are bent twice as far."""
 
@@ -168,21 +169,12 @@ def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
     """Write initial, transition and observation programs for any kinematic tree, one site for each joint."""
     spans = joint_sites(tree)
 
-    def initial(params: Any, inputs: BodyInputs) -> None:
-        for name, span in spans.items():
-            numpyro.sample(name, dist.Normal(inputs.start[span], inputs.start_scale[span]))
-
-    def transition(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
-        for name in spans:
-            scale = params["sigma_position"] if name.endswith("_position") else params["sigma_angle"]
-            numpyro.sample(name, dist.Normal(state[name], scale))
-
     def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
         numpyro.sample("points", ProjectedMarkers(tree, inputs.cameras, pose, inputs.noise))
         numpyro.deterministic("markers", marker_positions(tree, pose))
 
-    return StateSpaceModel(initial, transition, observation)
+    return StateSpaceModel(*random_walk(spans), observation)
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ...] | None = None) -> Body:

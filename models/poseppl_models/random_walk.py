@@ -23,7 +23,8 @@ def random_walk(spans: Mapping[str, slice]) -> tuple[Callable[..., None], Callab
     """Write the initial and the transition program of the sites.
 
     Args:
-        spans: The sites. Inputs have ``start``, ``start_scale`` and ``step_scale``, each (d,).
+        spans: The sites. Inputs have ``start``, ``start_scale`` and ``step_scale``, each (d,); the last is the standard
+            deviation of the step to their frame, whatever the time between two frames.
     """
 
     def initial(params: Any, inputs: Any) -> None:

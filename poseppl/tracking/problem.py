@@ -25,8 +25,9 @@ from poseppl.geometry import Cameras, project
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.results import provenance
 from poseppl.run import Collect, Constant, frame_inputs
-from poseppl.tracking.scene import Scene
-from poseppl.tracking.start import Start, scales, seek_start
+from poseppl.tracking.scene import Floats, Scene
+from poseppl.tracking.start import Start, seek_start
+from poseppl.tracking.walk import step_scales, time_steps
 
 
 class Problem(NamedTuple):
@@ -65,6 +66,7 @@ class Problem(NamedTuple):
         seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
         noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise
         record = {"noise": noise, "start": seen.start.value, "start_scale": seen.start_scale.value}
+        record["step_scale"] = seen.step_scale[:, list(self.body.free_coordinates)]
         if isinstance(self.inputs, Clamped):
             record["states"] = self.inputs.values
         return {name: np.asarray(values) for name, values in record.items()}
@@ -85,12 +87,8 @@ def pose_problem(scene: Scene, params: Mapping[str, float] | None = None, start:
     params = dict(body.params if params is None else params)
     if start is None:
         start = _start(scene, params)
-    return _problem(body, params, scene.cameras, scene.points, scene.noise, start, scene.states)
-
-
-def step_scales(body: Body, params: Mapping[str, float]) -> Any:
-    """Standard deviations (d,) of one step of the body's random walk."""
-    return scales(body, params.get("sigma_position", 15.0), params.get("sigma_angle", 0.15))
+    steps = step_scales(body, params, time_steps(scene.frames, scene.rate))
+    return _problem(body, params, scene.cameras, scene.points, scene.noise, start, steps, scene.states)
 
 
 def _start(scene: Scene, params: Mapping[str, float]) -> Start:
@@ -106,25 +104,42 @@ def problem_of_result(tree: xr.DataTree) -> Problem:
         InputError: The result does not come from `track`, or is of an older layout.
     """
     known = provenance(tree)
-    if "inputs" not in tree.children or "model" not in known or "camera" not in tree.children:
+    complete = "inputs" in tree.children and "step_scale" in tree["inputs"].dataset
+    if not complete or "model" not in known or "camera" not in tree.children:
         raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
     inputs = {str(name): np.asarray(values) for name, values in tree["inputs"].dataset.data_vars.items()}
     body = load_builder(known["model"])(known["lengths"])
-    params = {name: value for name, value in known["settings"].items() if name in body.params}
+    params = {**body.params, **{name: value for name, value in known["settings"].items() if name in body.params}}
     seen = {str(name): jnp.asarray(values, float) for name, values in tree["camera"].dataset.data_vars.items()}
     cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
     start = Start(inputs["start"], inputs["start_scale"])
+    steps = _steps_of_result(inputs, body, params)
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():
         raise InputError(
             "the result holds no points: it comes from silhouettes, and their pictures are not in it",
             expected="a result of points; in Python, run_smoother on the silhouette_problem of the scene",
         )
-    return _problem(body, {**body.params, **params}, cameras, points, inputs["noise"], start, inputs.get("states"))
+    return _problem(body, params, cameras, points, inputs["noise"], start, steps, inputs.get("states"))
+
+
+def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str, float]) -> Floats:
+    """The recorded steps (T, d); those of clamped coordinates, which nothing depends on, are the published ones."""
+    free = np.asarray(inputs["step_scale"], np.float64)
+    steps = np.tile(step_scales(body, params), (len(free), 1))
+    steps[:, list(body.free_coordinates)] = free
+    return steps
 
 
 def _problem(
-    body: Body, params: Mapping[str, float], cameras: Cameras, points: Any, noise: Any, start: Start, states: Any
+    body: Body,
+    params: Mapping[str, float],
+    cameras: Cameras,
+    points: Any,
+    noise: Any,
+    start: Start,
+    steps: Floats,
+    states: Any,
 ) -> Problem:
     spread: Any = jnp.asarray(noise, float)
     fixed: Any = Constant
@@ -133,6 +148,7 @@ def _problem(
         spread if np.ndim(noise) == 3 else fixed(spread),
         fixed(jnp.asarray(start.mean, float)),
         fixed(jnp.asarray(start.scale, float)),
+        jnp.asarray(steps, float),
     )
     model = body.program.compile(frame_inputs(inputs, 0), dict(params))
     observations = model.observe({"points": points})

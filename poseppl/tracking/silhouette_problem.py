@@ -12,10 +12,11 @@ from poseppl.body import SilhouetteInputs
 from poseppl.distributions import SilhouetteSeen
 from poseppl.program import CompiledModel
 from poseppl.run import Constant, frame_inputs
-from poseppl.tracking.problem import Problem, step_scales
+from poseppl.tracking.problem import Problem
 from poseppl.tracking.silhouette_scene import SilhouetteScene, noise_in_pixels
 from poseppl.tracking.silhouette_start import seek_silhouette
 from poseppl.tracking.start import Start
+from poseppl.tracking.walk import step_scales, time_steps
 
 
 def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:
@@ -46,6 +47,7 @@ def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None
         fixed(jnp.asarray(noise_in_pixels(seen, start.mean), float)),
         fixed(jnp.asarray(start.mean, float)),
         fixed(jnp.asarray(start.scale, float)),
+        jnp.asarray(step_scales(body, values, time_steps(seen.scene.frames, seen.scene.rate)), float),
     )
     model = body.program.compile(frame_inputs(inputs, 0), values)
     observations = model.observe(

@@ -22,7 +22,9 @@ def dtype(request):
 def inputs(body):
     cameras = look_at((0, -5000, 1000), (0, 0, 1000))
     scale = np.where(np.arange(body.tree.dimension) < 3, 50.0, 0.2)
-    return BodyInputs(cameras, jnp.full((1, 17), NOISE), jnp.asarray(body.rest, float), jnp.asarray(scale, float))
+    step = np.where(np.arange(body.tree.dimension) < 3, 15.0, 0.15)
+    states = (jnp.asarray(values, float) for values in (body.rest, scale, step))
+    return BodyInputs(cameras, jnp.full((1, 17), NOISE), *states)
 
 
 def poses(body, count, seed=0):
@@ -72,7 +74,7 @@ def test_compiled_program(dtype):
     x = jax.jit(model.sample_initial)(keys[0], frame)
     y = jax.jit(model.sample_transition)(keys[1], x, frame)
     assert x.shape == y.shape == (28,) and x.dtype == dtype
-    step = np.where(np.arange(28) < 3, SIGMA_POSITION, SIGMA_ANGLE)
+    step = np.asarray(frame.step_scale, np.float64)
     z = np.asarray(y - x, np.float64) / step
     expected = -0.5 * np.sum(z**2) - np.sum(np.log(step)) - 14 * np.log(2 * np.pi)
     # roundings of 28 squares and logarithms; found up to 15

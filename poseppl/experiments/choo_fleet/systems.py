@@ -28,10 +28,11 @@ from poseppl.kernels import HMCSettings
 from poseppl.program import Observation
 from poseppl.tracking import Scene, pose_problem, recorded_subject, walking_subject
 from poseppl.tracking.placing import cameras_around
-from poseppl.tracking.problem import Problem, step_scales
+from poseppl.tracking.problem import Problem
 from poseppl.tracking.scene import noise_of
 from poseppl.tracking.start import Start
 from poseppl.tracking.subjects import WALK_FRAMES, MovingSubject
+from poseppl.tracking.walk import step_scales
 
 Floats = NDArray[np.float64]
 UPDATES = (8, 16, 32, 64, 128, 256, 512)
