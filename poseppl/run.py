@@ -16,6 +16,7 @@ import itertools
 import logging
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
@@ -48,11 +49,12 @@ class RunError(PosepplError):
 
     Attributes:
         frame: The number of the frame.
+        done: The run up to the frame before; None where there is no such frame, or a checkpoint holds it already.
     """
 
-    def __init__(self, message: str, frame: int) -> None:
+    def __init__(self, message: str, frame: int, done: Run | None = None) -> None:
         super().__init__(message)
-        self.frame = frame
+        self.frame, self.done = frame, done
 
 
 class Progress(Protocol):
@@ -124,8 +126,8 @@ def run_filter(
 
     Raises:
         ValueError: An array does not have T rows.
-        RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice.
-        CheckpointError: The checkpoint belongs to another run.
+        RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice; it holds the run so far.
+        CheckpointError: The checkpoint belongs to another run, or another process is at it.
     """
     sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
@@ -138,33 +140,45 @@ def run_filter(
     started = time.perf_counter()
     calls = Calls(filter, collect, sequence, rng_key, length)
     saved: list[Part] = []
-    if checkpoint is not None:
-        data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-        checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state))
-        saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank, note)
-    resumed = sum(len(part.kept.finite) for part in saved)
-    first = calls.compile(first=not saved)
-    compiled = time.perf_counter()
-    kept: list[Kept] = []
-    state, stop, pace = None, 0, _SAVED if adapts else length
-    for part in itertools.chain(saved, [first] if first else [], itertools.repeat(None)):
-        start, began = stop, time.perf_counter()
-        if part is None:
-            part = _advance(calls, state, start, min(start + pace, num_frames), numbers, note)
-            if adapts and time.perf_counter() - began < _PATIENCE:
-                pace = min(2 * pace, length)
-        state, stop = part.state, start + len(part.kept.finite)
-        kept.append(part.kept)
-        _check(part.kept, start, numbers, on_failure, note)
-        if checkpoint is not None and stop > resumed:
-            checkpoint.save(start, stop, part)
-        if progress:
-            progress.advance(stop - start)
-        if stop == num_frames:
-            break
+    with checkpoint or nullcontext():
+        if checkpoint is not None:
+            data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
+            checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
+            saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank, note)
+        resumed = sum(len(part.kept.finite) for part in saved)
+        first = calls.compile(first=not saved)
+        compiled = time.perf_counter()
+        kept: list[Kept] = []
+        state, stop, pace = None, 0, _SAVED if adapts else length
+        for part in itertools.chain(saved, [first] if first else [], itertools.repeat(None)):
+            start, began = stop, time.perf_counter()
+            if part is None:
+                part = _advance(calls, state, start, min(start + pace, num_frames), numbers, note)
+                if adapts and time.perf_counter() - began < _PATIENCE:
+                    pace = min(2 * pace, length)
+            fault = _fault(part.kept, start, numbers, on_failure, note)
+            if fault is not None:
+                good, problem = fault
+                if good and state is not None:  # the frames before it, for the state after them
+                    head = calls.advance(state, start, start + good)
+                    state, kept = head.state, [*kept, head.kept]
+                seconds = compiled - started, time.perf_counter() - compiled
+                done = None if state is None else _assemble(kept, state, numbers, seconds, resumed)
+                raise RunError(problem, numbers[start + good], done)
+            state, stop = part.state, start + len(part.kept.finite)
+            kept.append(part.kept)
+            if checkpoint is not None and stop > resumed:
+                checkpoint.save(start, stop, part, note)
+            if progress:
+                progress.advance(stop - start)
+            if stop == num_frames:
+                break
+    return _assemble(kept, state, numbers, (compiled - started, time.perf_counter() - compiled), resumed)
+
+
+def _assemble(kept: list[Kept], state: Any, numbers: list[int], seconds: tuple[float, float], resumed: int) -> Run:
     whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
     failed = tuple(numbers[index] for index in np.flatnonzero(whole.info.failed))
-    seconds = compiled - started, time.perf_counter() - compiled
     last = jax.tree.map(np.asarray, state)
     return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *seconds, resumed)
 
@@ -189,20 +203,21 @@ def _advance(calls: Calls, state: Any, start: int, stop: int, numbers: list[int]
     return again
 
 
-def _check(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> None:
+def _fault(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Callable[[str], None]) -> tuple[int, str] | None:
+    """How many frames come before the one at which the run cannot go on, and why; None where it can."""
     for index in range(len(kept.finite)):
         number = numbers[start + index]
         if not kept.finite[index]:
-            raise RunError(
+            return index, (
                 f"frame {number}: the filter's state is not finite; its model or settings break down there, and nothing "
-                "after it could be trusted (try a smaller step size, or check the model's densities)",
-                number,
+                "after it could be trusted (try a smaller step size, or check the model's densities)"
             )
         if kept.info.failed[index]:
             problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
             if on_failure == "stop":
-                raise RunError(f"{problem}; stopped there, as asked", number)
+                return index, f"{problem}; stopped there, as asked"
             note(f"{problem}; the frame is predicted, not updated")
+    return None
 
 
 class Online:

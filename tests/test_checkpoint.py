@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -152,7 +153,7 @@ def test_a_damaged_part_is_computed_anew(tmp_path: Path, damage: str) -> None:
         middle = len(data) // 3
         flipped = data[:middle] + bytes(255 - byte for byte in data[middle : middle + 40]) + data[middle + 40 :]
         part.write_bytes({"truncated": data[: len(data) // 2], "flipped": flipped, "empty": b""}[damage])
-    (tmp_path / "run" / ".part-000009-000013.abc.tmp.npz").write_bytes(b"left behind")
+    (tmp_path / "run" / ".part-000009-000013.0123456789ab.tmp.npz").write_bytes(b"left behind")
     told = Notes()
     resumed = go(tmp_path / "run", resume=True, progress=told)
     assert resumed.resumed == 5
@@ -181,10 +182,76 @@ def test_folders_that_hold_something_else_are_refused(tmp_path: Path) -> None:
         go(tmp_path / "absent" / "run")
     with pytest.raises(InputError, match="no checkpoint can be kept there"):
         go(tmp_path / "thesis.tex")
+
+
+@pytest.mark.parametrize("damage", ['{"version": 2, "fra', "", "\0\0\0", "[" * 100_000, "[]"])
+def test_torn_settings_cost_nothing(tmp_path: Path, damage: str) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        go(tmp_path / "run", progress=Notes(stop_at=9))
+    (tmp_path / "run" / "settings.json").write_text(damage)
+    told = Notes()
+    resumed = go(tmp_path / "run", resume=True, progress=told)
+    assert resumed.resumed == 9 and len(told.notes) == 1 and "damaged" in told.notes[0]
+    assert_same(resumed, go(None))
+    assert (tmp_path / "run" / "settings.damaged").read_text() == damage  # perhaps it was somebody's own
+    assert go(tmp_path / "run", resume=True).resumed == FRAMES
+    (tmp_path / "run" / "settings.json").write_text(damage)
+    assert go(tmp_path / "run", resume=True, values=VALUES + 1).resumed == 0  # no part of another run is taken for its own
+
+
+def test_killed_while_the_settings_are_written(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "settings.json").write_text("{")
-    with pytest.raises(CheckpointError, match="unreadable"):
-        go(tmp_path / "run", resume=True)
+    (tmp_path / "run" / ".settings.0123456789ab.tmp.json").write_text('{"ver')
+    assert go(tmp_path / "run").resumed == 0
+    assert go(tmp_path / "run", resume=True).resumed == FRAMES
+    assert not list((tmp_path / "run").glob(".*"))
+
+
+def test_bytes_changed_anywhere_in_a_part_mean_damaged(tmp_path: Path) -> None:
+    whole = go(tmp_path / "run")
+    part = tmp_path / "run" / "part-000005-000009.npz"
+    data, rng = part.read_bytes(), np.random.default_rng(0)
+    headers = [at for at in range(len(data)) if data.startswith(b"{'descr'", at)]
+    damaged = 0
+    for place in [*rng.integers(0, len(data), 20), *(at + shift for at in headers[:8] for shift in (0, 8, 12))]:
+        mutated = bytearray(data)
+        mutated[place] = rng.integers(256)
+        part.write_bytes(mutated)
+        told = Notes()
+        assert_same(go(tmp_path / "run", resume=True, progress=told), whole)
+        damaged += len(told.notes)
+        assert all("damaged" in note for note in told.notes)
+    assert damaged >= 30
+
+
+def test_two_processes_at_one_checkpoint(tmp_path: Path) -> None:
+    class Second(Notes):
+        def advance(self, frames: int) -> None:
+            if self.frames == 0:
+                with pytest.raises(CheckpointError, match="another process is at this checkpoint"):
+                    go(tmp_path / "run", resume=True)
+            super().advance(frames)
+
+    assert_same(go(tmp_path / "run", progress=Second()), go(None))
+    assert go(tmp_path / "run", resume=True).resumed == FRAMES  # the lock is let go
+
+
+def test_a_disk_that_is_full_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, full = np.savez, iter([False, True, True])
+
+    def savez(stream: Any, **arrays: Any) -> None:
+        if next(full, False):
+            stream.write(b"half of it")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(stream, **arrays)
+
+    monkeypatch.setattr(np, "savez", savez)
+    told = Notes()
+    run = go(tmp_path / "run", progress=told)
+    assert len(told.notes) == 1 and "disk is full" in told.notes[0] and "not saved yet" in told.notes[0]
+    monkeypatch.undo()
+    assert_same(run, go(tmp_path / "run", resume=True))
+    assert go(tmp_path / "run", resume=True).resumed == FRAMES
 
 
 def test_nothing_is_pickled(tmp_path: Path) -> None:

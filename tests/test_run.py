@@ -172,12 +172,32 @@ def test_a_failed_frame_stops_the_run_where_asked() -> None:
     with pytest.raises(RunError, match="frame 5.*impossible") as caught:
         run_failing(5, on_failure="stop")
     assert caught.value.frame == 5
+    assert caught.value.done is not None and len(caught.value.done.outputs.state) == 5
 
 
 @pytest.mark.parametrize("policy", ["continue", "stop"])
-def test_a_state_that_is_not_finite_is_never_passed_over(policy: str) -> None:
-    with pytest.raises(RunError, match="frame 3.*not finite"):
-        run_failing(3, broken=True, on_failure=policy)
+@pytest.mark.parametrize("at", [1, 3, 5, 6])
+def test_a_state_that_is_not_finite_is_never_passed_over_and_the_frames_before_it_are_kept(policy: str, at: int) -> None:
+    whole = run_failing(100)
+    with pytest.raises(RunError, match=f"frame {at}.*not finite") as caught:
+        run_failing(at, broken=True, on_failure=policy)
+    done = caught.value.done
+    assert done is not None and done.failed == () and done.info.ess.shape == (at,)
+    np.testing.assert_array_equal(done.outputs.state, whole.outputs.state[:at])
+    np.testing.assert_array_equal(done.state.particles, at - 1)  # the state after the last good frame
+
+
+def test_a_run_that_breaks_down_at_once_has_nothing_to_keep() -> None:
+    model, filter = failing(100)
+
+    def init(*args: Any) -> Any:
+        state, info = filter.init(*args)
+        return state._replace(particles=state.particles + jnp.nan), info
+
+    broken, observations = Filter(init, filter.step), model.observe({"y": np.zeros((7, 2))})
+    with pytest.raises(RunError, match="frame 0.*not finite") as caught:
+        run_filter(broken, jax.random.key(0), observations, num_frames=7, collect=collect_draws(model))
+    assert caught.value.done is None
 
 
 def test_a_fault_that_does_not_come_again_ends_no_run() -> None:

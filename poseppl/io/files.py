@@ -2,24 +2,30 @@
 
 A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name,
 flushed with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or
-Ctrl-C, leaves the old file as it was.
+Ctrl-C, leaves the old file as it was. What a killed writer leaves under its temporary name, the next writer of the file
+removes: writers hold a lock, which dies with them.
 """
 
 from __future__ import annotations
 
 import errno
+import glob
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
 from poseppl.errors import InputError, PosepplError
+from poseppl.io.locks import take_lock
 
 MAX_TEXT_BYTES = 64 * 2**20
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_STRAY_SECONDS = 60.0
+"""Age from which a temporary file that nobody has locked is taken for a stray."""
 
 
 def check_file(path: str | PathLike[str], *, max_bytes: int) -> Path:
@@ -126,19 +132,53 @@ def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[st
         PosepplError: The disk is full, or the block wrote nothing.
     """
     target = _check_target(path, inputs)
+    remove_strays(target.parent, glob.escape(target.stem[:100]), glob.escape(target.suffix))
     temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}.tmp{target.suffix}")
     try:
-        yield temporary
-        if not temporary.is_file():
-            raise PosepplError(f"{path}: nothing was written")
-        _flush(temporary)
-        os.replace(temporary, target)
+        with _locked(temporary):
+            yield temporary
+            if not temporary.is_file() or temporary.stat().st_size == 0:
+                raise PosepplError(f"{path}: nothing was written")
+            _flush(temporary)
+            os.replace(temporary, target)
         _flush(target.parent)
     except OSError as error:
         _tell(error, path)
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _locked(temporary: Path) -> Iterator[None]:
+    """Make a temporary file or open a temporary folder, and lock it while the block runs."""
+    if not temporary.is_dir():
+        temporary.touch(exist_ok=False)
+    descriptor = None
+    with suppress(OSError):  # a file system without locks: nobody will take it for a stray either
+        descriptor = take_lock(temporary)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def remove_strays(folder: Path, stem: str, suffix: str = "", min_age: float = _STRAY_SECONDS) -> None:
+    """Remove the temporary files and folders of writers that were killed.
+
+    Args:
+        folder: Where the files are.
+        stem: Pattern of their names without suffix, as ``glob`` takes it.
+        suffix: Pattern of their suffix.
+        min_age: Seconds since they were written to, at least: a writer takes its lock after it has made the file.
+    """
+    with suppress(OSError):
+        for stray in folder.glob(f".{stem}.{'[0-9a-f]' * 12}.tmp{suffix}"):
+            if time.time() - stray.stat().st_mtime >= min_age:
+                descriptor = take_lock(stray)
+                shutil.rmtree(stray) if stray.is_dir() else stray.unlink(missing_ok=True)
+                os.close(descriptor)
 
 
 @contextmanager
@@ -159,13 +199,15 @@ def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
     if os.path.lexists(target):
         raise InputError("the output exists", file=path, expected="a name that is not taken; move it away or choose another")
     _check_target(path, ())
+    remove_strays(target.parent, glob.escape(target.name[:100]))
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
     try:
         temporary.mkdir()
-        yield temporary
-        for file in temporary.rglob("*"):
-            _flush(file)
-        os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
+        with _locked(temporary):
+            yield temporary
+            for file in temporary.rglob("*"):
+                _flush(file)
+            os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
         _flush(target.parent)
     except OSError as error:
         _tell(error, path)

@@ -7,9 +7,6 @@ computed anew; one that holds another job is left alone and refused.
 from __future__ import annotations
 
 import json
-import time
-import zipfile
-import zlib
 from functools import cache
 from importlib.metadata import version
 from os import PathLike
@@ -19,16 +16,13 @@ from typing import Any
 import numpy as np
 
 from poseppl.errors import InputError
-from poseppl.io.files import atomic_path
+from poseppl.io.files import atomic_path, remove_strays
 from poseppl.jobs.executor import Arrays, Function, Note
 from poseppl.jobs.job import Job
 
 FORMAT = 1
 _RECORD = "__job__"
 _PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
-_STRAY_SECONDS = 3600.0
-"""Age from which a temporary file belongs to a writer that is gone."""
-_DAMAGE = (OSError, ValueError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 
 @cache
@@ -55,12 +49,10 @@ class Archive:
         self._function = f"{function.__module__}.{function.__qualname__}"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            for stray in self.folder.glob(".*.tmp.npz"):
-                if time.time() - stray.stat().st_mtime > _STRAY_SECONDS:
-                    stray.unlink(missing_ok=True)
         except OSError as error:
             expected = "a folder that can be written"
             raise InputError(f"no results can be kept there: {error.strerror}", file=folder, expected=expected) from error
+        remove_strays(self.folder, "*", ".npz")
 
     def path(self, job: Job) -> Path:
         """The file of a job."""
@@ -83,7 +75,7 @@ class Archive:
                 arrays = {name: file[name] for name in file.files}
             record = json.loads(arrays.pop(_RECORD).tobytes())
             held = {name: record[name] for name in ("format", "versions", "job", "function")}
-        except _DAMAGE as error:
+        except Exception as error:  # damaged bytes raise anything at all
             self.note(f"{path}: damaged ({error}); computed anew")
             return None
         return arrays if self._usable(path, held, self._record(job)) else None

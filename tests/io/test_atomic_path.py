@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 
 import pytest
 
 from poseppl.errors import InputError, PosepplError
-from poseppl.io.files import atomic_path, read_text
+from poseppl.io.files import atomic_path, read_text, remove_strays
 
 
 def test_the_file_appears_when_it_is_whole(tmp_path):
@@ -96,3 +98,23 @@ def test_texts(tmp_path):
     for missing, message in ((tmp_path / "no", "no such file"), (tmp_path, "not a file"), ("a\0b", "cannot|no such")):
         with pytest.raises(InputError, match=message):
             read_text(missing)
+
+
+def test_what_killed_writers_left_is_removed_and_nothing_else(tmp_path):
+    kill = (
+        "import os, sys; from poseppl.io.files import atomic_path\nwith atomic_path(sys.argv[1]) as t: os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", kill, str(tmp_path / "out[1].txt")], check=False).returncode == -9
+    (stray,) = tmp_path.iterdir()
+    kept = [tmp_path / name for name in (".out[1].notes.txt", ".other.0123456789ab.tmp.txt", ".out[1].0123456789ab.tmp.csv")]
+    for path in kept:
+        path.write_text("mine")
+    for path in tmp_path.iterdir():
+        os.utime(path, (0, 0))
+    with atomic_path(tmp_path / "out[1].txt") as living:
+        living.write_text("new")
+        os.utime(living, (0, 0))
+        assert not stray.exists()
+        remove_strays(tmp_path, "out*", ".txt")
+        assert living.exists()  # its writer lives, however slow it is
+    assert sorted(tmp_path.iterdir()) == sorted([*kept, tmp_path / "out[1].txt"])

@@ -139,7 +139,7 @@ def test_an_interrupt_leaves_whole_files(tmp_path):
 
 
 def test_temporary_files_of_the_dead_are_removed(tmp_path):
-    old, young = tmp_path / ".a.0.tmp.npz", tmp_path / ".b.0.tmp.npz"
+    old, young = tmp_path / ".a.0123456789ab.tmp.npz", tmp_path / ".b.0123456789ab.tmp.npz"
     old.touch(), young.touch()
     os.utime(old, (time.time() - 7200, time.time() - 7200))
     run(JOBS[:1], tmp_path)
