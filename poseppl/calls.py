@@ -1,4 +1,8 @@
-"""The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays."""
+"""The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays.
+
+Both programs are compiled before either runs, so that no compilation counts as time of the frames. JAX keeps what it compiled:
+a run whose filter, collector and shapes are equal to those of an earlier one compiles nothing.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
-from weakref import WeakSet
 
 import jax
 import jax.numpy as jnp
@@ -19,9 +22,6 @@ from poseppl.program import Observation
 
 Collect = Callable[[jax.Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
-
-_STARTED: WeakSet[Any] = WeakSet()
-"""The `step` functions that have been compiled, and so need not be compiled side by side with `init`."""
 
 
 class Kept(NamedTuple):
@@ -121,42 +121,43 @@ class Calls:
         self._what = filter, collect, sequence.layout
         self._sequence, self._rng_key, self._length = sequence, rng_key, length
         trace: Any = _first
-        shapes = trace.eval_shape(*self._what, rng_key, *sequence.frame(0), sequence.constant)
+        shapes = trace.eval_shape(*self._what, *self._first_data())
         self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
         self.blank: Kept = jax.tree.map(lambda leaf: leaf[0], kept)
+        self._before: Any = None
+        self._first: Any = None
+        self._scan: Any = None
 
-    def compile(self, first: bool) -> Part | None:
-        """Compile both programs side by side; the first frame is run and returned, if it is wanted."""
-        filter = self._what[0]
-        if filter.before is not None:
-            if first:
-                return self.advance(_before(filter, self._sequence), 0, 1)
-            self._scan(self.state, 1, 1)
-            return None
-        step = filter.step
-        if step in _STARTED:
-            return self._run_first() if first else None
-        _STARTED.add(step)
+    def compile(self, first: bool) -> None:
+        """Compile both programs side by side; that of the first frame only if it is wanted."""
+        filter, sequence = self._what[0], self._sequence
         with ThreadPoolExecutor(1) as pool:
-            running = pool.submit(self._run_first) if first else None
-            if self._sequence.num_frames > 1:
-                self._scan(self.state, 1, 1)
-            return running.result() if running else None
+            alone = first and filter.before is None
+            compiling = pool.submit(self._compiled, _first, self._first_data()) if alone else None
+            if first and filter.before is not None:
+                self._before = _before(filter, sequence)
+            if sequence.num_frames > 1 or filter.before is not None:
+                self._scan = self._compiled(_scan_frames, self._scan_data(self.state, 1, 1))
+            self._first = compiling.result() if compiling else None
 
     def advance(self, state: Any, start: int, stop: int) -> Part:
-        """The frames from `start` up to `stop`, from the state after the frame before."""
-        return _part(self._scan(state, start, stop), stop - start)
+        """The frames from `start` up to `stop`, from the state after the frame before; the first frame is advanced alone."""
+        if start == 0 and self._first is not None:
+            return _part(self._first(*self._first_data()), 1)
+        state = self._before if start == 0 else state
+        return _part(self._scan(*self._scan_data(state, start, stop)), stop - start)
 
-    def _run_first(self) -> Part:
-        return _part(_first(*self._what, self._rng_key, *self._sequence.frame(0), self._sequence.constant), 1)
+    def _compiled(self, program: Any, data: tuple[Any, ...]) -> Any:
+        return program.lower(*self._what, *data).compile()
 
-    def _scan(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
+    def _first_data(self) -> tuple[Any, ...]:
+        return self._rng_key, *self._sequence.frame(0), self._sequence.constant
+
+    def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
-        bounds, constant = (numbers, numbers < stop), self._sequence.constant
-        state = self._what[0].place(state)
-        result: tuple[Any, Kept] = _scan_frames(*self._what, state, self.blank, self._rng_key, *bounds, rows, varying, constant)
-        return result
+        placed = self._what[0].place(state)
+        return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
 
 
 def _before(filter: Filter, sequence: FrameSequence) -> Any:

@@ -146,15 +146,15 @@ def run_filter(
             checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
             saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank, note)
         resumed = sum(len(part.kept.finite) for part in saved)
-        first = calls.compile(first=not saved)
+        calls.compile(first=not saved)
         compiled = time.perf_counter()
         kept: list[Kept] = []
         state, stop, pace = None, 0, _SAVED if adapts else length
-        for part in itertools.chain(saved, [first] if first else [], itertools.repeat(None)):
+        for part in itertools.chain(saved, itertools.repeat(None)):
             start, began = stop, time.perf_counter()
             if part is None:
-                part = _advance(calls, state, start, min(start + pace, num_frames), numbers, note)
-                if adapts and time.perf_counter() - began < _PATIENCE:
+                part = _advance(calls, state, start, min(start + pace, num_frames) if start else 1, numbers, note)
+                if adapts and start and time.perf_counter() - began < _PATIENCE:
                     pace = min(2 * pace, length)
             fault = _fault(part.kept, start, numbers, on_failure, note)
             if fault is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from typing import Any, NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ import pytest
 from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.collect import collect_draws
-from poseppl.filters import Filter, Info, ParticleState, particle_filter
+from poseppl.filters import Filter, Info, ParticleState, kalman_filter, particle_filter
 from poseppl.program import Observation, StateSpaceModel
 from poseppl.run import Constant, Online, RunError, frame_inputs, run_filter
 
@@ -256,3 +257,30 @@ def test_progress_is_told_every_frame() -> None:
     told = Told()
     run_failing(100, progress=told)
     assert told.frames == 7
+
+
+def slow_to_trace() -> tuple[Any, list[float]]:
+    """A collector that takes its time whenever it is traced, and when it was done."""
+    traced: list[float] = []
+
+    def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+        time.sleep(0.05)
+        traced.append(time.perf_counter())
+        return state.particles
+
+    return collect, traced
+
+
+@pytest.mark.parametrize("build", [particle_filter, kalman_filter])
+def test_the_time_of_the_frames_holds_no_compilation(build: Any) -> None:
+    model, observations = toy(5)
+    filter = build(model, 16)
+    for _ in range(2):  # each time with a collector that nothing was compiled for
+        collect, traced = slow_to_trace()
+        run = run_filter(filter, jax.random.key(0), observations, collect=collect)
+        assert run.wall_seconds < time.perf_counter() - traced[-1]
+        assert run.compile_seconds > 0.05
+        times = len(traced)
+        for frames in (5, 70):
+            run_filter(filter, jax.random.key(1), toy(frames)[1], collect=collect)
+        assert len(traced) == times
