@@ -65,8 +65,8 @@ class Problem(NamedTuple):
     filters: Filters
 
 
-def peursum(seen: Seen, views: int, share: float, *, measured: bool = False) -> list[Problem]:
-    """With the published diffusion, or that of the other two systems."""
+def peursum(seen: Seen, views: int, share: float, *, measured: bool = False, exponent: float = 10.0) -> list[Problem]:
+    """With the published diffusion, or that of the other two systems; the exponent is lambda of Eq. 9."""
     lengths = measured_lengths(seen.places)
     body = with_crown(peursum_body(fitted_stature(lengths) / STATURE), lengths["head"])
     fitted, root = fitted_states(body, seen.places), body.tree.joint_names[0]
@@ -84,7 +84,7 @@ def peursum(seen: Seen, views: int, share: float, *, measured: bool = False) -> 
         f"Simple-PF, {few:,}": lambda model: particle_filter(model, few),
         f"Simple-APF, 10 x {few:,}": lambda model: annealed_filter(model, few, num_layers=10),
     }
-    return [Problem(name, views, seen, body, program.compile(frames[0], {"lambda": 10.0}), frames, fitted, filters)]
+    return [Problem(name, views, seen, body, program.compile(frames[0], {"lambda": exponent}), frames, fitted, filters)]
 
 
 def darby(seen: Seen, views: int, share: float) -> list[Problem]:

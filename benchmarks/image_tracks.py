@@ -38,15 +38,16 @@ def first_state(problem: Problem, filter: Filter, seed: int) -> Any:
 
 
 def track(problem: Problem, step: Callable[..., Any], state: Any, seed: int) -> dict[str, Any]:
-    """One run: errors and seconds of each frame, and the mean likelihood of the particles."""
+    """One run: errors, seconds and ESS / N of each frame, and the mean likelihood of the particles."""
     model, key = problem.model, jax.random.key(seed + 1)
     data = model.observe({})
-    errors, seconds, weights, failed = [], [], [], 0
+    errors, seconds, weights, shares, failed = [], [], [], [], 0
     for number, inputs in enumerate(problem.frames):
         started = time.perf_counter()
         state, info = jax.block_until_ready(step(jax.random.fold_in(key, number), state, data, inputs))
         seconds.append(time.perf_counter() - started)
         errors.append(score(problem, state.particles, np.exp(np.asarray(state.log_weights, np.float64)), number))
+        shares.append(float(info.ess) / len(state.particles))
         failed += int(info.failed)
         if problem.system == "du-guan":
             weights.append(average_weight(model, state.particles, inputs))
@@ -54,6 +55,7 @@ def track(problem: Problem, step: Callable[..., Any], state: Any, seed: int) -> 
         "errors": errors,
         "seconds": seconds,
         "weight": weights or [np.nan],
+        "ess_share": shares,
         "failed": failed,
         "evaluations": int(info.num_likelihood),
     }

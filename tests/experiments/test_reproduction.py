@@ -9,13 +9,17 @@ import pytest
 
 from poseppl.experiments.choo_fleet import BUILT_IN, Scale, reproduce
 from poseppl.experiments.choo_fleet.estimators import block_size, particle_estimates
+from poseppl.experiments.choo_fleet.page import page_of
 from poseppl.experiments.choo_fleet.plan import tasks_of
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, observe, pose_frame, stage_of
 from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
+from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.tables import Table
 from poseppl.filters import particle_filter
 from poseppl.frame_sequence import frame_inputs
 
+TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
 TINY = Scale(
     runs=4,
     block=2,
@@ -110,12 +114,19 @@ def test_everything_at_a_tiny_size(tmp_path):
 
 def test_a_second_call_reads_what_the_first_computed(tmp_path):
     smallest = TINY._replace(runs=2, num_settings=1)
+    tuning = Table("tuning", TUNING, [(10, 0.35, 0.15, 0.0, 1.4, 14.0)])
+    write_folder(tmp_path, {"tuning": Kept(tuning, Provenance("10", "walk", "2026-01-02", "jax 0.0", "before"))})
     first = reproduce(tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()}
     again = reproduce(tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()} == written
     assert again["variances"].rows == first["variances"].rows and len(first["variances"].rows) == 6
-    assert "4-D arm" in (tmp_path / "page.md").read_text()
+    # parts of an earlier call stay on the page, with their own number of runs
+    page = (tmp_path / "page.md").read_text()
+    assert "4-D arm" in page and "Best step size" in page and page == page_of(tmp_path)
+    kept = read_folder(tmp_path)
+    assert (kept["tuning"].made.runs, kept["volumes"].made.runs) == ("10", "2 (a smaller size than the paper's)")
+    assert kept["volumes"].made.recordings == "built-in walk"
 
 
 def test_the_full_plan_is_the_papers():

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from poseppl.experiments.choo_fleet.claims import claims
 from poseppl.experiments.choo_fleet.figures import draw_variances
 from poseppl.experiments.choo_fleet.goals import goals
-from poseppl.experiments.choo_fleet.page import claims, write_page
 from poseppl.experiments.choo_fleet.tuning_tables import choose
 from poseppl.experiments.choo_fleet.variances import FrameErrors, geometric_variance, log_standard_error, speed_up
 from poseppl.experiments.tables import Table, write_csv, write_netcdf
@@ -60,7 +60,13 @@ def claim_tables(ratio):
 def test_verdicts_follow_the_figures(ratio, verdict):
     found = claims(claim_tables(ratio))
     assert found[0].verdict == verdict and "28-D" in found[0].what
-    assert found[2].verdict == "holds" and found[3].verdict == "does not hold"
+
+
+def test_least_particles_are_judged_by_standard_deviations_and_by_variances():
+    found = claims(claim_tables(1.0))[2:]
+    assert [claim.verdict for claim in found] == ["holds", "does not hold", "does not hold", "holds"]
+    assert [claim.ours.split()[0] for claim in found] == ["10^2.3", "10^6.5", "10^4.6", "10^13.0"]
+    assert "10^6.5 times fewer" in found[1].why and "10^2.6 times more" in found[2].why
 
 
 def test_an_interval_that_holds_one_decides_nothing():
@@ -105,17 +111,19 @@ TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau
 
 
 def test_the_rule_of_rejection_is_judged_over_all_lengths_and_at_the_published_one():
-    rows = [(10, 0.4, 0.15, 0.0, 1.4, 14.0), (40, 0.2, 0.02, 0.0, 0.8, 33.0), (40, 0.3, 0.1, 0.0, 2.0, 80.0)]
-    anywhere, published = claims({"tuning": Table("tuning", TUNING, rows)})
-    assert anywhere.verdict == "holds" and "L = 10" in anywhere.ours
-    assert published.verdict == "does not hold" and "cheapest at 2%" in published.ours
+    rows = [(10, 0.3, 0.12, 0.0, 1.4, 14.0), (10, 0.4, 0.18, 0.0, 1.6, 16.0)]
+    rows += [(40, 0.2, 0.02, 0.0, 0.8, 33.0), (40, 0.3, 0.15, 0.0, 2.0, 80.0)]
+    cheapest, published = claims({"tuning": Table("tuning", TUNING, rows)})
+    # half way between 14 and 16, on a log scale
+    assert cheapest.verdict == "holds" and "L = 10" in cheapest.ours and "1.1 times as much" in cheapest.why
+    assert published.verdict == "does not hold" and "cheapest at 2.0%" in published.ours and "2.4 times" in published.why
 
 
 def contest_tables(ratio, inside, rate):
     one = Table(
         "contest",
-        ("method", "bias", "effective_draws_per_second", "effective_draws_per_evaluation"),
-        [("HMC, as published", 0.0, 10.0, 1.0), ("ours", 0.01, 10.0 * ratio, 2.0), ("biased", 3.0, 1e6, 1e6)],
+        ("method", "bias", "seconds", "effective_draws_per_second", "effective_draws_per_evaluation"),
+        [("HMC, as published", 0.0, 2.0, 10.0, 1.0), ("ours", 0.01, 0.1, 10.0 * ratio, 2.0), ("biased", 3.0, 0.1, 1e6, 1e6)],
     )
     many = Table(
         "contest_sequences",
@@ -138,7 +146,14 @@ def test_goals_need_honest_methods(ratio, inside, rate, verdicts):
     found = goals(tables)
     assert [goal.verdict for goal in found] == verdicts
     assert all(goal.ours.startswith("ours") for goal in found[:2]) and "over-confident" not in found[2].ours
-    assert "## Goals" in write_page(tables, {}, [])
+
+
+def test_seconds_are_held_to_the_shorter_time_of_the_published_settings():
+    tables = contest_tables(15.0, 0.9, 70.0)
+    assert goals(tables)[0].verdict == "reached"
+    variances = Table("variances", COLUMNS, [("full_body", "walk", 3, "hmc", 32, 1.0, 1.0, 1.0, 0.1)])
+    held = goals(tables | {"variances": variances})[0]  # 2 s in the contest
+    assert held.verdict == "not reached" and "15 times fewer than theirs in the contest, 7.5 times" in held.ours
 
 
 @pytest.mark.parametrize(("lead", "verdict"), [(5.0, "holds"), (0.0, "does not hold"), (-5.0, "does not hold")])

@@ -14,7 +14,7 @@ from poseppl.report.picture import Picture, new_picture
 
 Tables = Mapping[str, Table]
 COLOURS = {"particle": "#e4572e", "hmc": "#1f6f8b", "particle filter": "#e4572e", "HMC filter": "#1f6f8b"}
-COLOURS |= {"particle filter, equal time": "#c58b1b"}
+_OTHER = "#c58b1b"
 LABELS = {"particle": "particle filter", "hmc": "HMC filter", "arm": "arm, 4-D", "lower_body": "lower body, 10-D"}
 LABELS |= {"full_body": "full body, 28-D"}
 _CYCLE = ("#1f6f8b", "#e4572e", "#6b8f3c", "#8a5fa8", "#c58b1b", "#3f3f46", "#b3261e", "#2f9c95")
@@ -72,11 +72,11 @@ def draw_sequence(tables: Tables) -> Picture:
                     table.column(each, tracker=tracker, method=method) for each in ("frame", name, f"{name}_standard_error")
                 )
                 frame, mean, spread = values
-                axis.errorbar(frame, mean, spread, color=COLOURS[method], label=method, linewidth=1.2)
+                axis.errorbar(frame, mean, spread, color=COLOURS.get(method, _OTHER), label=method, linewidth=1.2)
             axis.set(ylabel=label if column == 0 else "", yscale="symlog" if name == "log_prior" else "linear")
         axes[0, column].set_title(LABELS[tracker])
+        axes[0, column].legend(fontsize=8)
         axes[-1, column].set_xlabel("frame")
-    axes[0, 0].legend()
     return picture
 
 

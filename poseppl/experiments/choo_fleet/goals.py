@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
 from poseppl.experiments.tables import Table
 
 PUBLISHED = "HMC, as published"
@@ -32,21 +33,43 @@ def goals(tables: Mapping[str, Table]) -> list[Goal]:
     """The goals that the tables at hand decide."""
     found: list[Goal] = []
     if "contest" in tables and tables["contest"].select(method=PUBLISHED):
-        found += [_cheaper(tables["contest"], by) for by in ("second", "evaluation")]
+        found += [_fewer_seconds(tables), _fewer_evaluations(tables["contest"])]
     if "contest_sequences" in tables:
         table = tables["contest_sequences"]
         found += [_calibrated(table, recording) for recording in dict.fromkeys(table.column("recording"))]
     return found
 
 
-def _cheaper(table: Table, by: str) -> Goal:
-    rows = _records(table)
+def _fewer_seconds(tables: Mapping[str, Table]) -> Goal:
+    """Judged by the shorter of the times of the published settings: in the contest, and alone at single frames."""
+    ratio, best, theirs = _ratio(tables["contest"], "second")
+    ours = f"{ratio:.3g} times fewer"
+    if "variances" in tables:
+        alone = tables["variances"].column("seconds", tracker="full_body", method="hmc", size=PUBLISHED_UPDATES)
+        if len(alone):
+            other = ratio * float(alone[0]) / theirs["seconds"]
+            ours = f"{ours} than theirs in the contest, {other:.3g} times fewer than theirs alone (variances.csv)"
+            ratio = min(ratio, other)
+    return _goal("seconds", best, ours, ratio)
+
+
+def _fewer_evaluations(table: Table) -> Goal:
+    ratio, best, _ = _ratio(table, "evaluation")
+    return _goal("evaluations", best, f"{ratio:.3g} times fewer", ratio)
+
+
+def _ratio(table: Table, by: str) -> tuple[float, dict[str, Any], dict[str, Any]]:
+    """How many times more effective draws the best unbiased method has than the published settings, and both rows."""
+    rows, name = _records(table), f"effective_draws_per_{by}"
     theirs = next(row for row in rows if row["method"] == PUBLISHED)
-    best = max((row for row in rows if row["bias"] < _SMALL), key=lambda row: row[f"effective_draws_per_{by}"])
-    ratio = best[f"effective_draws_per_{by}"] / theirs[f"effective_draws_per_{by}"]
-    what = f"{RATIO:.0f} times fewer {by}s than the paper's settings at equal error of one frame's mean"
-    ours = f"{best['method']}: {ratio:.3g} times fewer; bias {best['bias']:.2g} standard deviations"
-    return Goal(what, ours, "reached" if ratio >= RATIO else "not reached")
+    best = max((row for row in rows if row["bias"] < _SMALL), key=lambda row: row[name])
+    return best[name] / theirs[name], best, theirs
+
+
+def _goal(what: str, best: Mapping[str, Any], ours: str, ratio: float) -> Goal:
+    told = f"{best['method']}: {ours}; bias {best['bias']:.2g} standard deviations"
+    goal = f"{RATIO:.0f} times fewer {what} than the paper's settings at equal error of one frame's mean"
+    return Goal(goal, told, "reached" if ratio >= RATIO else "not reached")
 
 
 def _calibrated(table: Table, recording: str) -> Goal:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ from poseppl.experiments.choo_fleet.sequence import SequenceRuns
 from poseppl.experiments.choo_fleet.sequence_tables import performance, sequence_tables
 from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, stage_of
 from poseppl.experiments.choo_fleet.tuning_tables import tuning_tables
-from poseppl.experiments.tables import Table, write_csv, write_netcdf
-from poseppl.io.files import atomic_path
+from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.tables import Table, write_netcdf
 from poseppl.jobs import Executor, JobProgress, run_jobs
 from poseppl.jobs.archive import versions
 from poseppl.report.picture import Picture, save_picture
@@ -37,7 +38,7 @@ def reproduce(
     executor: Executor | str | None = None,
     progress: JobProgress | None = None,
 ) -> Tables:
-    """Run parts of the reproduction; what the folder holds already is not computed again.
+    """Run parts of the reproduction; what the folder holds already is not computed again, and the page tells all of it.
 
     Args:
         folder: Where jobs (``jobs/``), tables (CSV, ``tables.nc``), figures (PNG) and the page (``page.md``) go.
@@ -48,7 +49,7 @@ def reproduce(
         progress: Who is told.
 
     Returns:
-        The tables by name.
+        The tables of these parts by name.
 
     Raises:
         InputError: A recording or the folder cannot be used.
@@ -56,15 +57,18 @@ def reproduce(
     """
     target = Path(folder)
     tables: Tables = {}
-    pictures: dict[str, tuple[str, Picture]] = {}
     for part in parts:
         tasks = tasks_of(part, scale, recordings)
         results: dict[str, Any] = {}
         for task in tasks.values():
             results |= run_jobs(task.function, task.jobs, target / "jobs", executor=executor, progress=progress)
-        tables |= {table.name: table for table in _TABULATE[part](tasks, results)}
-        pictures |= _draw(part, tables, tasks, results)
-        _write(target, tables, pictures, _notes(scale, recordings))
+        made = {table.name: table for table in _TABULATE[part](tasks, results)}
+        tables |= made
+        write_folder(target, {name: Kept(table, _provenance(table, part, scale, recordings)) for name, table in made.items()})
+        for file, picture in _draw(part, tables, tasks, results).items():
+            save_picture(picture, target / file)
+        write_netcdf([each.table for each in read_folder(target).values()], target / "tables.nc")
+        write_page(target)
     return tables
 
 
@@ -99,22 +103,20 @@ _TABULATE: Mapping[str, Callable[[Mapping[str, Task], Mapping[str, Any]], list[T
 }
 
 
-def _draw(part: str, tables: Tables, tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, tuple[str, Picture]]:
-    """Figures of a part, with their titles, by file name."""
+def _draw(part: str, tables: Tables, tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, Picture]:
+    """Figures of a part by file name."""
     if part == "single-frame":
-        return {"variances.png": ("Variance against time and evaluations (Figs. 2 and 3)", draw_variances(tables))}
+        return {"variances.png": draw_variances(tables)}
     if part == "sequence":
-        drawn = {"sequence.png": ("Both filters over time (Figs. 4 and 5)", draw_sequence(tables))}
         poses = _poses(tasks, results)
-        return drawn | ({"poses.png": ("Mean poses at frame 10 (Fig. 6)", draw_poses(poses))} if poses else {})
-    if part == "tuning":
-        return {"tuning.png": ("Tuning (section 7.5)", draw_tuning(tables))}
-    return {"contest.png": ("The contest", draw_contest(tables))}
+        return {"sequence.png": draw_sequence(tables)} | ({"poses.png": draw_poses(poses)} if poses else {})
+    return {"tuning.png": draw_tuning(tables)} if part == "tuning" else {"contest.png": draw_contest(tables)}
 
 
 def _poses(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, Any]:
-    """Mean poses of six runs of each method on the full body."""
-    jobs = [job for job in tasks["sequences"].jobs if isinstance(job, SequenceRuns) and job.system == "full_body"]
+    """Mean poses of six runs of the paper's two filters on the full body."""
+    known = [job for job in tasks["sequences"].jobs if isinstance(job, SequenceRuns) and job.system == "full_body"]
+    jobs = [job for job in known if job.method in ("HMC filter", "particle filter")]
     if not jobs:
         return {}
     frame = min(_FRAME, jobs[0].num_frames - 1)
@@ -128,38 +130,31 @@ def _poses(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, A
     return poses
 
 
-def _notes(scale: Scale, recordings: Sequence[Recording]) -> list[str]:
-    """What was run, for the page."""
-    seen = ", ".join(
-        f"{recording.name} ({Path(recording.path).name})" if recording.path else recording.name for recording in recordings
+def _provenance(table: Table, part: str, scale: Scale, recordings: Sequence[Recording]) -> Provenance:
+    """How a table of a part is made."""
+    runs = {"tuning": scale.tuning_runs, "contest": min(scale.runs, scale.contest_runs)}.get(part, scale.runs)
+    told = {recording.name: _told(recording) for recording in recordings}
+    seen = list(told) if part in ("single-frame", "contest") else [recordings[0].name]
+    if "recording" in table.columns:
+        seen = list(dict.fromkeys(table.column("recording")))
+    return Provenance(
+        str(runs) if scale == FULL else f"{runs} (a smaller size than the paper's)",
+        ", ".join(told.get(name, name) for name in seen),
+        datetime.now(UTC).date().isoformat(),
+        ", ".join(f"{name} {number}" for name, number in versions().items()),
+        _command(part, scale, recordings),
     )
-    size = "the paper's numbers" if scale == FULL else "fewer runs and settings than the paper's"
-    used = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return [
-        f"{scale.runs} runs ({size}) on: {seen}. One camera at 5 m, noise 0.003, random walk of 15 mm and 0.15 rad, 30 "
-        "frames a second. Each process has one core to itself. A gradient counts as one evaluation.",
-        f"With {used}.",
-        f"To make it again: `{_command(scale, recordings)}`. What the folder holds already is not computed again.",
-    ]
 
 
-def _command(scale: Scale, recordings: Sequence[Recording]) -> str:
+def _told(recording: Recording) -> str:
+    return f"{recording.name} ({Path(recording.path).name})" if recording.path else recording.name
+
+
+def _command(part: str, scale: Scale, recordings: Sequence[Recording]) -> str:
     """The command line, with the names of the files alone."""
-    words = ["poseppl reproduce choo-fleet-2001"] + ["--quick"] * (scale == QUICK)
+    words = [f"poseppl reproduce choo-fleet-2001 {part}"] + ["--quick"] * (scale == QUICK)
     for recording in recordings:
         if recording.path:
             files = [Path(file).name for file in (recording.path, recording.skeleton) if file]
             words.append(f"--motion {recording.name}={','.join(files)}")
     return " ".join(words)
-
-
-def _write(target: Path, tables: Tables, pictures: Mapping[str, tuple[str, Picture]], notes: list[str]) -> None:
-    for table in tables.values():
-        write_csv(table, target)
-    write_netcdf(tables.values(), target / "tables.nc")
-    for name, (_, picture) in pictures.items():
-        save_picture(picture, target / name)
-    with atomic_path(target / "page.md") as temporary:
-        temporary.write_text(
-            write_page(tables, {name: title for name, (title, _) in pictures.items()}, notes), encoding="utf-8"
-        )

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from poseppl.errors import InputError
+from poseppl.experiments.choo_fleet.claims import claims
+from poseppl.experiments.choo_fleet.page import page_of
+from poseppl.experiments.provenance import RECORD, Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.tables import Table
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "choo-fleet-2001"
+MADE = Provenance("12", "walk", "2026-01-02", "jax 0.0", "poseppl reproduce", "by hand")
+
+
+def test_the_committed_page_says_what_its_tables_say():
+    assert page_of(FOLDER) == (FOLDER / "page.md").read_text(encoding="utf-8")
+
+
+def test_the_committed_folder_decides_every_claim():
+    kept = read_folder(FOLDER)
+    assert {f"{name}.csv" for name in kept} == {path.name for path in FOLDER.glob("*.csv")}
+    found = claims({name: each.table for name, each in kept.items()})
+    sections = ["Time at equal variance", "Least particles", "log-likelihood", "log prior", "Best step size"]
+    assert [sum(claim.what.startswith(each) for claim in found) for each in sections] == [3, 6, 4, 4, 2]
+    page = (FOLDER / "page.md").read_text(encoding="utf-8")
+    assert all(f"({path.name})" in page for path in FOLDER.glob("*.png")) and len(list(FOLDER.glob("*.png"))) == 5
+    assert kept["variances"].made.runs == "50" and kept["contest"].made.runs == "20" and kept["tuning"].made.runs == "10"
+
+
+@pytest.mark.parametrize(("name", "old", "new"), [("volumes", "0.834061", "1.834061"), ("contest", "0.0124717", "0.124717")])
+def test_another_number_in_a_table_is_another_page(tmp_path, name, old, new):
+    folder = tmp_path / "folder"
+    shutil.copytree(FOLDER, folder)
+    path = folder / f"{name}.csv"
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    assert page_of(folder) != page_of(FOLDER)
+
+
+def test_tables_stay_when_others_are_written(tmp_path):
+    first = Table("first", ("name", "count", "value"), [("a, b", 3, 0.25), ("c", 4, float("inf"))], "About it.")
+    write_folder(tmp_path, {"first": Kept(first, MADE)})
+    write_folder(tmp_path, {"second": Kept(Table("second", ("x",), [(1,)]), MADE._replace(runs="7"))})
+    found = read_folder(tmp_path)
+    assert found["first"] == Kept(first, MADE) and found["second"].made.runs == "7"
+    write_folder(tmp_path, {"first": Kept(first._replace(rows=[("d", 5, 0.5)]), MADE._replace(runs="9"))})
+    found = read_folder(tmp_path)
+    assert found["first"].table.rows == [("d", 5, 0.5)] and found["first"].made.runs == "9" and "second" in found
+
+
+@pytest.mark.parametrize("damage", ["{", '{"gone": {"about": ""}}', "[]"])
+def test_a_damaged_record_is_told(tmp_path, damage):
+    (tmp_path / RECORD).write_text(damage)
+    with pytest.raises(InputError, match="run again"):
+        read_folder(tmp_path)
