@@ -1,14 +1,20 @@
 """A body under observation: what the command line needs to know of a model, and no more.
 
-A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``. The builder takes ``lengths``, a
-mapping of segment names to mm or None for a standard subject, and returns a :class:`Body`.
+A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``, or as its package calls it in an entry
+point of the group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard
+subject, and returns a :class:`Body`.
+
+To import is to run code. So :func:`load_builder` is for names that the user gives, and :func:`installed_builder` for names that
+are found in files.
 """
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +24,9 @@ from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import Cameras, KinematicTree
 from poseppl.program import StateSpaceModel
+
+_SHIPPED = "poseppl_models"
+_GROUP = "poseppl.models"
 
 
 class Body(NamedTuple):
@@ -96,17 +105,20 @@ class SilhouetteInputs(NamedTuple):
 
 
 def load_builder(name: str) -> Callable[..., Body]:
-    """Resolve ``package.module:builder`` or ``file.py:builder``.
+    """Resolve ``package.module:builder``, ``file.py:builder`` or the name of an entry point, whatever it is; this runs code.
 
     Raises:
-        InputError: The name has no colon, or the module or the builder is not found.
+        InputError: The name has no colon and is no entry point, or the module or the builder is not found.
     """
+    installed = _entry_points().get(name)
+    if installed is not None:
+        name = installed
     place, colon, attribute = name.rpartition(":")
     if not colon:
         raise InputError(f"{name!r} names no builder", field="--model", expected="package.module:builder or file.py:builder")
     try:
         module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except ImportError as error:
+    except Exception as error:  # the module's own code raises anything at all
         raise InputError(f"cannot import {place!r}: {error}", field="--model") from error
     builder = getattr(module, attribute, None)
     if not callable(builder):
@@ -114,6 +126,35 @@ def load_builder(name: str) -> Callable[..., Body]:
         raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected=f"one of {', '.join(known)}")
     found: Callable[..., Body] = builder
     return found
+
+
+def installed_builder(name: str) -> Callable[..., Body]:
+    """Resolve the name of a body that is installed as one, and no other; nothing else is imported.
+
+    Installed are the ``BODIES`` of ``poseppl_models`` and the entry points of the group ``poseppl.models``.
+
+    Raises:
+        InputError: No such body is installed.
+    """
+    shipped: tuple[str, ...] = importlib.import_module(_SHIPPED).BODIES
+    others = _entry_points()
+    if name not in (*shipped, *others, *others.values()):
+        problem = f"the file names the model {name[:80]!r}, which is none of the installed ones, and so is not run"
+        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model FILE.py:builder")
+    return load_builder(name)
+
+
+def source_of_model(name: str) -> str | None:
+    """Hash of a user's own model file; None for a model of a package."""
+    path = Path(name.rpartition(":")[0])
+    if path.suffix != ".py" or not path.is_file():
+        return None
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _entry_points() -> dict[str, str]:
+    """``package.module:builder`` by the name of the entry point."""
+    return {entry.name: entry.value for entry in entry_points(group=_GROUP)}
 
 
 def _load_file(path: Path) -> Any:

@@ -38,7 +38,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.errors import InputError
-from poseppl.io.files import atomic_path, check_file
+from poseppl.io.files import check_file
+from poseppl.io.netcdf_writing import write_netcdf
 
 VERSION = 1
 """Version of the layout, in the root attribute ``poseppl_result``."""
@@ -161,8 +162,7 @@ def save_result(tree: xr.DataTree, path: str | PathLike[str]) -> None:
         numeric = [str(name) for name, values in node.dataset.data_vars.items() if values.dtype.kind in "fiub" and values.ndim]
         if numeric:
             encoding[node.path] = {name: {"zlib": True, "complevel": 2, "shuffle": True} for name in numeric}
-    with atomic_path(path) as temporary:
-        tree.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+    write_netcdf(tree, path, encoding)
 
 
 def load_result(path: str | PathLike[str]) -> xr.DataTree:

@@ -1,1 +1,9 @@
 """Generative models as NumPyro programs: bodies, observation processes and toys with known answers."""
+
+BODIES = (
+    "poseppl_models.choo_fleet:full_body",
+    "poseppl_models.choo_fleet:lower_body",
+    "poseppl_models.choo_fleet:arm",
+    "poseppl_models.silhouettes:full_body",
+)
+"""The builders of bodies that can be tracked; results may name them."""

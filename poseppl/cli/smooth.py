@@ -54,6 +54,12 @@ Exit status: 0 done, 1 bad input or a smoothing that breaks down, 2 wrong usage,
     multiple=True,
     help="A setting of the smoother; may be given several times. A wrong name lists those that it takes, with their defaults.",
 )
+@click.option(
+    "--model",
+    metavar="BUILDER",
+    help="The body that was tracked, package.module:builder or FILE.py:builder; needed where it is not an installed one, for "
+    "RESULT does not choose what is run. [default: the one that RESULT names]",
+)
 @click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the smoother.")
 @click.option(
     "--max-draws",
@@ -82,6 +88,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
         raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
     if not 0 <= options["seed"] < 2**32:
         raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    chosen = {name: options[name] for name in ("seed", "max_draws", "model")}
     tree = load_result(result)
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
     picture = target.with_suffix(".png")
@@ -90,7 +97,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     start_jax()
     with progress.running():
         progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
-        smoothed = smooth_result(tree, SmoothSettings(method, settings, options["seed"], options["max_draws"]))
+        smoothed = smooth_result(tree, SmoothSettings(method, settings, **chosen))
         progress.stage("drawing")
         write_result(smoothed, target, picture, [result])
     if not options["quiet"]:

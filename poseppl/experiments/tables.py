@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.io.files import atomic_path
+from poseppl.io.netcdf_writing import write_netcdf as write_tree
 
 
 class Table(NamedTuple):
@@ -57,8 +58,7 @@ def shown(value: Any) -> str:
 def write_netcdf(tables: Iterable[Table], path: Path) -> None:
     """Write tables as one NetCDF file, a group each."""
     groups = {table.name: _dataset(table) for table in tables}
-    with atomic_path(path) as temporary:
-        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+    write_tree(xr.DataTree.from_dict(groups), path)
 
 
 def _dataset(table: Table) -> xr.Dataset:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from os import PathLike
+from typing import Any
 
 from poseppl.errors import InputError
 
@@ -64,3 +66,30 @@ def parse_number(token: str, *, file: str | PathLike[str], line: int, field: str
 def parse_numbers(tokens: list[str], *, file: str | PathLike[str], line: int, field: str | None = None) -> list[float]:
     """Parse several numbers of one line; see `parse_number`."""
     return [parse_number(token, file=file, line=line, field=field) for token in tokens]
+
+
+def finite_numbers(
+    value: Any, names: Collection[str], *, file: str | PathLike[str] | None = None, field: str
+) -> dict[str, float]:
+    """Check that what a file holds is a mapping of known names to finite numbers.
+
+    Args:
+        value: What JSON or TOML gave.
+        names: The known names.
+        file: The file, for the message.
+        field: The field, for the message.
+
+    Returns:
+        The numbers by name.
+
+    Raises:
+        InputError: It is no mapping, a name is unknown, or a value is no number or its magnitude is above 1e9.
+    """
+    if not isinstance(value, dict):
+        raise InputError("no numbers by name", file=file, field=field, expected="a mapping of names to numbers")
+    for name, number in value.items():
+        if name not in names:
+            raise InputError(f"unknown name {str(name)[:40]!r}", file=file, field=field, expected=", ".join(names))
+        if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= LARGEST:
+            raise InputError(f"{name} is {str(number)[:40]!r}", file=file, field=field, expected="a finite number, at most 1e9")
+    return {name: float(number) for name, number in value.items()}

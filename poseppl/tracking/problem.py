@@ -18,13 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from poseppl.body import Body, BodyInputs, load_builder
+from poseppl.body import Body, BodyInputs
 from poseppl.collect import collect_draws
 from poseppl.errors import InputError
 from poseppl.geometry import Cameras, project
 from poseppl.program import Clamped, CompiledModel, Observation
-from poseppl.results import provenance
 from poseppl.run import Collect, Constant, frame_inputs
+from poseppl.tracking.recorded_model import recorded_model
 from poseppl.tracking.scene import Floats, Scene
 from poseppl.tracking.start import Start, seek_start
 from poseppl.tracking.walk import step_scales, time_steps
@@ -97,19 +97,21 @@ def _start(scene: Scene, params: Mapping[str, float]) -> Start:
     return Start(scene.states[0], step_scales(scene.body, params))
 
 
-def problem_of_result(tree: xr.DataTree) -> Problem:
+def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     """Pose the problem of a tracking result anew, from what the result tells of it.
 
+    Args:
+        tree: The result.
+        model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
+
     Raises:
-        InputError: The result does not come from `track`, or is of an older layout.
+        InputError: The result does not come from `track`, or is of an older layout, or its model is not installed.
     """
-    known = provenance(tree)
     complete = "inputs" in tree.children and "step_scale" in tree["inputs"].dataset
-    if not complete or "model" not in known or "camera" not in tree.children:
+    if not complete or "camera" not in tree.children:
         raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
     inputs = {str(name): np.asarray(values) for name, values in tree["inputs"].dataset.data_vars.items()}
-    body = load_builder(known["model"])(known["lengths"])
-    params = {**body.params, **{name: value for name, value in known["settings"].items() if name in body.params}}
+    _, body, params = recorded_model(tree, model)
     seen = {str(name): jnp.asarray(values, float) for name, values in tree["camera"].dataset.data_vars.items()}
     cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
     start = Start(inputs["start"], inputs["start_scale"])

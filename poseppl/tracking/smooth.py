@@ -17,7 +17,7 @@ from poseppl.smoothers.base import History
 from poseppl.smoothers.registry import build_smoother
 from poseppl.smoothing import run_smoother
 from poseppl.tracking.problem import Problem, problem_of_result
-from poseppl.tracking.track import affordable_draws, source_of_model, versions
+from poseppl.tracking.track import affordable_draws, versions
 
 _NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
 """Where a result has the names of its degrees of freedom, markers and cameras."""
@@ -31,12 +31,14 @@ class SmoothSettings(NamedTuple):
         options: Its settings, as words; absent ones are its defaults.
         seed: Of the smoother.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
+        model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
     """
 
     method: str = "nuts"
     options: Mapping[str, str] = {}
     seed: int = 0
     max_draws: int | None = None
+    model: str | None = None
 
 
 def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
@@ -52,16 +54,15 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         The smoothed result, with diagnostics; its provenance holds that of the filter.
 
     Raises:
-        InputError: The result does not tell its inputs, its model has changed, or a setting is out of range.
+        InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
+            range.
         SmoothingError: The smoothed states are not finite.
     """
     settings = settings or SmoothSettings()
     known = provenance(tree)
     if "smoother" in known:
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
-    problem = problem_of_result(tree)
-    if source_of_model(known["model"]) != known.get("model source"):
-        raise InputError(f"{known['model']} has changed since the result was made", expected="the file that it was made with")
+    problem = problem_of_result(tree, settings.model)
     smoother, options = build_smoother(settings.method, problem.model, settings.options)
     run = run_smoother(
         smoother,
@@ -74,6 +75,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
     stats = {str(name): values.values for name, values in tree["sample_stats"].dataset.data_vars.items()}
     attrs = {
         **known,
+        "model": settings.model or known["model"],
         "smoother": settings.method,
         "smoother settings": options,
         "smoother seed": settings.seed,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -13,7 +12,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from poseppl.body import Body
+from poseppl.body import Body, source_of_model
 from poseppl.checkpoint import Checkpoint
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
@@ -199,11 +198,3 @@ def _result(scene: Scene, problem: Problem, run: Run, attrs: Mapping[str, Any]) 
 def versions() -> dict[str, str]:
     """Versions of what decides a result."""
     return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}
-
-
-def source_of_model(model: str) -> str | None:
-    """Hash of a user's own model file; None for a model of a package."""
-    path = Path(model.rpartition(":")[0])
-    if path.suffix != ".py" or not path.is_file():
-        return None
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

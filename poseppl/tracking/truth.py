@@ -8,7 +8,7 @@ from os import PathLike
 import xarray as xr
 
 from poseppl.errors import InputError
-from poseppl.io.files import atomic_path
+from poseppl.io.netcdf_writing import write_netcdf
 from poseppl.tracking.scene import Scene
 from poseppl.tracking.subjects import MovingSubject
 
@@ -46,5 +46,4 @@ def save_subject_truth(subject: MovingSubject, path: str | PathLike[str]) -> Non
     )
     lengths = {name: float(value) for name, value in subject.body.lengths.items()}
     root = xr.Dataset(attrs={"input": subject.source, "rate": subject.rate, "lengths": json.dumps(lengths)})
-    with atomic_path(path) as temporary:
-        xr.DataTree.from_dict({"/": root, "truth": truth}).to_netcdf(temporary, engine="h5netcdf")
+    write_netcdf(xr.DataTree.from_dict({"/": root, "truth": truth}), path)

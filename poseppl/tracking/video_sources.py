@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from poseppl.body import load_builder
 from poseppl.errors import InputError
 from poseppl.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
+from poseppl.io.words import finite_numbers
 from poseppl.tracking.picture_sizes import resized
 from poseppl.tracking.scene import Floats
 from poseppl.tracking.silhouette_scene import (
@@ -218,7 +219,7 @@ def _found(sources: VideoSources, background: BackgroundSettings | None, faces: 
 
 def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Mapping[str, float] | None:
     if stature is None:
-        return None if truth is None else truth.lengths
+        return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
     if not 500.0 <= stature <= 2500.0:
         raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
     standard = load_builder(model)(None).lengths
