@@ -74,11 +74,10 @@ def assumed_density_filter(
     def before(observation: Observation, inputs: Any = None) -> ChainState:
         mean, _ = model.initial_moments(inputs)
         draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.burn_in, *mean.shape))
-        return chain_state(draws, jnp.full((), jnp.nan, mean.dtype))
+        return chain_state(draws, jnp.log(jnp.asarray(settings.step_size, mean.dtype)), started=False)
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        first = jnp.isnan(state.log_step_size)  # nothing but the state before the first frame has none
-        log_step_size = jnp.where(first, jnp.log(settings.step_size), state.log_step_size)
+        first = ~state.started
         prior, log_prior = _prior(model, state, first, inputs, num_components)
         key_climb, key_move, key_start, key_chains = jax.random.split(rng_key, 4)
         climbers, component = draw_mixture(key_climb, prior, num_starts)
@@ -98,7 +97,7 @@ def assumed_density_filter(
 
         found = find_modes(climbers, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=share_masses(found))
-        draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, log_step_size, num_chains, settings)
+        draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings)
         info = Info(
             log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
             ess=effective_draws(chains.draws),

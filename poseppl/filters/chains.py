@@ -20,16 +20,18 @@ class ChainState(NamedTuple):
         particles: Draws after burn-in (M, R - b, d).
         log_weights: Zeros (M, R - b): all draws count alike.
         log_step_size: The adapted log step size.
+        started: Whether there has been a frame, a boolean; before the first one `particles` stand for nothing.
     """
 
     particles: jax.Array
     log_weights: jax.Array
     log_step_size: jax.Array
+    started: jax.Array
 
 
-def chain_state(draws: jax.Array, log_step_size: jax.Array) -> ChainState:
+def chain_state(draws: jax.Array, log_step_size: jax.Array, *, started: bool = True) -> ChainState:
     """Wrap equally weighted draws (M, R - b, d)."""
-    return ChainState(draws, jnp.zeros(draws.shape[:-1], draws.dtype), log_step_size)
+    return ChainState(draws, jnp.zeros(draws.shape[:-1], draws.dtype), log_step_size, jnp.asarray(started))
 
 
 def drop_impossible(model: CompiledModel, observation: Observation, failed: jax.Array) -> Observation:

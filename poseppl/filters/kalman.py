@@ -29,11 +29,13 @@ class KalmanState(NamedTuple):
         particles: Draws (N, d).
         log_weights: Log-weights (N,), all -log N.
         posterior: Mean (d,) and covariance (d, d).
+        started: Whether there has been a frame, a boolean; before the first one `posterior` is that of the initial program.
     """
 
     particles: jax.Array
     log_weights: jax.Array
     posterior: Gaussian
+    started: jax.Array
 
 
 def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order") -> Filter:
@@ -54,15 +56,15 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     check_method(linearisation)
 
     def before(observation: Observation, inputs: Any = None) -> KalmanState:
-        mean, covariance = model.initial_moments(inputs)
-        draws, weights = jnp.broadcast_to(mean, (num_particles, *mean.shape)), jnp.zeros(num_particles, mean.dtype)
-        return KalmanState(draws, weights, Gaussian(mean, jnp.full_like(covariance, jnp.nan)))
+        initial = Gaussian(*model.initial_moments(inputs))
+        draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
+        return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
 
     def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
-        first = jnp.all(jnp.isnan(state.posterior.covariance))  # nothing but the state before the first frame has none
+        # both are finite at every frame, and with them the gradient of the one that is not chosen
         initial, moved = Gaussian(*model.initial_moments(inputs)), propagate(state.posterior, linear)
-        predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, moved)
+        predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
         posterior, log_evidence, failed = assimilate(model, predicted, observation, inputs, linearisation)
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
@@ -78,7 +80,8 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
             failed=failed,
             step_size=jnp.full((), jnp.nan, dtype),
         )
-        return KalmanState(draws, jnp.full(num_particles, -jnp.log(num_particles), dtype), posterior), info
+        log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
+        return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         return step(rng_key, before(observation, inputs), observation, inputs)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import problem, replicate
+from law_problems import frame, problem, replicate
 from poseppl_models.choo_fleet import arm
 
 from poseppl.body import BodyInputs
@@ -138,3 +138,16 @@ def test_mixture_prior_keeps_to_kalman():
     error = means.std(0, ddof=1) / np.sqrt(len(means))
     assert np.abs((means.mean(0) - posed.exact.means) / error).max() < 5
     assert np.isfinite(covariances).all()
+
+
+def test_a_broken_state_does_not_begin_anew():
+    posed = problem()
+    filter = assumed_density_filter(posed.model, 4, SHORT, num_starts=4)
+    data = frame(posed.observations, 1), frame(posed.inputs, 1)
+    start = filter.before(*data)
+    step = jax.jit(filter.step)
+    first, _ = step(jax.random.key(0), start, *data)
+    broken = first._replace(log_step_size=jnp.full((), jnp.nan))
+    anew, _ = step(jax.random.key(1), start, *data)
+    after, info = step(jax.random.key(1), broken, *data)
+    assert np.isnan(info.step_size) and not np.array_equal(after.particles, anew.particles)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from law_problems import problem, run
+from law_problems import frame, problem, run
+from oracles.kalman import kalman_filter as kalman_oracle
 from poseppl_models.growth import growth
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import kalman_filter
 from poseppl.linearisation import Gaussian, linearise, propagate
@@ -27,6 +31,54 @@ def test_filter_is_exact_for_linear_gaussian_programs(linearisation):
     np.testing.assert_allclose(states.posterior.mean, POSED.exact.means, atol=2e-6)
     np.testing.assert_allclose(states.posterior.covariance, POSED.exact.covariances, atol=2e-6)
     np.testing.assert_allclose(infos.log_evidence, POSED.exact.log_evidence, atol=5e-6)
+
+
+def driven_by(a, q, params):
+    """The oracle's log-evidence of a chain x_t = a x_(t-1) + N(0, q^2) in two dimensions, seen as a sum."""
+    matrices = linear_gaussian_matrices(A=a * np.array([[1.0, 0.3], [-0.2, 0.8]]), Q=q**2 * np.eye(2), H=[[1.0, 1.0]])
+    return kalman_oracle(matrices, *params).log_evidence.sum()
+
+
+@both
+@pytest.mark.parametrize("first", ["init", "before"])
+def test_gradient_by_the_transition_parameters_equals_finite_differences(linearisation, first):
+    ys, mask = np.array([[0.4], [1.9], [0.0], [-0.7], [1.1]]), np.array([[True], [True], [False], [True], [True]])
+
+    def transition(params, state, inputs):
+        mean = params["a"] * jnp.array([[1.0, 0.3], [-0.2, 0.8]]) @ state["x"]
+        numpyro.sample("x", dist.Normal(mean, params["q"]).to_event(1))
+
+    programs = linear_gaussian_model(linear_gaussian_matrices(A=np.eye(2), H=[[1.0, 1.0]]))
+    point = {"a": jnp.asarray(0.9), "q": jnp.asarray(0.6)}
+    model = StateSpaceModel(programs.initial, transition, programs.observation).compile(params=point)
+    data = model.observe({"y": np.where(mask, ys, np.nan)})
+
+    def log_evidence(params):
+        filter = kalman_filter(model.with_params(params), 3, linearisation=linearisation)
+        state, total = filter.before(frame(data, 0)), 0.0
+        for t in range(len(ys)):
+            go = filter.init if t == 0 and first == "init" else partial(filter.step, state=state)
+            state, info = go(jax.random.key(t), observation=frame(data, t))
+            total = total + info.log_evidence
+        return total
+
+    value, slope = jax.jit(jax.value_and_grad(log_evidence))(point)
+    step = 1e-5
+    wanted = {
+        "a": (driven_by(0.9 + step, 0.6, (ys, mask)) - driven_by(0.9 - step, 0.6, (ys, mask))) / (2 * step),
+        "q": (driven_by(0.9, 0.6 + step, (ys, mask)) - driven_by(0.9, 0.6 - step, (ys, mask))) / (2 * step),
+    }
+    np.testing.assert_allclose(value, driven_by(0.9, 0.6, (ys, mask)), rtol=1e-5)
+    for name, expected in wanted.items():
+        np.testing.assert_allclose(slope[name], expected, rtol=1e-4)
+
+
+def test_a_broken_state_does_not_begin_anew():
+    filter = kalman_filter(POSED.model, 5)
+    state, _ = filter.init(jax.random.key(0), frame(POSED.observations, 0), frame(POSED.inputs, 0))
+    broken = state._replace(posterior=Gaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
+    after, info = filter.step(jax.random.key(0), broken, frame(POSED.observations, 1), frame(POSED.inputs, 1))
+    assert info.failed and np.isnan(after.particles).all()
 
 
 def dense_posterior():

@@ -63,7 +63,7 @@ def _compiled(
 
         def measure(row: Any) -> dict[str, jax.Array]:
             key, draws, weights, observation, inputs = row
-            summary = collect(key, ChainState(draws, weights, jnp.zeros(())), None, inputs).summary
+            summary = collect(key, ChainState(draws, weights, jnp.zeros(()), jnp.ones((), bool)), None, inputs).summary
             log_likelihood = model.log_observation(summary["state_mean"], observation, inputs)
             return {"log_likelihood": log_likelihood, **{name: summary[name] for name in _KEPT}}
 
