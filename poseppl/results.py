@@ -38,7 +38,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.errors import InputError
-from poseppl.io.files import check_file
+from poseppl.io.netcdf_reading import read_netcdf
 from poseppl.io.netcdf_writing import write_netcdf
 
 VERSION = 1
@@ -47,7 +47,6 @@ VERSION = 1
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 """The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
 
-_MAX_BYTES = 2**40
 _AXES = ("x", "y", "z")
 _DIMS = {"state": ("dof",), "markers": ("marker", "axis"), "points": ("camera", "marker", "xy")}
 
@@ -165,27 +164,21 @@ def save_result(tree: xr.DataTree, path: str | PathLike[str]) -> None:
     write_netcdf(tree, path, encoding)
 
 
-def load_result(path: str | PathLike[str]) -> xr.DataTree:
+def load_result(path: str | PathLike[str], *, max_bytes: int | None = None) -> xr.DataTree:
     """Read a result into memory.
 
     Args:
         path: A file that :func:`save_result` wrote.
+        max_bytes: The most that it may hold when unpacked; 4 GiB by default, or what POSEPPL_MAX_GIB says.
 
     Returns:
         The tree.
 
     Raises:
-        InputError: The file is missing, no NetCDF, damaged, or holds no result of poseppl.
+        InputError: The file is missing, no NetCDF, damaged, declares too much, or holds no result of poseppl.
     """
-    check_file(path, max_bytes=_MAX_BYTES)
     expected = "a results file written by poseppl track"
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as opened:
-            tree = opened.load()
-    except MemoryError as error:
-        raise InputError("the results do not fit into memory", file=path) from error
-    except Exception as error:  # HDF5 raises anything at all on damaged bytes
-        raise InputError("not a NetCDF file, or a damaged one", file=path, expected=expected) from error
+    tree = read_netcdf(path, expected=expected, max_bytes=max_bytes)
     version = tree.attrs.get("poseppl_result")
     if version is None or "posterior" not in tree.children or "state" not in tree["posterior"].dataset:
         raise InputError("a NetCDF file, but not a result of poseppl", file=path, expected=expected)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import zipfile
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
+from poseppl.io.files import check_file
 from poseppl.io.opencv import Image, to_rgb
 from poseppl.io.video import Video, digest_of_files, open_video
 
 Mask = NDArray[np.bool_]
+MAX_BYTES = 4 * 2**30
+"""Of packed masks: 16,000 frames of 1920 x 1080."""
 
 
 def write_masks(path: Path, masks: list[NDArray[np.uint8]], size: tuple[int, int]) -> None:
@@ -65,13 +71,40 @@ def open_masks(path: str | PathLike[str], camera: str = "camera") -> Video:
 
 
 def _read_packed(path: str | PathLike[str]) -> tuple[NDArray[np.uint8], tuple[int, int, int]]:
-    """Packed bits, and T, H, W."""
+    """Packed bits, and T, H, W; what the headers of the file's parts declare is checked before the parts are read."""
+    source = check_file(path, max_bytes=MAX_BYTES)
     try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            packed, (count, height, width) = stored["masks"], (int(side) for side in stored["shape"])
-        if packed.shape != (count, height, -(-width // 8)) or packed.dtype != np.uint8 or not packed.size:
-            raise ValueError(f"masks of shape {packed.shape} and type {packed.dtype} are not {count} x {height} x {width} bits")
-    except Exception as error:  # damaged bytes raise anything at all
+        with zipfile.ZipFile(source) as archive:
+            kind, declared = _header(archive, "shape.npy")
+            if declared != (3,) or kind.kind not in "iu":
+                raise ValueError(f"a shape of type {kind} and {declared} numbers")
+            count, height, width = (int(side) for side in _part(archive, "shape.npy"))
+            if not (0 < count < 2**31 and 0 < height < 2**16 and 0 < width < 2**16):
+                raise ValueError(f"{count} masks of {width} x {height}")
+            kind, declared = _header(archive, "masks.npy")
+            if declared != (count, height, -(-width // 8)) or kind != np.uint8:
+                raise ValueError(f"masks of shape {declared} and type {kind} are not {count} x {height} x {width} bits")
+            if math.prod(declared) > MAX_BYTES:
+                raise ValueError(f"{math.prod(declared) / 2**30:.1f} GiB of masks, at most {MAX_BYTES // 2**30} are read")
+            return _part(archive, "masks.npy"), (count, height, width)
+    except Exception as error:  # damaged bytes bring about anything
         expected = "an .npz file with packed bits in masks and their shape (T, H, W) in shape"
-        raise InputError(f"no masks: {error}", file=path, expected=expected) from error
-    return packed, (count, height, width)
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise InputError(f"no masks: {reason[0][:200]}", file=path, expected=expected) from error
+
+
+def _header(archive: zipfile.ZipFile, part: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
+    """Type and shape that a part declares."""
+    with archive.open(part) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read(stream)
+    return kind, shape
+
+
+def _part(archive: zipfile.ZipFile, part: str) -> NDArray[Any]:
+    with archive.open(part) as stream:
+        array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+        if stream.read(1):  # at the end the sum is checked
+            raise ValueError(f"{part} holds more than it declares")
+    return array

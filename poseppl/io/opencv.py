@@ -6,6 +6,9 @@ Arrays are RGB here and everywhere in poseppl; OpenCV's own order, BGR, does not
 from __future__ import annotations
 
 import importlib
+import io
+import os
+import warnings
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +20,8 @@ from poseppl.errors import InputError, PosepplError
 from poseppl.io.files import atomic_path, check_file
 
 MAX_IMAGE_BYTES = 2**30
+MAX_PIXELS = 2**26
+"""Of one picture: 8192 x 8192, twice what a video of 7680 x 4320 has. Its header is read before anything is decoded."""
 Image = NDArray[np.uint8]
 
 
@@ -29,6 +34,7 @@ def opencv() -> ModuleType:
     Raises:
         PosepplError: It is not installed, or its binary cannot be loaded.
     """
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # read when it is imported first
     try:
         return importlib.import_module("cv2")
     except ImportError as error:
@@ -48,21 +54,50 @@ def read_image(path: str | PathLike[str], camera: str | None = None, frame: int 
         (H, W, 3) RGB, 8 bits a channel (a deeper image is scaled down); three equal channels where the file is gray.
 
     Raises:
-        InputError: The file is missing, empty, or no image.
+        InputError: The file is missing, empty, no image, or of more than :data:`MAX_PIXELS`.
         PosepplError: OpenCV is not installed.
     """
     cv2 = opencv()
     field = place(camera, frame)
     try:
-        data = np.frombuffer(check_file(path, max_bytes=MAX_IMAGE_BYTES).read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        data = check_file(path, max_bytes=MAX_IMAGE_BYTES).read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=path, field=field) from error
+    _check_header(data, path, field)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
         raise InputError(f"cannot be decoded: {error.err}", file=path, field=field, expected="an image") from error
     if image is None:
         raise InputError("cannot be decoded", file=path, field=field, expected="an image that OpenCV reads, whole")
     return to_rgb(image)
+
+
+def check_pixels(size: tuple[int, int], *, file: str | PathLike[str], field: str | None) -> None:
+    """Check the width and height that a picture or a video declares.
+
+    Raises:
+        InputError: There are more than :data:`MAX_PIXELS`.
+    """
+    width, height = size
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{width} x {height} pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all")
+
+
+def _check_header(data: bytes, file: str | PathLike[str], field: str | None) -> None:
+    """Check the size that an encoded picture declares; one that only OpenCV knows is bounded by OpenCV."""
+    from PIL import Image as Header
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is large, or its header odd
+        try:
+            with Header.open(io.BytesIO(data)) as header:
+                size = header.size
+        except Header.DecompressionBombError as error:
+            raise InputError("too many pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all") from error
+        except Exception:  # a damaged header may bring about anything; whether it is an image is for OpenCV to say
+            return
+    check_pixels(size, file=file, field=field)
 
 
 def encode_image(image: Image, suffix: str = ".png", *, file: str | PathLike[str] | None = None) -> bytes:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
-from poseppl.io.opencv import Image, opencv, place, to_rgb
+from poseppl.io.opencv import Image, check_pixels, opencv, place, to_rgb
 
 MAX_VIDEO_BYTES = 2**44
 GAP = 1.75
@@ -90,10 +90,13 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts, variable_r
 
 @contextmanager
 def _capture(path: str, camera: str) -> Iterator[Any]:
-    capture = opencv().VideoCapture(path)
+    cv2 = opencv()
+    capture = cv2.VideoCapture(path)
     try:
         if not capture.isOpened():
             raise InputError("cannot be decoded", file=path, field=place(camera, None), expected=_expected(path))
+        size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        check_pixels(size, file=path, field=place(camera, None))
         yield capture
     finally:
         capture.release()

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.body import load_builder
 from poseppl.errors import InputError
 from poseppl.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
+from poseppl.io.netcdf_reading import read_netcdf
 from poseppl.io.words import finite_numbers
 from poseppl.tracking.picture_sizes import resized
 from poseppl.tracking.scene import Floats
@@ -133,12 +133,12 @@ def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
     Raises:
         InputError: The file holds none.
     """
+    tree = read_netcdf(path, expected="a file of poseppl simulate")
     try:
-        tree = xr.load_datatree(path, engine="h5netcdf")
         known = tree["truth"].dataset
         states, markers = (np.asarray(known[name].values, np.float64) for name in ("state", "markers"))
         return SceneTruth(states, markers, json.loads(tree.attrs["lengths"]))
-    except (OSError, KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"no truth: {error}", file=path, expected="a file of poseppl simulate") from error
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import zipfile
+
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
+
+from recording_samples import damaged_copies
 
 from poseppl.errors import InputError
 from poseppl.io import open_masks, read_masks
@@ -44,3 +48,39 @@ def test_a_file_without_masks_is_told(path, lacking, read):
         path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(InputError, match=r"masks\.npz: .*no masks.*packed bits in masks and their shape"):
         read(path)
+
+
+def test_damaged_masks_are_refused(path):
+    data = path.read_bytes()
+    refused = 0
+    for damaged in damaged_copies(data, 300):
+        path.write_bytes(damaged)
+        try:
+            read_masks(path)
+        except InputError as error:
+            refused += 1
+            assert len(str(error).splitlines()) == 1
+    assert refused > 150
+
+
+def test_masks_are_bounded_by_their_header(path):
+    # 100,000 frames of 8192 x 8192 are declared, in a few bytes
+    shape = (100_000, 8192, 1024)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with archive.open("shape.npy", "w") as stream:
+            np.save(stream, np.array([100_000, 8192, 8192]))
+        with archive.open("masks.npy", "w") as stream:
+            np.lib.format.write_array_header_1_0(stream, {"descr": "|u1", "fortran_order": False, "shape": shape})
+    with pytest.raises(InputError, match="781.2 GiB of masks, at most 4 are read"):
+        open_masks(path)
+
+
+def test_masks_hold_no_more_than_they_declare(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with archive.open("shape.npy", "w") as stream:
+            np.save(stream, np.array(MASKS.shape))
+        with archive.open("masks.npy", "w") as stream:
+            np.save(stream, np.packbits(MASKS, axis=-1))
+            stream.write(bytes(1000))
+    with pytest.raises(InputError, match="more than it declares"):
+        open_masks(path)

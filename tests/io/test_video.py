@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+import contextlib
+import struct
+import subprocess
 import sys
+import zlib
 
 import numpy as np
 import pytest
+from recording_samples import damaged_copies
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io import open_video, read_image, write_image, write_video
@@ -216,3 +221,52 @@ def test_without_opencv(film, monkeypatch):
         open_video(film, "front")
     with pytest.raises(PosepplError, match=r"pip install 'poseppl\[vision\]'"):
         write_video(film, clip(2), 25.0)
+
+
+def png(width, height):
+    """A black picture of one bit a pixel."""
+
+    def chunk(name, data):
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    rows = zlib.compress(bytes(height * (1 + width // 8)), 1)
+    header = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(("size", "told"), [((10_000, 10_000), "10000 x 10000 pixels"), ((16_000, 16_000), "too many pixels")])
+def test_the_size_of_a_picture_is_read_before_it(tmp_path, size, told, monkeypatch):
+    (tmp_path / "large.png").write_bytes(png(*size))
+    assert (tmp_path / "large.png").stat().st_size < 2e6
+    monkeypatch.setattr(opencv(), "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(InputError, match=rf"large\.png: {told} .expected at most 67108864 in all"):
+        read_image(tmp_path / "large.png")
+
+
+def test_kinds_that_only_opencv_knows_are_bounded_by_it(tmp_path):
+    code = (
+        "import sys; from poseppl.io import read_image; from poseppl.errors import InputError\n"
+        "try: read_image(sys.argv[1])\n"
+        "except InputError as error: print(error)"
+    )
+    rgbe = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 30000\n"
+    (tmp_path / "large.hdr").write_bytes(rgbe + bytes(100))
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "large.hdr")], capture_output=True, text=True, check=False
+    )
+    assert "large.hdr: cannot be decoded" in done.stdout and "PIXELS" in done.stdout, done.stderr
+
+
+def test_the_size_of_a_video_is_read_before_its_frames(film, monkeypatch):
+    monkeypatch.setattr("poseppl.io.opencv.MAX_PIXELS", 64 * 48 - 1)
+    with pytest.raises(InputError, match="camera front: 64 x 48 pixels .expected at most 3071 in all"):
+        open_video(film, "front")
+
+
+def test_damaged_pictures_are_refused_or_read(tmp_path):
+    for name in ("a.png", "a.jpg", "a.tif"):
+        write_image(tmp_path / name, picture(3))
+        for damaged in damaged_copies((tmp_path / name).read_bytes(), 40):
+            (tmp_path / name).write_bytes(damaged)
+            with contextlib.suppress(InputError):
+                assert read_image(tmp_path / name).ndim == 3
