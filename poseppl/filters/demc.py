@@ -24,8 +24,10 @@ Copies have no differences to move by. Where likelihoods are sharp beside the pr
 particles, and a velocity that all share does not part them: on the 28-DOF body in one camera this loses track within a few
 frames, while draws from the transition, the default, keep it. "posterior" suffers alike from its resampling in many dimensions.
 
-`log_evidence` is that of the predictions. If no particle can explain a frame, it is reported as failed and the particles stay
-as predicted.
+Where no prediction has any density, as beyond hard limits that a velocity led across, the velocity is not taken: the particles
+begin where they were. If they have no density there either, the layers search from the predictions, for a member without
+density goes to any that it finds. A frame of which no particle finds any is reported as failed: the particles stay as
+predicted, and the velocity, which led nowhere, is dropped. `log_evidence` is that of the particles with which the layers begin.
 """
 
 from __future__ import annotations
@@ -61,12 +63,21 @@ class DEMCState(NamedTuple):
 
 
 class _Evolved(NamedTuple):
-    """The members after T layers, the weights of those predicted, each one's origin (N,), and the mean acceptance rate."""
+    """A population after T layers.
+
+    Attributes:
+        members: Positions and log-densities.
+        predicted: The weights of those with which the layers began.
+        origin: The prediction that each began as (N,).
+        acceptance: Mean acceptance rate.
+        num_likelihood: Evaluations of the likelihood, int32.
+    """
 
     members: Members
     predicted: Normalised
     origin: jax.Array
     acceptance: jax.Array
+    num_likelihood: jax.Array
 
 
 def demc_filter(
@@ -107,12 +118,26 @@ def demc_filter(
     identity = jnp.arange(num_particles, dtype=jnp.int32)
 
     def evolve(
-        rng_key: jax.Array, predicted: jax.Array, log_prior: Callable[[jax.Array], jax.Array], data: tuple[Observation, Any]
+        rng_key: jax.Array,
+        predicted: jax.Array,
+        log_prior: Callable[[jax.Array], jax.Array],
+        data: tuple[Observation, Any],
+        otherwise: jax.Array | None = None,
     ) -> _Evolved:
+        """Evolve predictions (N, d); from other positions (N, d) where none of them has density."""
         key_resample, key_layers = jax.random.split(rng_key)
-        values = jax.vmap(lambda x: model.log_observation(x, *data))(predicted)
+
+        def weigh(positions: jax.Array) -> tuple[jax.Array, jax.Array]:
+            return positions, jax.vmap(lambda x: _safe(model.log_observation(x, *data)))(positions)
+
+        predicted, values = weigh(predicted)
+        lost = jnp.all(jnp.isneginf(values))
+        if otherwise is not None:
+            there = jax.lax.cond(lost, weigh, lambda _: (predicted, values), otherwise)
+            better = jnp.any(there[1] > -jnp.inf)
+            predicted, values = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, (predicted, values))
         weighted = normalise(values)
-        flat = weighted.degenerate | (jnp.min(values) == jnp.max(values))
+        flat = ~weighted.degenerate & (jnp.min(values) == jnp.max(values))
         chosen = scheme(key_resample, weighted.log_weights, num_particles) if posterior else identity
         origin = jnp.where(weighted.degenerate, identity, chosen)
 
@@ -121,28 +146,29 @@ def demc_filter(
             return value + log_prior(x) if posterior else value
 
         starts = predicted[origin]
-        members = Members(starts, jax.vmap(log_density)(starts) if posterior else _safe(values))
+        members = Members(starts, jax.vmap(log_density)(starts) if posterior else values)
 
         def layer(members: Members, rng_key: jax.Array) -> tuple[Members, jax.Array]:
             factor = 1.0 if posterior else _noise_factor(members.values, noise_follows)
             moved, rate = demc_update(rng_key, members, log_density, settings, noise_factor=factor)
-            keep = weighted.degenerate if posterior else flat
-            return jax.tree.map(lambda old, new: jnp.where(keep, old, new), members, moved), rate
+            return moved if posterior else jax.tree.map(lambda old, new: jnp.where(flat, old, new), members, moved), rate
 
         members, rates = jax.lax.scan(layer, members, jax.random.split(key_layers, num_layers))
-        return _Evolved(members, weighted, origin, jnp.mean(rates))
+        rounds = 1 + num_layers + (lost if otherwise is not None else 0)
+        return _Evolved(members, weighted, origin, jnp.mean(rates), jnp.int32(num_particles * rounds))
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_draw, key_evolve = jax.random.split(rng_key)
         predicted = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_particles))
         evolved = evolve(key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
-        return _conclude(evolved, identity, None, posterior, num_layers)
+        return _conclude(evolved, identity, None, posterior)
 
     def step(rng_key: jax.Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
         ancestors = identity if posterior else scheme(key_select, state.log_weights, num_particles)
         previous = state.particles[ancestors]
-        if prediction == "velocity" and not posterior:
+        by_velocity = prediction == "velocity" and not posterior
+        if by_velocity:
             predicted = previous + state.velocity
         else:
             keys = jax.random.split(key_draw, num_particles)
@@ -152,31 +178,28 @@ def demc_filter(
             terms = jax.vmap(lambda p: model.log_transition(x, p, inputs))(previous)
             return jax.nn.logsumexp(terms) - jnp.log(num_particles)
 
-        evolved = evolve(key_evolve, predicted, log_prior, (observation, inputs))
-        return _conclude(evolved, ancestors, state, posterior, num_layers)
+        evolved = evolve(key_evolve, predicted, log_prior, (observation, inputs), previous if by_velocity else None)
+        return _conclude(evolved, ancestors, state, posterior)
 
     return Filter(init, step)
 
 
-def _conclude(
-    evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool, num_layers: int
-) -> tuple[DEMCState, Info]:
-    members, predicted, origin, acceptance = evolved
-    count = members.values.shape[0]
-    last = normalise(jnp.zeros_like(members.values) if posterior else members.values)
+def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
+    members, predicted, origin, acceptance, num_likelihood = evolved
+    possible = members.values > -jnp.inf
+    last = normalise(jnp.where(possible, 0.0, -jnp.inf) if posterior else members.values)
     best = members.positions[jnp.argmax(members.values)]
-    velocity = jnp.zeros_like(best)
-    if previous is not None:
-        velocity = jnp.where(predicted.degenerate, previous.velocity, best - previous.best)
+    velocity = jnp.zeros_like(best) if previous is None else jnp.where(last.degenerate, 0.0, best - previous.best)
+    ess = jnp.where(last.degenerate, possible.shape[0], last.ess)
     info = Info(
         log_evidence=predicted.log_mean,
-        ess=jnp.where(predicted.degenerate, count, predicted.ess if posterior else last.ess),
+        ess=jnp.where(posterior & ~predicted.degenerate, predicted.ess, ess),
         ancestors=ancestors[origin],
         acceptance=acceptance,
         divergences=jnp.int32(0),
-        num_likelihood=jnp.int32(count * (1 + num_layers)),
+        num_likelihood=num_likelihood,
         num_gradient=jnp.int32(0),
-        failed=predicted.degenerate,
+        failed=last.degenerate,
         step_size=jnp.full((), jnp.nan, acceptance.dtype),
     )
     return DEMCState(members.positions, last.log_weights, best, velocity), info

@@ -5,11 +5,14 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 from law_problems import MASKED, frame, problem, z_scores
 
 from poseppl.filters import DEMCState, demc_filter
 from poseppl.filters.demc import _noise_factor
+from poseppl.program import StateSpaceModel
 
 
 def likelihood_moments():
@@ -78,6 +81,50 @@ def test_noise_follows_the_survival_diagnostic():
     assert abs(float(_noise_factor(values, "degeneracy")) - 2.0) < 1e-6
     assert float(_noise_factor(values, "nothing")) == 1.0
     assert float(_noise_factor(jnp.full(4, -jnp.inf), "survival")) == 0.25
+
+
+def within_limits(drift=0.0):
+    """A coordinate between hard limits at -1 and 1, seen at 0.9, that drifts in each frame."""
+
+    def initial(params, inputs):
+        numpyro.sample("x", dist.Normal(0.0, 0.3))
+
+    def transition(params, state, inputs):
+        numpyro.sample("x", dist.Normal(state["x"] + drift, 0.05))
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], 0.1))
+        numpyro.factor("limits", jnp.where(jnp.abs(state["x"]) < 1, 0.0, -jnp.inf))
+
+    return StateSpaceModel(initial, transition, observation).compile()
+
+
+@pytest.mark.parametrize(
+    ("target", "prediction"), [("likelihood", "velocity"), ("likelihood", "transition"), ("posterior", "")]
+)
+def test_predictions_beyond_hard_limits_find_back(target, prediction):
+    model = within_limits(drift=0.0 if prediction == "velocity" else 0.6)
+    filter = demc_filter(model, 60, target=target, prediction=prediction or "transition")
+    step, seen = jax.jit(filter.step), model.observe({"y": 0.9})
+    particles = jnp.linspace(0.5, 0.9, 60)[:, None]
+    state = DEMCState(particles, jnp.full(60, -jnp.log(60.0)), particles[-1], jnp.full(1, 0.6))
+    for frame_ in range(4):
+        state, info = step(jax.random.key(frame_), state, seen)
+        weights = np.exp(state.log_weights)
+        assert not info.failed
+        assert weights[np.abs(state.particles[:, 0]) >= 1].sum() == 0 and weights.sum() == pytest.approx(1, abs=1e-5)
+    assert abs(float(weights @ state.particles[:, 0]) - 0.9) < 0.1
+
+
+def test_a_velocity_that_led_nowhere_is_dropped():
+    model = within_limits()
+    step = jax.jit(demc_filter(model, 60, prediction="velocity").step)
+    lost = DEMCState(jnp.full((60, 1), 3.0), jnp.full(60, -jnp.log(60.0)), jnp.full(1, 3.0), jnp.full(1, 0.6))
+    state, info = step(jax.random.key(0), lost, model.observe({"y": 0.9}))
+    assert info.failed and info.num_likelihood == 60 * 9
+    np.testing.assert_allclose(state.particles, 3.6, rtol=1e-6)
+    again, _ = step(jax.random.key(1), state, model.observe({"y": 0.9}))
+    np.testing.assert_array_equal(again.particles, state.particles)
 
 
 @pytest.mark.parametrize(("target", "num_particles"), [("likelihood", 1), ("posterior", 5)])
