@@ -18,10 +18,14 @@ import numpy as np
 from poseppl.checkpoint import Part
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.frame_sequence import FrameSequence, Layout
+from poseppl.predictive import Predict, Prediction
 from poseppl.program import Observation
 
 Collect = Callable[[jax.Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
+
+_CHECKS = 2
+"""What the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
 
 
 class Kept(NamedTuple):
@@ -32,12 +36,14 @@ class Kept(NamedTuple):
         info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
         unique_ancestors: How many particles of the frame before have offspring.
         finite: Whether all particles of positive weight were finite.
+        prediction: The frame's data against their :class:`~poseppl.predictive.Prediction`; None if that is not asked for.
     """
 
     outputs: Any
     info: Info
     unique_ancestors: Any
     finite: Any
+    prediction: Prediction | None
 
 
 def frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
@@ -46,18 +52,27 @@ def frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
     return key_filter, key_collect
 
 
-def _keep(collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any) -> Kept:
+def _prediction_key(rng_key: jax.Array, frame: Any) -> jax.Array:
+    """Key of the predictive checks at a frame; those of filter and collector do not depend on whether it is used."""
+    return jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS)
+
+
+def _keep(
+    collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None
+) -> Kept:
     offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
     alive = state.log_weights > -jnp.inf
     finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
     outputs = collect(rng_key, state, info, inputs)
-    return Kept(outputs, info._replace(ancestors=jnp.zeros(0, jnp.int32)), jnp.sum(offspring), finite)
+    told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
+    return Kept(outputs, told, jnp.sum(offspring), finite, prediction)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _first(
     filter: Filter,
     collect: Collect,
+    predict: Predict | None,
     layout: Layout,
     rng_key: jax.Array,
     observation: Observation,
@@ -67,14 +82,18 @@ def _first(
     """The first frame."""
     key_filter, key_collect = frame_keys(rng_key, 0)
     inputs = layout.join(varying, constant)
+    key_check = _prediction_key(rng_key, 0)
+    prediction = predict(key_check, None, True, observation, inputs) if predict else None
     state, info = filter.init(key_filter, observation, inputs)
-    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], _keep(collect, key_collect, state, info, inputs))
+    kept = _keep(collect, key_collect, state, info, inputs, prediction)
+    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _scan_frames(
     filter: Filter,
     collect: Collect,
+    predict: Predict | None,
     layout: Layout,
     state: Any,
     blank: Kept,
@@ -93,8 +112,11 @@ def _scan_frames(
         def run(state: Any) -> tuple[Any, Kept]:
             key_filter, key_collect = frame_keys(rng_key, frame)
             inputs = layout.join(varying, constant)
+            first = False if filter.before is None else frame == 0
+            key_check = _prediction_key(rng_key, frame)
+            prediction = predict(key_check, state, first, observation, inputs) if predict else None
             new, info = filter.step(key_filter, state, observation, inputs)
-            return new, _keep(collect, key_collect, new, info, inputs)
+            return new, _keep(collect, key_collect, new, info, inputs, prediction)
 
         result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
         return result
@@ -108,6 +130,7 @@ class Calls:
     Args:
         filter: The filter.
         collect: What is kept of a frame.
+        predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
         length: Frames in a scan.
@@ -117,8 +140,16 @@ class Calls:
         blank: What is kept of a frame, of the right shapes.
     """
 
-    def __init__(self, filter: Filter, collect: Collect, sequence: FrameSequence, rng_key: jax.Array, length: int) -> None:
-        self._what = filter, collect, sequence.layout
+    def __init__(
+        self,
+        filter: Filter,
+        collect: Collect,
+        predict: Predict | None,
+        sequence: FrameSequence,
+        rng_key: jax.Array,
+        length: int,
+    ) -> None:
+        self._what = filter, collect, predict, sequence.layout
         self._sequence, self._rng_key, self._length = sequence, rng_key, length
         trace: Any = _first
         shapes = trace.eval_shape(*self._what, *self._first_data())

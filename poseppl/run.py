@@ -33,6 +33,7 @@ from poseppl.filters.base import Filter, Info
 from poseppl.frame_sequence import Constant as Constant
 from poseppl.frame_sequence import frame_inputs as frame_inputs
 from poseppl.frame_sequence import frame_sequence
+from poseppl.predictive import Predict, Prediction
 from poseppl.program import Observation
 
 _LOGGER = logging.getLogger("poseppl")
@@ -79,6 +80,7 @@ class Run(NamedTuple):
         compile_seconds: Time to trace and compile.
         wall_seconds: Time of the frames themselves.
         resumed: How many frames came from a checkpoint.
+        prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
     """
 
     outputs: Any
@@ -89,6 +91,7 @@ class Run(NamedTuple):
     compile_seconds: float
     wall_seconds: float
     resumed: int
+    prediction: Prediction | None = None
 
 
 def run_filter(
@@ -98,6 +101,7 @@ def run_filter(
     inputs: Any = None,
     *,
     collect: Collect,
+    predict: Predict | None = None,
     num_frames: int | None = None,
     chunk: int | None = None,
     progress: Progress | None = None,
@@ -113,6 +117,8 @@ def run_filter(
         observations: Data with a leading T.
         inputs: Inputs with a leading T, constant parts wrapped in :class:`Constant`; None where the model takes none.
         collect: `(rng_key, state, info, inputs of the frame) -> pytree`, what is kept of a frame; see :mod:`poseppl.collect`.
+        predict: Predictive checks of each frame's data, of :func:`poseppl.predictive.predictive_checks`; what the filter does
+            and what is collected do not depend on them.
         num_frames: T; as many as there are data if None.
         chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it. If None, 8
             with a checkpoint, else as many as take about a quarter of a second, from 8 to 64.
@@ -138,7 +144,7 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, sequence, rng_key, length)
+    calls = Calls(filter, collect, predict, sequence, rng_key, length)
     saved: list[Part] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
@@ -180,7 +186,7 @@ def _assemble(kept: list[Kept], state: Any, numbers: list[int], seconds: tuple[f
     whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
     failed = tuple(numbers[index] for index in np.flatnonzero(whole.info.failed))
     last = jax.tree.map(np.asarray, state)
-    return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *seconds, resumed)
+    return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *seconds, resumed, whole.prediction)
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:

@@ -82,6 +82,9 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         noise: Standard deviation of the distances (C,), px.
     """
 
+    is_predictive = False
+    """What was seen is among the arguments: a draw is of no image."""
+
     def __init__(
         self,
         tree: KinematicTree,

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 
 from poseppl.program.compiled import CompiledModel, Inputs
 from poseppl.program.observation import Observation
+from poseppl.program.prediction import DrawnData
 
 
 class Clamped(NamedTuple):
@@ -122,6 +123,14 @@ class ClampedModel(CompiledModel):
     def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Draw the data sites of a frame by name."""
         return self.full.sample_observation(rng_key, self.fill(x, _required(inputs).values), inputs.inputs)
+
+    def draw_data(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> DrawnData:
+        """Draw a frame's data, with their moments."""
+        return self.full.draw_data(rng_key, self.fill(x, _required(inputs).values), inputs.inputs)
+
+    def prediction_obstacle(self, inputs: Inputs = None) -> str | None:
+        """Why no data can be drawn, or None."""
+        return self.full.prediction_obstacle(_required(inputs).inputs)
 
     def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Log-likelihood of a frame's data."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from poseppl.program import chart
 from poseppl.program.chart import Site
-from poseppl.program.execution import draw, log_density, trace_program
+from poseppl.program.execution import Seed, draw, log_density, trace_program
 from poseppl.program.gaussian import (
     flat_observation,
     moments_obstacle,
@@ -22,6 +22,7 @@ from poseppl.program.gaussian import (
     transition_moments,
 )
 from poseppl.program.observation import Observation, feasible, observe
+from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
 from poseppl.program.schema import Declared
 
 if TYPE_CHECKING:
@@ -113,6 +114,28 @@ class CompiledModel:
         """Draw the data sites of a frame by name; factors draw nothing."""
         arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
         return draw(self.programs.observation, arguments, rng_key, self.num_keys["observation"])
+
+    def draw_data(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> DrawnData:
+        """Draw a frame's data (k,) given `x`, in the order of `flat_observation`, and tell their moments.
+
+        Raises:
+            ValueError: The observation program has a heuristic likelihood, which predicts no data.
+        """
+        return drawn_data(self.observation_sites, self._drawn_trace(rng_key, x, inputs))
+
+    def prediction_obstacle(self, inputs: Inputs = None) -> str | None:
+        """Why :meth:`draw_data` cannot be, or None when it can."""
+        found: list[str | None] = []
+
+        def look(rng_key: jax.Array, inputs: Inputs) -> None:
+            found.append(prediction_obstacle(self._drawn_trace(rng_key, jnp.zeros(self.dimension), inputs)))
+
+        jax.eval_shape(look, jax.random.key(0), inputs)
+        return found[0]
+
+    def _drawn_trace(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs) -> Any:
+        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        return trace_program(self.programs.observation, arguments, seed=Seed(rng_key, self.num_keys["observation"]))
 
     def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""

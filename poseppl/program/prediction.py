@@ -1,0 +1,76 @@
+"""Data drawn from the observation program, with their moments given the state, as flat vectors.
+
+Heuristic likelihoods (`numpyro.factor`), powers of densities (`handlers.scale`) and distributions that find their data in their
+own arguments (attribute ``is_predictive`` False) say how well a state explains the data, and not what data it would give rise
+to: they predict nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpyro.distributions as dist
+
+from poseppl.program.execution import is_factor
+
+
+class DrawnData(NamedTuple):
+    """Data of a frame given a state, the sites in order.
+
+    Attributes:
+        values: A draw (k,).
+        mean: Its mean (k,); NaN where the distribution does not tell.
+        variance: Its variance (k,); NaN where the distribution does not tell.
+    """
+
+    values: jax.Array
+    mean: jax.Array
+    variance: jax.Array
+
+
+def drawn_data(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> DrawnData:
+    """Read data off the seeded trace of an observation program.
+
+    Args:
+        sites: The observation's sites.
+        trace: The trace.
+
+    Raises:
+        ValueError: The program predicts nothing.
+    """
+    obstacle = prediction_obstacle(trace)
+    if obstacle is not None:
+        raise ValueError(f"The observation program predicts no data: {obstacle}.")
+    return DrawnData(*(jnp.concatenate(parts) for parts in zip(*(_of_site(trace[name]) for name in sites), strict=True)))
+
+
+def prediction_obstacle(trace: Mapping[str, Any]) -> str | None:
+    """Why no data can be drawn from an observation program, or None when they can."""
+    for name, site in trace.items():
+        if site["type"] != "sample":
+            continue
+        if is_factor(site):
+            return f"{name!r} is a factor, a heuristic likelihood"
+        if site.get("scale") is not None:
+            return f"the density of site {name!r} is scaled"
+        if not getattr(site["fn"], "is_predictive", True):
+            return f"the {type(site['fn']).__name__} of site {name!r} are a heuristic likelihood"
+    return None
+
+
+def _of_site(site: Mapping[str, Any]) -> tuple[jax.Array, jax.Array, jax.Array]:
+    distribution, values = site["fn"], jnp.asarray(site["value"])
+    moments = (_moment(distribution, which, values.shape) for which in ("mean", "variance"))
+    mean, variance = moments
+    return jnp.ravel(values).astype(mean.dtype), mean, variance
+
+
+def _moment(distribution: dist.Distribution, which: str, shape: tuple[int, ...]) -> jax.Array:
+    try:
+        moment = jnp.asarray(getattr(distribution, which), jnp.result_type(float))
+    except NotImplementedError:
+        moment = jnp.full((), jnp.nan)
+    return jnp.ravel(jnp.broadcast_to(moment, shape))
