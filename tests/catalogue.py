@@ -47,6 +47,7 @@ class FilterRow(NamedTuple):
         consistent: Whether means and variances converge to the exact ones at every frame, with more particles or draws.
         num_replicates: Independent runs that the statistical laws make, at least 40.
         posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
+        genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
     """
 
     name: str
@@ -56,34 +57,39 @@ class FilterRow(NamedTuple):
     consistent: bool = True
     num_replicates: int = 200
     posterior: bool = True
+    genealogy: bool = False
 
 
 FILTERS: list[FilterRow] = [
-    FilterRow("particle", particle_filter, lambda model: particle_filter(model, 2000), unbiased_evidence=True),
+    FilterRow("particle", particle_filter, lambda model: particle_filter(model, 2000), unbiased_evidence=True, genealogy=True),
     FilterRow(
         "particle-adaptive",
         particle_filter,
         lambda model: particle_filter(model, 1000, resampling="stratified", ess_threshold=0.5),
         unbiased_evidence=True,
+        genealogy=True,
     ),
     FilterRow(
         "particle-residual",
         particle_filter,
         lambda model: particle_filter(model, 1000, resampling="residual", ess_threshold=0.9),
         unbiased_evidence=True,
+        genealogy=True,
     ),
     FilterRow(
         "particle-multinomial",
         particle_filter,
         lambda model: particle_filter(model, 1000, resampling="multinomial"),
         unbiased_evidence=True,
+        genealogy=True,
     ),
-    FilterRow("guided", guided_filter, lambda model: guided_filter(model, 500), unbiased_evidence=True),
+    FilterRow("guided", guided_filter, lambda model: guided_filter(model, 500), unbiased_evidence=True, genealogy=True),
     FilterRow(
         "auxiliary",
         guided_filter,
         lambda model: guided_filter(model, 500, auxiliary=True, ess_threshold=0.5),
         unbiased_evidence=True,
+        genealogy=True,
     ),
     FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500)),
     FilterRow("unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented")),
@@ -115,7 +121,7 @@ FILTERS: list[FilterRow] = [
         lambda model: window_filter(model, 60, num_starts=4),
         num_replicates=40,
     ),
-    FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40),
+    FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40, genealogy=True),
     FilterRow(
         "tempered-fixed",
         tempered_filter,
@@ -128,12 +134,14 @@ FILTERS: list[FilterRow] = [
             whiten=False,
         ),
         unbiased_evidence=True,
+        genealogy=True,
     ),
     FilterRow(
         "tempered-waste-free",
         tempered_filter,
         lambda model: tempered_filter(model, 600, moves=RANDOM_WALK_MOVES, chain_length=10, resampling="stratified"),
         num_replicates=40,
+        genealogy=True,
     ),
     FilterRow(
         "annealed",

@@ -69,3 +69,13 @@ def test_weightless_particles_are_not_read() -> None:
 def test_max_draws_is_checked() -> None:
     with pytest.raises(ValueError, match="max_draws is 0"):
         collect_draws(MODEL, max_draws=0)
+
+
+def test_no_key_is_used_twice() -> None:
+    """Draws that are kept and those for the quantiles are resampled apart."""
+    particles = jax.random.normal(jax.random.key(1), (50, 2))
+    with jax.debug_key_reuse(True):
+        collect = jax.jit(
+            lambda key: collect_draws(MODEL, max_draws=4)(key, ParticleState(particles, particles[:, 0]), INFO, None)
+        )
+        assert collect(jax.random.key(0)).state.shape == (1, 4, 2)

@@ -138,3 +138,11 @@ def test_too_many_particles_for_the_precision():
 def test_unknown_scheme():
     with pytest.raises(ValueError, match="'sistematic'.*systematic, stratified, residual, multinomial"):
         resampling_scheme("sistematic")
+
+
+def test_stratified_draws_each_slot_on_its_own():
+    """Two slots over weights 1/4, 1/2, 1/4: the middle one has 0, 1 or 2 children, where systematic gives it always one."""
+    log_weights, count = jnp.log(jnp.array([0.25, 0.5, 0.25])), 4000
+    assert (children("systematic", log_weights, 2, count)[:, 1] == 1).all()
+    found = np.bincount(children("stratified", log_weights, 2, count)[:, 1], minlength=3) / count
+    np.testing.assert_allclose(found, [0.25, 0.5, 0.25], atol=5 * 0.5 / np.sqrt(count))

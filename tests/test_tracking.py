@@ -14,6 +14,7 @@ from poseppl.geometry import depth, marker_positions, project
 from poseppl.io import read_cameras, write_cameras, write_observations
 from poseppl.tracking import TrackSettings, observe_motion, place_cameras, scene_of_observations, track, walking_subject
 from poseppl.tracking.placing import camera_names, cameras_of_records, records_of_cameras
+from poseppl.tracking.problem import pose_problem, problem_of_result
 from poseppl.tracking.scene import observations_of_scene
 from poseppl.tracking.start import seek_start
 
@@ -126,3 +127,37 @@ def test_every_filter_has_defaults_that_it_accepts() -> None:
         assert check_settings(name, {"chains": None} if "chains" in FILTERS[name].defaults else {}) == dict(
             FILTERS[name].defaults
         )
+
+
+def test_a_start_keeps_to_the_turn_of_the_rest() -> None:
+    """A heading found after most of a turn is told as the little one that it is."""
+    cameras = place_cameras(PATH, 0.0, count=2)
+    heading = WALK.body.tree.coordinate_names.index("pelvis.Z")
+    for turn in (-1.0, 1.0):
+        state = np.asarray(WALK.body.rest).copy()
+        state[:3] = WALK.states[0, :3]
+        state[heading] += turn
+        shown = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(state))))[None]
+        start = seek_start(WALK.body, cameras, shown, np.full(shown.shape[1:3], 1e-3))
+        assert abs(start.mean[heading] - state[heading]) < 0.05
+
+
+def test_a_low_confidence_widens_the_noise_and_none_hides_the_point(tmp_path: Path) -> None:
+    records = records_of_cameras(place_cameras(PATH, 0.0), 1500.0, (1920, 1080))
+    scene = observe_motion(WALK, cameras_of_records(records), ("camera",))
+    confidence = np.full(scene.points.shape[:-1], 0.25)
+    confidence[1], confidence[2] = 1.0, 0.01
+    write_observations(tmp_path / "points.csv", observations_of_scene(scene)._replace(confidence=confidence))
+    again = scene_of_observations(tmp_path / "points.csv", records, noise=0.003)
+    np.testing.assert_allclose(again.noise[0], 2 * 0.003 * 1500.0)
+    np.testing.assert_allclose(again.noise[1], 0.003 * 1500.0)
+    assert np.isnan(again.points[2]).all() and np.isfinite(again.points[[0, 1, 3]]).all()
+
+
+def test_the_problem_of_a_result_is_the_one_that_was_tracked() -> None:
+    scene = observe_motion(WALK, place_cameras(PATH, 0.0), ("camera",))
+    tree = track(scene, TrackSettings(filter="particle", options={"particles": 50}, max_draws=2))
+    posed, again = pose_problem(scene).record(), problem_of_result(tree).record()
+    assert posed.keys() == again.keys()
+    for name, values in posed.items():
+        np.testing.assert_allclose(again[name], values, rtol=1e-5, err_msg=name)

@@ -91,3 +91,12 @@ def test_missing_markers_are_named():
         virtual_markers(NAMES, np.zeros((3, 3)))
     with pytest.raises(ValueError, match="R of at least 1"):
         over_runs([])
+
+
+def test_relative_errors_are_measured_from_the_root_that_is_named():
+    """Three markers off by 1, 10 and 0 mm: beside the second, by 9, 0 and 10."""
+    places = np.zeros((1, 1, 3, 3))
+    places[0, 0, :, 0] = [1.0, 10.0, 0.0]
+    found = marker_errors(places, [[1.0]], np.zeros((1, 3, 3)), root=1)
+    np.testing.assert_allclose(found.relative, [[9.0, 0.0, 10.0]])
+    np.testing.assert_allclose(found.weighted_relative, [19.0 / 3])

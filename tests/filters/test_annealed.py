@@ -85,6 +85,15 @@ def test_a_frame_without_data_is_predicted():
     assert (increments[:, MASKED] == 0).all()
 
 
+def test_noise_of_a_layer_falls_by_the_survival_rate():
+    """A diffusion of 100 drowns the prediction: what is left after one layer of noise has the variance tau 100."""
+    posed, survival = problem(), 0.3
+    init = jax.jit(annealed_filter(posed.model, 4000, num_layers=2, survival=survival, diffusion=np.full(2, 100.0)).init)
+    state, _ = init(jax.random.key(0), frame(posed.observations, 0), frame(posed.inputs, 0))
+    # the prediction's own variance of at most 1 comes on top
+    np.testing.assert_allclose(np.asarray(state.particles).var(0), 100 * survival, rtol=5 * np.sqrt(2 / 4000) + 0.02)
+
+
 def test_crossover_takes_whole_groups_from_either_parent():
     particles = jnp.arange(50.0)[:, None] + jnp.array([0.0, 100.0, 200.0, 300.0, 400.0])
     groups = np.array([1, 0, 1, 2, 2])

@@ -8,11 +8,14 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+import scipy.stats
 from law_problems import problem, replicate, z_scores
+from oracles.kalman import kalman_filter
 from oracles.quadrature import moments_on_grid
 from poseppl_models.growth import growth
 
 from poseppl.filters import guided_filter, particle_filter
+from poseppl.filters.local_proposal import local_proposal
 from poseppl.program import Proposal
 
 POSED = problem()
@@ -105,3 +108,34 @@ def test_settings_are_checked():
         guided_filter(POSED.model, 0)
     with pytest.raises(ValueError, match="ess_threshold is 2"):
         guided_filter(POSED.model, 10, ess_threshold=2)
+
+
+def test_the_local_predictive_likelihood_is_exact_for_linear_gaussian_programs():
+    """log N(y; H (A x + B u), H Q H^T + R) of each ancestor x."""
+    A, Q, H, R, _, _, B = POSED.matrices
+    ancestors = np.random.default_rng(0).normal(size=(6, 2)).astype(np.float32)
+    seen, inputs = jax.tree.map(lambda leaf: leaf[1], (POSED.observations, POSED.inputs))
+    local = local_proposal(POSED.model, lambda x: POSED.model.transition_moments(x, inputs), ancestors, seen, inputs)
+    means = (ancestors @ A.T + B @ np.asarray(inputs)) @ H.T
+    expected = scipy.stats.multivariate_normal(cov=H @ Q @ H.T + R).logpdf(np.asarray(seen.values["y"]) - means)
+    np.testing.assert_allclose(local.log_predictive, expected, rtol=1e-4, atol=1e-4)
+
+
+def shifted(params, state, inputs, observation):
+    """The transition, wider and beside itself."""
+    mean = jnp.asarray([[0.9, 0.2], [-0.1, 0.8]]) @ state["x"] + jnp.asarray([1.0, 0.5]) * inputs[0]
+    numpyro.sample("x", dist.Normal(mean + 0.4, 0.8).to_event(1))
+
+
+def test_after_an_impossible_frame_particles_are_weighted_draws_of_the_prediction():
+    """The proposal's p / q is all that they are weighted by there; what follows is Kalman's without that frame."""
+    values = POSED.observations.values["y"].at[1].set(1e30)
+    impossible = POSED._replace(observations=POSED.observations._replace(values={"y": values}))
+    mask = np.array(POSED.observations.mask["y"])
+    mask[1] = False
+    exact = kalman_filter(POSED.matrices, POSED.observations.values["y"], mask, np.asarray(POSED.inputs))
+    filter = guided_filter(POSED.model, 1000, proposal=Proposal(shifted, wide))
+    means, seconds, increments = replicate(filter, impossible, 60, exact.means)
+    assert (increments[:, 1] == -np.inf).all()
+    assert np.abs(z_scores(means, exact.means)).max() < 5
+    assert np.abs(z_scores(seconds, exact.covariances)).max() < 5

@@ -166,3 +166,14 @@ def test_settings_are_checked():
         kalman_filter(POSED.model, linearisation="third")
     with pytest.raises(ValueError, match="num_draws is 0"):
         rauch_tung_striebel_smoother(POSED.model, num_draws=0)
+
+
+def test_sigma_points_average_a_noise_that_depends_on_the_state():
+    """E[0.1 + x^2] of x ~ N(1, 4) is 5.1; at the mean alone it is 1.1."""
+    start = Gaussian(jnp.ones(1), 4.0 * jnp.eye(1))
+
+    def noisy(x):
+        return x, (0.1 + x**2)[:, None]
+
+    np.testing.assert_allclose(linearise(noisy, start, "unscented").noise, [[5.1]], rtol=1e-5)
+    np.testing.assert_allclose(linearise(noisy, start, "first-order").noise, [[1.1]], rtol=1e-5)

@@ -105,3 +105,9 @@ def test_missing_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(PosepplError, match=r"pip install 'poseppl\[mocap\]'"):
         read(tmp_path, c3d_bytes(POINTS, LABELS))
+
+
+@pytest.mark.parametrize(("unit", "per_mm"), [("mm", 1.0), ("cm", 0.1), ("dm", 0.01), ("m", 0.001), ("in", 1 / 25.4)])
+def test_lengths_come_out_in_mm(tmp_path, unit, per_mm):
+    motion = read(tmp_path, c3d_bytes(POINTS * per_mm, list("ABCD"), units=unit))
+    np.testing.assert_allclose(motion.positions, POINTS, rtol=1e-5, atol=1e-3)

@@ -156,6 +156,12 @@ class Newer(Nested):
     version = 2
 
 
+def test_another_version_has_another_key(monkeypatch):
+    key = Nested(0).key
+    monkeypatch.setattr(Nested, "version", 2)
+    assert Nested(0).key != key
+
+
 def test_keys():
     assert len({Nested(value).key for value in (1, 1.5, "1", (1, 2), None, True, {"a": 1}, {"a": 2})}) == 8
     assert Nested({"a": 1, "b": 2}).key == Nested({"b": 2, "a": 1}).key

@@ -5,8 +5,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.stats
 
 from poseppl.kernels import find_modes, share_masses, whitening
+from poseppl.kernels.laplace import Modes
 
 
 def square_problem():
@@ -82,3 +84,13 @@ def test_a_climb_that_broke_down_has_no_mass():
     broken = modes._replace(states=modes.states.at[0].set(jnp.nan), log_masses=modes.log_masses.at[0].set(-jnp.inf))
     shared = np.asarray(share_masses(broken))
     assert shared[0] == -np.inf and np.isfinite(shared[1])
+
+
+def test_shared_masses_are_importance_weights_under_the_mixture_of_the_modes():
+    """Two modes of other widths that overlap: log p + log of a Gaussian's constant, less the log of the sum of both."""
+    states, widths, heights = np.array([[0.0], [1.0]]), np.array([0.2, 1.5]), np.array([0.3, -0.4])
+    precisions, scales = (widths**-2.0)[:, None, None], widths[:, None, None]
+    masses = heights + np.log(widths) + 0.5 * np.log(2 * np.pi)
+    shared = share_masses(Modes(*(jnp.asarray(part, jnp.float32) for part in (states, precisions, scales, masses))))
+    mixture = scipy.stats.norm(states[:, 0], widths).pdf(states).sum(1)
+    np.testing.assert_allclose(shared, heights - np.log(mixture), rtol=1e-5)

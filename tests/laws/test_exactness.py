@@ -55,6 +55,35 @@ def test_frame_without_data_has_no_evidence(row):
     np.testing.assert_allclose(replicates(row)[2][:, MASKED], 0.0, atol=rounding)
 
 
+def evidence_ratios(increments):
+    """Estimated over exact evidence of each run and frame (K, T)."""
+    return np.exp(increments - POSED.exact.log_evidence)
+
+
+def check_evidence(ratios):
+    """Means over runs are 1, within five standard errors and the rounding of sums in float32."""
+    error = ratios.std(0, ddof=1) / np.sqrt(len(ratios))
+    assert (np.abs(ratios.mean(0) - 1) < 5 * error + 1e-4).all()
+    assert (error < 0.05).all()
+
+
+@every_filter
+def test_evidence_of_the_first_frame_is_the_closed_form(row):
+    check_evidence(evidence_ratios(replicates(row)[2])[:, :1])
+
+
+@sampling_filters
+def test_evidence_of_every_frame_is_kalmans(row):
+    """Whether the mean of likelihoods, a product over temperatures, or Laplace's sum over modes."""
+    check_evidence(evidence_ratios(replicates(row)[2]))
+
+
+def test_evidence_of_the_best_particle_is_noticed():
+    ratios = evidence_ratios(replicates(next(row for row in FILTERS if row.name == "hmc"))[2])
+    with pytest.raises(AssertionError):
+        check_evidence(20 * ratios)
+
+
 @unbiased_filters
 def test_evidence_is_unbiased(row):
     ratio = np.exp(replicates(row)[2].sum(1) - POSED.exact.log_evidence.sum())

@@ -16,11 +16,12 @@ from poseppl.filters import particle_filter
 from poseppl.smoothers import History
 from poseppl.smoothers.likelihood_mixture import (
     MixtureSettings,
+    _divide,
     fit_likelihood_mixture,
     log_components,
     mixture_of_gaussians,
 )
-from poseppl.smoothers.weighted_em import choose_seeds, fit_fixed, fit_free
+from poseppl.smoothers.weighted_em import Components, choose_seeds, fit_fixed, fit_free
 
 POSED = problem()
 
@@ -185,3 +186,11 @@ def test_particles_that_are_all_equal_leave_no_nan(dtype, covariance, num_partic
 def test_settings_out_of_range_are_refused(settings, match):
     with pytest.raises(ValueError, match=match):
         MixtureSettings(**settings).check()
+
+
+def test_a_precision_is_shrunk_by_the_square_of_its_gain():
+    """James and Stein: a relative variance of 0.9 takes a tenth off a gain of 3, and all of one of 0.5."""
+    for variance, left in ((1 / 4, 3 * 0.9), (1 / 1.5, 0.0)):
+        components = Components(*(jnp.asarray(part) for part in ([0.0], [[1.0]], [[[variance]]])))
+        divided = _divide(components, jnp.zeros(1), jnp.eye(1), jnp.asarray(0.9))
+        np.testing.assert_allclose(divided.precisions, [[[left]]], rtol=1e-5, atol=1e-6)

@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import frame, problem
+from law_problems import frame, problem, z_scores
+from oracles.kalman import kalman_filter, rauch_tung_striebel
 from poseppl_models.finite_hmm import finite_hmm
-from poseppl_models.linear_gaussian import linear_gaussian
-from smoothing_problems import history_for_conduct
+from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
+from smoothing_problems import Smoothing, filtered_history, history_for_conduct
 
 from poseppl.filters import hmc_filter, particle_filter
 from poseppl.kernels import HMCSettings
@@ -184,3 +185,32 @@ def test_filters_without_genealogy_are_refused():
 def test_settings_that_make_no_sense_are_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("method", ["exact", "linear"])
+def test_the_first_frame_of_two_filters_is_free_of_the_artificial_prior(method):
+    """Data far from the prediction, at the second frame alone: divided out, the prior leaves Kalman's smoothed mean."""
+    matrices = linear_gaussian_matrices(1, A=[[1.0]], Q=[[0.1]], R=[[0.5]])
+    model, ys = linear_gaussian_model(matrices).compile(), np.array([[np.nan], [1.5]])
+    exact = rauch_tung_striebel(matrices, kalman_filter(matrices, np.nan_to_num(ys), np.isfinite(ys)))
+    posed = Smoothing(model, model.observe({"y": ys}), None, *exact)
+
+    def one(key):
+        history, observations = filtered_history(key, posed, 500)
+        smoothed = two_filter_smoother(model, method=method).smooth(key, history, observations, jnp.zeros(2))
+        return jnp.exp(smoothed.log_weights[0]) @ smoothed.particles[0]
+
+    means = np.asarray(jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 100)), float)
+    assert np.abs(z_scores(means, exact[0][0])).max() < 5
+    # with the prior left in it would count twice at the second frame: 5 standard errors are far less than that
+    assert 5 * means.std() / 10 < 0.1 * exact[0][0, 0]
+
+
+def test_the_best_path_begins_by_the_initial_density():
+    """From 3 the transition to 1.5 is a little nearer than from 0; the start at 0 is far likelier."""
+    model = linear_gaussian(1).compile()
+    particles = jnp.array([[[0.0], [3.0]], [[1.5], [1.5]]])
+    weights = jnp.full((2, 2), -jnp.log(2.0))
+    history = History(particles, weights, jnp.zeros((2, 2), jnp.int32), jnp.zeros(2, bool))
+    found = smooth(viterbi_smoother(model), history, model.observe({"y": np.full((2, 1), np.nan)}), None)
+    np.testing.assert_allclose(found.particles[:, 0, 0], [0.0, 1.5])

@@ -180,3 +180,23 @@ def test_what_cannot_be_learned_is_told():
         particle_gibbs(model, jax.random.key(0), observations, num_particles=1)
     with pytest.raises(ValueError, match="num_draws"):
         pmmh(model, jax.random.key(0), observations, build_filter=lambda bound: particle_filter(bound, 10), num_draws=0)
+
+
+def test_proposals_of_pmmh_stay_once_the_draws_count():
+    """Without a warm-up they are those of the start, however long the run."""
+    model, observations = posed()
+
+    def run(num_draws):
+        return pmmh(
+            model,
+            jax.random.key(0),
+            observations,
+            build_filter=lambda bound: particle_filter(bound, 5),
+            num_chains=4,
+            num_draws=num_draws,
+            num_warmup=0,
+        )
+
+    few, many = run(1), run(8)
+    assert float(many.scale) == pytest.approx(2.38)
+    np.testing.assert_array_equal(few.covariance, many.covariance)
