@@ -50,5 +50,10 @@ def distinct_result() -> xr.DataTree:
         **{name: (level, np.array(shares)) for name, shares in SHARES.items()},
         **{f"{name}_se": (level, np.array(errors)) for name, errors in ERRORS.items()},
     }
-    tree["diagnostics"] = xr.DataTree(xr.Dataset(data, coords={"level": [0.5, 0.8, 0.9]}))
+    tree["diagnostics"] = xr.DataTree(
+        xr.Dataset(
+            data,
+            coords={"level": [0.5, 0.8, 0.9], "marker": ["knee", "ankle", "pelvis"], "dof": ["root.tx", "root.Z", "knee.X"]},
+        )
+    )
     return tree

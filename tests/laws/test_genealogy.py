@@ -32,7 +32,7 @@ def distances(row, shift=0):
     states, infos = jax.jit(lambda key: run(built, key, observations, jnp.zeros(4)))(jax.random.key(0))
     particles, ancestors = np.asarray(states.particles), np.asarray(infos.ancestors)
     previous = np.take_along_axis(particles[:-1], np.roll(ancestors[1:], shift, 1)[..., None], 1)
-    return np.linalg.norm(particles[1:] - previous @ matrices.A.T, axis=-1), ancestors
+    return np.linalg.norm(particles[1:] - previous @ matrices.A.T, axis=-1), np.asarray(ancestors)
 
 
 @genealogical_filters
@@ -40,7 +40,8 @@ def test_a_state_is_where_its_ancestor_leads_to(row):
     found, ancestors = distances(row)
     # each of some thousand distances is Rayleigh's: beyond six spreads once in 10^8
     assert found.max() < 6 * SPREAD
-    assert len(np.unique(ancestors[2])) < 0.8 * ancestors.shape[1], "the law says nothing of a filter that does not resample"
+    fewest = min(len(np.unique(row)) for row in ancestors[1:])
+    assert fewest < 0.8 * ancestors.shape[1], "the law says nothing of a filter that does not resample"
 
 
 def test_ancestors_of_a_neighbour_are_noticed():

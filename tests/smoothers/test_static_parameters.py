@@ -15,6 +15,7 @@ from oracles.kalman import kalman_filter
 from poseppl_models.linear_gaussian import linear_gaussian_matrices
 
 from poseppl.filters import particle_filter
+from poseppl.kernels.adaptive_covariance import initial_covariance
 from poseppl.program import StateSpaceModel
 from poseppl.program.parameters import ParameterChart, parameter_chart
 from poseppl.smoothers import particle_marginal
@@ -182,21 +183,12 @@ def test_what_cannot_be_learned_is_told():
         pmmh(model, jax.random.key(0), observations, build_filter=lambda bound: particle_filter(bound, 10), num_draws=0)
 
 
-def test_proposals_of_pmmh_stay_once_the_draws_count():
-    """Without a warm-up they are those of the start, however long the run."""
-    model, observations = posed()
-
-    def run(num_draws):
-        return pmmh(
-            model,
-            jax.random.key(0),
-            observations,
-            build_filter=lambda bound: particle_filter(bound, 5),
-            num_chains=4,
-            num_draws=num_draws,
-            num_warmup=0,
-        )
-
-    few, many = run(1), run(8)
-    assert float(many.scale) == pytest.approx(2.38)
-    np.testing.assert_array_equal(few.covariance, many.covariance)
+@pytest.mark.parametrize(("number", "stays"), [(0, False), (9, False), (10, True), (500, True)])
+def test_proposals_of_pmmh_stay_once_the_draws_count(number, stays):
+    """Their scale and covariance are learned from the ten updates of the warm-up, and from no later one."""
+    known = initial_covariance(jnp.arange(6.0).reshape(3, 2))
+    state = particle_marginal._State(jnp.ones((3, 2)), jnp.zeros(3), jnp.zeros(3), jnp.zeros(()), known)
+    after = particle_marginal._adapt(state, jnp.asarray(0.9), jnp.int32(number), 10)
+    assert (float(after.log_scale) == 0.0) == stays
+    assert np.array_equal(after.known.mean, known.mean) == stays
+    assert np.array_equal(after.known.covariance, known.covariance) == stays
