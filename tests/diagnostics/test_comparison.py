@@ -105,6 +105,12 @@ def test_the_quicker_run_wins_by_the_known_factor() -> None:
     assert result["winner"]["winner"].sel(quantity="error").item() == TIE
 
 
+def test_the_smaller_error_wins_in_all_and_in_every_coordinate() -> None:
+    result = compare({"near": run_on(DATA, seed=1), "far": run_on(DATA, seed=2, shift=5.0)})
+    assert result["winner"]["winner"].sel(quantity="error").item() == "near"
+    assert (result["winner_by_dof"]["winner"].sel(quantity="error") == "near").all()
+
+
 def test_equal_runs_tie_and_are_called_so() -> None:
     result = compare({name: run_on(DATA, seed=seed, rho=0.3) for seed, name in enumerate(("a", "b", "c"))})
     assert result["winner"]["winner"].values.tolist() == [TIE, TIE, TIE]

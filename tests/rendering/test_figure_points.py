@@ -44,6 +44,14 @@ def test_feet_point_forward_and_stand_on_the_floor(walker: Build) -> None:
     assert lowest - setting.room.floor == pytest.approx(SOLE * setting.figure.scale)
 
 
+def test_fingers_go_on_from_the_forearm(walker: Build) -> None:
+    points = walker().figure.points
+    for side in "lr":
+        forearm, hand = points[f"wrist_{side}"] - points[f"elbow_{side}"], points[f"finger_{side}"] - points[f"wrist_{side}"]
+        cosine = (forearm * hand).sum(-1) / np.linalg.norm(forearm, axis=-1) / np.linalg.norm(hand, axis=-1)
+        np.testing.assert_allclose(cosine, 1.0, atol=1e-9)
+
+
 def test_a_build_is_symmetric_and_has_a_seed(walker: Build) -> None:
     points = walker().figure.points
     one, other = dress_figure(points, 1), dress_figure(points, 2)
