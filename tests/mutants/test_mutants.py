@@ -7,13 +7,13 @@ import re
 from functools import cache
 
 import pytest
-from mutants.mutant import ROOT, apply, copy_tree, read_mutants
+from mutant import ROOT, apply, copy_tree, read_mutants
 
 MUTANTS = read_mutants()
 
 
 @cache
-def test_names(path):
+def functions_of(path):
     """Names of the test functions of a file."""
     return {node.name for node in ast.walk(ast.parse((ROOT / path).read_text())) if isinstance(node, ast.FunctionDef)}
 
@@ -30,7 +30,7 @@ def test_there_are_enough_in_every_package():
 def test_the_named_tests_exist(mutant):
     for test in mutant.tests:
         path, _, name = test.partition("::")
-        assert name.partition("[")[0] in test_names(path), test
+        assert name.partition("[")[0] in functions_of(path), test
 
 
 def test_every_patch_applies(tmp_path):
