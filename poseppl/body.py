@@ -23,6 +23,7 @@ import jax
 from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import Cameras, KinematicTree
+from poseppl.geometry.flesh import Flesh
 from poseppl.program import StateSpaceModel
 
 _SHIPPED = "poseppl_models"
@@ -45,6 +46,7 @@ class Body(NamedTuple):
         params: The programs' params. ``sigma_position`` (mm) and ``sigma_angle`` (radians), each a root of a second, are the
             scales that ``step_scale`` of the inputs is made of; the command line may override them.
         noise: Standard deviation of the image noise at focal length 1.
+        flesh: The parts that its silhouette consists of; None for a body of points alone.
     """
 
     program: StateSpaceModel
@@ -58,6 +60,7 @@ class Body(NamedTuple):
     rest: Any
     params: Mapping[str, float]
     noise: float
+    flesh: Flesh | None = None
 
     @property
     def free_coordinates(self) -> tuple[int, ...]:

@@ -48,7 +48,14 @@ QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 """The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
 
 _AXES = ("x", "y", "z")
-_DIMS = {"state": ("dof",), "markers": ("marker", "axis"), "points": ("camera", "marker", "xy")}
+_DIMS = {
+    "state": ("dof",),
+    "markers": ("marker", "axis"),
+    "points": ("camera", "marker", "xy"),
+    "overlap": ("camera",),
+    "silhouette_area": ("camera",),
+    "silhouette_centre": ("camera", "xy"),
+}
 
 
 class Names(NamedTuple):

@@ -40,4 +40,4 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
         numpyro.deterministic("markers", marker_positions(tree, pose))
 
     program = body.program
-    return body._replace(program=StateSpaceModel(program.initial, program.transition, observation))
+    return body._replace(program=StateSpaceModel(program.initial, program.transition, observation), flesh=flesh)

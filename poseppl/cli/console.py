@@ -20,6 +20,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+_STYLES = {"error": "red", "warning": "yellow"}
+
 
 def start_jax(devices: int = 1) -> None:
     """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew.
@@ -103,6 +105,25 @@ def print_table(title: str, rows: Sequence[tuple[str, str]]) -> None:
     for name, value in rows:
         table.add_row(name, value)
     Console(soft_wrap=False, highlight=False).print(table)
+
+
+def print_verdict(tree: Any, path: Path, quiet: bool) -> None:
+    """Print the worst verdict on a result, and how many warnings and errors there are besides.
+
+    Args:
+        tree: The result, with diagnostics.
+        path: Where it was written, for the report to be made of.
+        quiet: Whether to write warnings and errors alone, on stderr.
+    """
+    from poseppl.diagnostics import verdicts
+
+    worst, *rest = verdicts(tree)
+    others = sum(verdict.severity in _STYLES for verdict in rest)
+    more = f" {others} more in the report: poseppl report {path}" if others else ""
+    if worst.severity in _STYLES or not quiet:
+        console = Console(stderr=quiet, soft_wrap=True, highlight=False)
+        start = "poseppl: " if quiet else ""
+        console.print(f"{start}{worst.severity}: {worst.text}{more}", style=_STYLES.get(worst.severity), markup=False)
 
 
 def print_columns(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -76,7 +76,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
     particles a smoother sees. Which smoother for what: see "Which filter, which smoother?" in the documentation.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.track import summary, write_result
     from poseppl.results import load_result
@@ -102,6 +102,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
         write_result(smoothed, target, picture, [result])
     if not options["quiet"]:
         print_table("poseppl smooth", [*summary(smoothed), ("result", str(target)), ("picture", str(picture))])
+    print_verdict(smoothed, target, options["quiet"])
 
 
 def _assignment(word: str) -> tuple[str, str]:

@@ -180,7 +180,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     Lengths are in mm, angles in radians, times in seconds.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.subject import stem_of
 
@@ -208,6 +208,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     if not options["quiet"]:
         files = [("result", target), ("picture", picture), *(("overlay", path) for path in overlays)]
         print_table("poseppl track", [*summary(tree), *((name, str(path)) for name, path in files)])
+    print_verdict(tree, target, options["quiet"])
 
 
 def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:

@@ -66,6 +66,7 @@ class SilhouetteScene(NamedTuple):
         distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
         scale: Pixels of the maps to one of the image (C,).
         usable: Whether a camera's mask says anything in a frame (T, C).
+        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
         noise: Standard deviation of distances at the body, mm.
         edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
         faces: Name of the camera that the person faces at first, if somebody told.
@@ -78,6 +79,7 @@ class SilhouetteScene(NamedTuple):
     distance: NDArray[np.float32]
     scale: Floats
     usable: NDArray[np.bool_]
+    person: NDArray[np.int8]
     noise: float
     edges: NDArray[np.float32] | None = None
     faces: str | None = None
@@ -97,6 +99,7 @@ class _Frame(NamedTuple):
     on_outline: Mask
     distance: NDArray[np.float32]
     usable: bool
+    person: NDArray[np.int8]
     edges: NDArray[np.float32] | None = None
 
 
@@ -283,12 +286,18 @@ def _frame(
         warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
         usable = False
     contour, on_outline = contour_points(person, settings.num_points, hidden)
-    covered = person if hidden is None else person | (hidden != 0).astype(np.uint8)
+    blind = np.zeros_like(person) if hidden is None else (hidden != 0).astype(np.uint8)
     scale = map_scale(record, settings)
     size = (round(width * scale), round(height * scale))
-    small = opencv().resize(covered * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127
+    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))
     distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
-    return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable)
+    labels = np.where(seen, 1, np.where(blind, -1, 0)).astype(np.int8)
+    return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)
+
+
+def _reduced(mask: Mask, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """A mask of zeros and ones at another size (width, height)."""
+    return np.asarray(opencv().resize(mask * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127)
 
 
 def map_scale(record: CameraRecord, settings: SilhouetteSettings) -> float:
@@ -317,6 +326,7 @@ def _assemble(
         _same_size([[frame.distance for frame in row] for row in frames]),
         np.array([map_scale(record, settings) for record in records]),
         np.array([[frame.usable for frame in row] for row in frames]),
+        _same_size([[frame.person for frame in row] for row in frames], -1).astype(np.int8),
         settings.noise,
         _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
         found=settings._asdict(),
@@ -330,10 +340,9 @@ def _edges(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[
     return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
 
 
-def _same_size(maps: Sequence[Sequence[Any]]) -> NDArray[np.float32]:
-    """Stack maps (H, W) of each frame and camera; smaller ones are continued by their border."""
+def _same_size(maps: Sequence[Sequence[Any]], beyond: float | None = None) -> NDArray[np.float32]:
+    """Stack maps (H, W) of each frame and camera; smaller ones are continued by a value, or by their border."""
     height, width = (max(each.shape[axis] for each in maps[0]) for axis in (0, 1))
-    grown = [
-        [np.pad(each, ((0, height - each.shape[0]), (0, width - each.shape[1])), mode="edge") for each in row] for row in maps
-    ]
+    how: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
+    grown = [[np.pad(each, ((0, height - each.shape[0]), (0, width - each.shape[1])), **how) for each in row] for row in maps]
     return np.array(grown, np.float32)

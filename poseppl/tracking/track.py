@@ -23,6 +23,7 @@ from poseppl.results import Names, Truth, build_result
 from poseppl.run import Progress, Run, run_filter
 from poseppl.tracking.problem import Problem, pose_problem
 from poseppl.tracking.scene import Scene
+from poseppl.tracking.silhouette_overlap import silhouette_record, silhouette_stats
 from poseppl.tracking.silhouette_problem import silhouette_problem
 from poseppl.tracking.silhouette_scene import SilhouetteScene
 from poseppl.tracking.subjects import DEFAULT_MODEL
@@ -118,7 +119,7 @@ def track(
         frame_numbers=scene.frames.tolist(),
     )
     record = {key: value for key, value in described.items() if value is not None}
-    return diagnose(_result(scene, problem, run, {**record, "seed": settings.seed, "devices": settings.devices}))
+    return diagnose(_result(seen, problem, run, {**record, "seed": settings.seed, "devices": settings.devices}))
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
@@ -168,16 +169,21 @@ def affordable_draws(problem: Problem, chains: int) -> int:
     return int(max(2, min(draws, 1000)))
 
 
-def _result(scene: Scene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
+    parts, observed = parts_of_run(run), {"points": scene.points}
+    if isinstance(seen, SilhouetteScene):
+        parts["sample_stats"] |= silhouette_stats(seen, parts["summary"])
+        observed |= silhouette_record(seen)
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)
     names = [tree.coordinate_names[index] for index in free]
     truth = None if scene.states is None else Truth(scene.states[:, free], scene.markers)
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
     return build_result(
-        **parts_of_run(run),
+        **parts,
         names=Names(names, tree.marker_names, scene.camera_names),
-        observed=scene.points,
+        observed=observed,
         truth=truth,
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         edges=pairs,

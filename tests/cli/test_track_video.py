@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tracking"))
 from silhouette_rooms import RECORDS, SIZE, masks_of, pose
 
 from poseppl.cli import main
+from poseppl.diagnostics import verdicts
 from poseppl.io import open_video, write_cameras, write_image, write_video
 from poseppl.results import load_result, provenance
 
@@ -73,6 +74,8 @@ def test_two_videos_are_tracked_and_drawn_over(room, tracked):
     result = load_result(tracked / "seen.nc")
     assert result["posterior"].sizes["frame"] == 3
     assert np.isfinite(result["summary"].dataset["markers_mean"].values).all()
+    assert result["sample_stats/overlap"].dims == ("frame", "camera") and (result["sample_stats/overlap"] > 0.3).all()
+    assert not any("Nothing was observed" in verdict.text for verdict in verdicts(result))
     assert {path.name for path in tracked.iterdir()} == {"seen.nc", "seen.png", "seen-left.mp4", "seen-right.mp4"}
     overlay = list(open_video(tracked / "seen-left.mp4", "left").images())
     assert len(overlay) == 3 and overlay[0].shape == (SIZE[1], SIZE[0], 3)

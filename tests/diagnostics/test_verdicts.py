@@ -6,6 +6,7 @@ import xarray as xr
 from synthetic import autoregression, synthetic_result
 
 from poseppl.diagnostics import diagnose, frame_ranges, inefficiency, verdicts
+from poseppl.diagnostics.verdicts.coverage import calibration
 from poseppl.results import Names, build_result, load_result, save_result
 
 
@@ -41,21 +42,74 @@ def test_a_coordinate_that_mixes_badly_is_named_with_its_frames() -> None:
     assert "hip_r" not in _texts(tree)
 
 
-def test_failures_divergences_and_rejection_by_frame() -> None:
-    failed, divergences, acceptance = np.zeros(24, bool), np.zeros(24, np.int32), np.full(24, 0.85)
-    failed[2], divergences[5:7], acceptance[20:22] = True, 3, 0.3
-    stats = {"failed": failed, "divergences": divergences, "acceptance_rate": acceptance}
-    texts = _texts(synthetic_result(sample_stats=stats))
+def test_failures_and_rejection_by_frame() -> None:
+    failed, acceptance = np.zeros(24, bool), np.full(24, 0.85)
+    failed[2], acceptance[20:22] = True, 0.3
+    texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
     assert texts.startswith("error: Impossible data in frame 12:")
-    assert "Divergences in frames 15-16 (6 in all)" in texts
-    assert "Rejection rate up to 70 % in frames 30-31" in texts
+    assert "Rejection rate up to 70 % in frames 30-31" in texts and "--step-size" in texts
     assert "Nothing" not in texts
 
 
-def test_over_and_under_confidence() -> None:
-    assert "over-confident" in _texts(synthetic_result(num_frames=60, truth_scale=2.5))
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ({5: 3}, "info: 0.078 % of trajectories diverge (3): too few to matter."),
+        (dict.fromkeys(range(24), 1), "info: 0.62 % of trajectories diverge (24)"),
+        (dict.fromkeys(range(24), 2), "warning: 1.2 % of trajectories diverge (48):"),
+        (dict.fromkeys(range(24), 9), "error: 5.6 % of trajectories diverge (216):"),
+        ({5: 15, 6: 17}, "warning: 0.83 % of trajectories diverge (32), more than 10 % in frame 16:"),
+    ],
+)
+def test_divergences_are_a_share_of_the_trajectories(counts: dict[int, int], words: str) -> None:
+    """There are 4 chains of 40 updates a frame, and 24 frames."""
+    divergences = np.zeros(24, np.int32)
+    divergences[list(counts)] = list(counts.values())
+    assert words in _texts(synthetic_result(sample_stats={"divergences": divergences}))
+
+
+@pytest.mark.parametrize(
+    ("apart", "frames", "severity"),
+    [(0.8, 1, ""), (0.8, 2, "info"), (0.8, 7, "warning"), (3.0, 12, "warning"), (3.0, 13, "error")],
+)
+def test_disagreement_of_chains_is_graded_by_its_share(apart: float, frames: int, severity: str) -> None:
+    rng = np.random.default_rng(0)
+    state = rng.standard_normal((4, 60, 60, 2))
+    state[0, :, :frames] += 2 * apart
+    state[1, :, :frames] -= 2 * apart
+    tree = diagnose(build_result(state=state, names=Names(("hip", "knee")), frames=np.arange(60)))
+    assert (f"{severity}: R-hat above 1.2 in {100 * frames / 60:.2g} %" in _texts(tree)) == bool(severity)
+    assert ("R-hat" in _texts(tree)) == bool(severity)
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "kind"),
+    [
+        (0.90, 0.02, "calibrated"),
+        (0.83, 0.02, "over-confident"),
+        (0.881, 0.001, "calibrated"),
+        (0.879, 0.001, "over-confident"),
+        (0.921, 0.001, "under-confident"),
+        (0.86, 0.021, "calibrated"),
+        (0.86, 0.019, "over-confident"),
+        (0.84, 0.031, "undecided"),
+        (0.90, 0.026, "undecided"),
+        (0.97, 0.03, "under-confident"),
+    ],
+)
+def test_what_a_coverage_says(share: float, error: float, kind: str) -> None:
+    assert calibration(share, error) == kind
+
+
+def test_coverage_of_coordinates_and_joints() -> None:
+    wrong = _texts(synthetic_result(num_frames=60, truth_scale=2.5))
+    assert "error: 90 % intervals of coordinates cover 46 %" in wrong and "error: 90 % intervals of joints" in wrong
+    assert "--sigma-angle" in wrong
+    assert "warning: 90 % intervals of coordinates cover 8" in _texts(synthetic_result(num_frames=60, truth_scale=1.2))
     assert "under-confident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
-    assert "calibrated" in _texts(synthetic_result(num_frames=60))
+    assert "info: 90 % intervals of coordinates cover 90 % (± 1) of the truth: calibrated." in _texts(
+        synthetic_result(num_frames=60)
+    )
 
 
 def test_degenerate_particles() -> None:

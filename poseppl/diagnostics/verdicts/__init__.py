@@ -15,6 +15,9 @@ from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
 from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.particles import degeneracy
+from poseppl.diagnostics.verdicts.residuals import point_residuals
+from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
+from poseppl.diagnostics.verdicts.steps import estimated_steps
 from poseppl.diagnostics.verdicts.validity import failures, missing
 from poseppl.diagnostics.verdicts.verdict import ERROR as ERROR
 from poseppl.diagnostics.verdicts.verdict import INFO as INFO
@@ -26,6 +29,10 @@ from poseppl.diagnostics.verdicts.verdict import frame_ranges as frame_ranges
 CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,
     coverage,
+    point_residuals,
+    overlap,
+    estimated_steps,
+    silhouette_jumps,
     degeneracy,
     divergences,
     mixing,

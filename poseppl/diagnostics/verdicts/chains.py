@@ -6,23 +6,50 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, INFO, WARNING, Verdict, statistic, where
-from poseppl.results import is_weighted
+from poseppl.results import is_weighted, provenance
 
 TAU_BAD = 25.0
-RHAT_HIGH = 1.2
+RHAT_HIGH, RHAT_APART = 1.2, 2.0
+"""R-hat of chains that disagree, and of chains that are in different places."""
+RHAT_SHARE, RHAT_WARNING = 0.02, 0.1
+"""Shares of frames and coordinates above `RHAT_HIGH` that are told, and that are a warning."""
+APART_ERROR = 0.2
+"""Share of them above `RHAT_APART` that is an error."""
 REJECTION_HIGH = 0.4
 REJECTION_LOW = 0.01
 MAX_NAMED = 4
+DIVERGENT, DIVERGENT_ERROR = 0.01, 0.05
+"""Shares of all trajectories that diverge, above which their verdict is a warning, an error."""
+DIVERGENT_FRAME = 0.1
+"""The same of a single frame, for a warning."""
 
 
 def divergences(tree: xr.DataTree) -> list[Verdict]:
-    """Divergent trajectories."""
+    """Divergent trajectories, as a share of all and of those of single frames."""
     counts = statistic(tree, "divergences")
-    if counts is None or not (counts > 0).any():
+    if counts is None or is_weighted(tree) or not (counts > 0).any():
         return []
-    share = float((counts > 0).mean())
-    text = f"Divergences in {where(tree, counts > 0)} ({counts.sum():.0f} in all): the step size is too large there"
-    return [Verdict(ERROR if share > 0.2 else WARNING, f"{text}.")]
+    trajectories = _trajectories(tree)
+    share, by_frame = float(counts.mean() / trajectories), counts / trajectories
+    many = by_frame > DIVERGENT_FRAME
+    text = f"{_percent(share)} of trajectories diverge ({counts.sum():.0f})"
+    if many.any():
+        text += f", more than {_percent(DIVERGENT_FRAME)} in {where(tree, many)}"
+    if share <= DIVERGENT and not many.any():
+        return [Verdict(INFO, f"{text}: too few to matter.")]
+    severity = ERROR if share > DIVERGENT_ERROR else WARNING
+    return [Verdict(severity, f"{text}: the step size is too large there; lower --step-size, or --rejection if it adapts.")]
+
+
+def _trajectories(tree: xr.DataTree) -> int:
+    """Trajectories of a frame: chains times updates as the settings tell them, else the draws that are kept."""
+    settings, sizes = provenance(tree).get("settings"), tree["posterior"].sizes
+    told = settings if isinstance(settings, dict) else {}
+    return int(told.get("chains", sizes["chain"]) * told.get("draws", sizes["draw"]))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
 
 
 def mixing(tree: xr.DataTree) -> list[Verdict]:
@@ -47,9 +74,9 @@ def mixing(tree: xr.DataTree) -> list[Verdict]:
     if low.any():
         worst_dof = names[int(np.nanargmin(np.where(np.isnan(ess), np.inf, ess).min(axis=0)))]
         text = f"ESS below {ESS_LOW:.0f} in {where(tree, low)} (least {np.nanmin(ess):.1f}, {worst_dof})"
-        found.append(Verdict(WARNING, f"{text}: means and intervals are rough; draw more."))
+        found.append(Verdict(WARNING, f"{text}: means and intervals are rough; raise --draws or --chains."))
     if np.isnan(tau).all():
-        found.append(Verdict(WARNING, "Mixing cannot be judged: too few draws a chain were kept."))
+        found.append(Verdict(WARNING, "Mixing cannot be judged: too few draws a chain; raise --draws or --max-draws."))
     return found
 
 
@@ -59,13 +86,14 @@ def agreement(tree: xr.DataTree) -> list[Verdict]:
     if "rhat" not in data or np.isnan(data["rhat"].values).all():
         return []
     rhat = data["rhat"].values
-    high = rhat > RHAT_HIGH
-    if high.mean() < 0.02:
+    share, apart = float((rhat > RHAT_HIGH).mean()), float((rhat > RHAT_APART).mean())
+    if share <= RHAT_SHARE:
         return []
     frame, dof = np.unravel_index(int(np.nanargmax(rhat)), rhat.shape)
     worst = f"{rhat[frame, dof]:.2f}, {data['dof'].values[dof]} in frame {data['frame'].values[frame]}"
-    text = f"R-hat above {RHAT_HIGH} in {100 * high.mean():.0f} % of frames and coordinates (largest {worst})"
-    return [Verdict(ERROR if high.mean() > 0.5 else WARNING, f"{text}: the chains disagree.")]
+    text = f"R-hat above {RHAT_HIGH} in {_percent(share)} of frames and coordinates, above {RHAT_APART:g} in {_percent(apart)}"
+    severity = ERROR if apart > APART_ERROR else WARNING if share > RHAT_WARNING else INFO
+    return [Verdict(severity, f"{text} (largest {worst}): the chains disagree; raise --draws, --burn-in or --starts.")]
 
 
 def rejection(tree: xr.DataTree) -> list[Verdict]:
@@ -78,7 +106,8 @@ def rejection(tree: xr.DataTree) -> list[Verdict]:
     high = rate > REJECTION_HIGH
     if high.any():
         text = f"Rejection rate up to {100 * rate[high].max():.0f} % in {where(tree, high)}: the step size is too large"
-        found.append(Verdict(ERROR if np.nanmean(rate) > REJECTION_HIGH else WARNING, f"{text}."))
+        severity = ERROR if np.nanmean(rate) > REJECTION_HIGH else WARNING
+        found.append(Verdict(severity, f"{text}; lower --step-size or --rejection."))
     if np.nanmean(rate) < REJECTION_LOW:
-        found.append(Verdict(INFO, "Hardly a proposal is rejected: a larger step size would save time."))
+        found.append(Verdict(INFO, "Hardly a proposal is rejected: a larger --step-size would save time."))
     return found

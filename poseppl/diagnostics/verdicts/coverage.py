@@ -1,28 +1,65 @@
-"""Whether intervals cover the truth as often as they say, where it is known."""
+"""Whether intervals cover the truth as often as they say, where it is known.
+
+The share of a sequence has a standard error, which is large where the sequence is short. A run is over- or under-confident if
+two standard errors do not reach from its share to 90 %, and the two differ by more than two points: quantiles of some hundred
+draws are off by so much. Else it is calibrated if two standard errors are at most five points, and undecided if they are more.
+"""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
 
-_LEVEL = 0.9
-_SLACK = 0.03
+Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
+
+LEVEL = 0.9
+NEGLIGIBLE = 0.02
+"""Deviation from the level that does not count."""
+PRECISE = 0.05
+"""Largest reach of the interval, two standard errors, of a share that is called calibrated."""
+COVERAGE_ERROR = 0.8
+"""Share below which over-confidence is an error: one true value in five lies outside, instead of one in ten."""
+_SITES = {"coverage": "coordinates", "coverage_markers": "joints"}
+
+
+def calibration(share: float, standard_error: float) -> Calibration:
+    """What a share of the truth inside 90 % intervals says.
+
+    Args:
+        share: The share.
+        standard_error: Its standard error.
+    """
+    reach = 2 * standard_error
+    if abs(share - LEVEL) > max(NEGLIGIBLE, reach):
+        return "over-confident" if share < LEVEL else "under-confident"
+    return "calibrated" if reach <= PRECISE else "undecided"
 
 
 def coverage(tree: xr.DataTree) -> list[Verdict]:
-    """Coverage of the 90 % intervals, where the truth is known."""
+    """Coverage of the 90 % intervals of coordinates and joints."""
     data = tree["diagnostics"].dataset
-    if "coverage" not in data:
-        return []
-    share, error = (float(data[name].sel(level=_LEVEL)) for name in ("coverage", "coverage_se"))
-    if not np.isfinite(share):
-        return []
-    text = f"90 % intervals cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
-    if share + 2 * error < _LEVEL - _SLACK:
-        advice = "over-confident, its intervals are too narrow"
-        return [Verdict(ERROR if share < 0.75 else WARNING, f"{text}: {advice}.")]
-    if share - 2 * error > _LEVEL + _SLACK:
-        return [Verdict(WARNING, f"{text}: under-confident, its intervals are too wide.")]
-    return [Verdict(INFO, f"{text}: calibrated as far as this sequence can tell.")]
+    found = []
+    for name, what in _SITES.items():
+        if name in data:
+            share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
+            if np.isfinite(share):
+                found.append(_verdict(what, share, error))
+    return found
+
+
+def _verdict(what: str, share: float, error: float) -> Verdict:
+    kind = calibration(share, error)
+    text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
+    if kind == "over-confident":
+        advice = "over-confident, intervals are too narrow: raise --noise, --sigma-angle or --sigma-position, or --draws"
+        return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
+    if kind == "under-confident":
+        return Verdict(
+            WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, --sigma-angle or --sigma-position."
+        )
+    tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
+    return Verdict(INFO, f"{text}: {tail}.")

@@ -19,14 +19,15 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
     if effective is not None:
         low = effective < ESS_LOW
         if low.any():
-            worst = np.nanmin(effective)
-            text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst:.1f})"
-            found.append(Verdict(ERROR, f"{text}: the particles miss the posterior; use more, or an HMC filter."))
+            worst = f"{np.nanmin(effective):.1f}"
+            text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
+            advice = "the particles miss the posterior; raise --particles, or use --filter assumed-density"
+            found.append(Verdict(ERROR, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
     if unique is not None:
         few = unique < min(ESS_LOW, number)
         few[0] = False  # no resampling comes before the first frame
         if few.any():
             text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
-            found.append(Verdict(WARNING, f"{text}: the sample is impoverished."))
+            found.append(Verdict(WARNING, f"{text}: the sample is impoverished; raise --particles."))
     return found

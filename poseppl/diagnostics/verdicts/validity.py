@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, statistic, where
+
+MISSING_HIGH = 0.2
 
 
 def failures(tree: xr.DataTree) -> list[Verdict]:
@@ -30,12 +32,15 @@ def failures(tree: xr.DataTree) -> list[Verdict]:
 
 
 def missing(tree: xr.DataTree) -> list[Verdict]:
-    """Frames in which nothing was observed."""
-    if "observed_data" not in tree.children or "points" not in tree["observed_data"].dataset:
+    """Frames in which nothing was observed; of silhouettes, those that show nobody, for their points are always missing."""
+    observed = tree["observed_data"].dataset if "observed_data" in tree.children else {}
+    name = next((name for name in ("silhouette_area", "points") if name in observed), None)
+    if name is None:
         return []
-    points = tree["observed_data"].dataset["points"].values
-    seen = np.isfinite(points).reshape(len(points), -1)
-    blind = ~seen.any(axis=1)
-    if blind.any():
-        return [Verdict(INFO, f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction.")]
-    return []
+    values = observed[name].values
+    blind = ~np.isfinite(values).reshape(len(values), -1).any(axis=1)
+    if not blind.any():
+        return []
+    text = f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction"
+    severity = WARNING if blind.mean() > MISSING_HIGH else INFO
+    return [Verdict(severity, f"{text}; --frames chooses others.")]

@@ -1,0 +1,70 @@
+"""Silhouettes: whether the body fills them, and whether they stay with one person."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, statistic, where
+
+OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
+"""Intersection over union of body and silhouettes, mean over a camera's frames: below it there is a warning, an error."""
+OVERLAP_FRAME = 0.4
+"""The same of a single frame, mean of its cameras."""
+JUMP = 0.5
+"""How far a silhouette's centre moves from a frame to the next, in units of the root of its area, before it is told; a person's
+silhouette is some 0.75 m across by this measure. At least as far as `PACE` allows."""
+PACE = 12.0
+"""Roots of its area that a silhouette's centre moves in a second at most: 9 m/s."""
+SWELLING = 1.6
+"""Factor by which a silhouette's area grows or shrinks from a frame to the next before it is told."""
+
+
+def overlap(tree: xr.DataTree) -> list[Verdict]:
+    """A body that does not fill the silhouettes it was tracked in, by camera and frame."""
+    share = statistic(tree, "overlap")
+    if share is None or not np.isfinite(share).any():
+        return []
+    cameras = _cameras(tree)
+    means = np.array([float(np.nanmean(column)) if np.isfinite(column).any() else np.nan for column in share.T])
+    low = np.flatnonzero(means < OVERLAP_LOW)
+    seen = np.isfinite(share).any(axis=1)
+    frames = np.zeros(len(share), bool)
+    frames[seen] = np.nanmean(share[seen], axis=1) < OVERLAP_FRAME
+    if not len(low) and not frames.any():
+        return []
+    named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on the whole"
+    worst = f", and below {OVERLAP_FRAME:g} in {where(tree, frames)}" if frames.any() else ""
+    text = f"Body and silhouettes overlap too little ({named}; 1 is perfect{worst})"
+    advice = "others or furniture in the masks (--masks, --hidden, --empty), a wrong start (--faces) or size (--stature)"
+    severity = ERROR if np.nanmin(means) < OVERLAP_ERROR or frames.mean() > 0.1 else WARNING
+    return [Verdict(severity, f"{text}: {advice}.")]
+
+
+def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
+    """Silhouettes that leap or swell from a frame to the next, as when they change to another person; by camera."""
+    area, centre = _observed(tree, "silhouette_area"), _observed(tree, "silhouette_centre")
+    if area is None or centre is None or len(area) < 2:
+        return []
+    rate = float(tree.attrs.get("rate", np.inf))
+    far = np.linalg.norm(np.diff(centre, axis=0), axis=-1) / np.sqrt(area[:-1])
+    growth = np.abs(np.diff(np.log(area), axis=0))
+    jumps = np.vstack([np.zeros(area.shape[1], bool), (far > max(JUMP, PACE / rate)) | (growth > np.log(SWELLING))])
+    cameras = _cameras(tree)
+    found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
+    if not found:
+        return []
+    text = f"Silhouettes leap or change size at once in {', '.join(found)}"
+    advice = "they may have changed to another person; look at the overlay, and give --masks of one person"
+    return [Verdict(WARNING, f"{text}: {advice}.")]
+
+
+def _cameras(tree: xr.DataTree) -> list[str]:
+    return [str(name) for name in tree["camera"].dataset["camera"].values]
+
+
+def _observed(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
+    if "observed_data" not in tree.children or name not in tree["observed_data"].dataset:
+        return None
+    return np.asarray(tree["observed_data"].dataset[name].values, np.float64)

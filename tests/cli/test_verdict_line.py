@@ -1,0 +1,32 @@
+"""The last line of a run: its worst verdict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import synthetic_result
+
+from poseppl.cli.console import print_verdict
+from poseppl.diagnostics import diagnose
+
+
+def printed(capsys: pytest.CaptureFixture[str], *, quiet: bool, **arguments: object) -> tuple[str, str]:
+    print_verdict(diagnose(synthetic_result(num_frames=60, **arguments)), Path("run.nc"), quiet)  # type: ignore[arg-type]
+    return tuple(capsys.readouterr())  # type: ignore[return-value]
+
+
+def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    failed, acceptance = np.zeros(60, bool), np.full(60, 0.85)
+    failed[2], acceptance[20] = True, 0.3
+    wrong = {"sample_stats": {"failed": failed, "acceptance_rate": acceptance}}
+    line = "error: Impossible data in frame 12: no draw explains them, and the posterior there is the prior."
+    more = " 1 more in the report: poseppl report run.nc\n"
+    assert printed(capsys, quiet=False, **wrong) == (line + more, "")
+    assert printed(capsys, quiet=True, **wrong) == ("", f"poseppl: {line}{more}")
+
+
+def test_a_good_run_is_told_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+    assert printed(capsys, quiet=False) == ("info: Nothing to complain of.\n", "")
+    assert printed(capsys, quiet=True) == ("", "")

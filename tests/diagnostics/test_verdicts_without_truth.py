@@ -1,0 +1,162 @@
+"""Verdicts that need no truth: on and off at both sides of their bounds, and right on a filter that is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from verdict_trees import kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
+
+from poseppl.diagnostics.verdicts import residuals, silhouettes, steps
+from poseppl.diagnostics.verdicts.residuals import residuals_of
+from poseppl.diagnostics.verdicts.steps import steps_of
+
+
+def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():
+    right = kalman_tree()
+    scale, walked = residuals_of(right).scale(), steps_of(right)
+    expected = np.sqrt(np.sum(walked.standardised**2) / np.sum(walked.expected))
+    # 400 frames of 16 residuals and of 5 steps: standard errors of 0.01 and 0.016
+    assert scale == pytest.approx(1, abs=0.04) and expected == pytest.approx(1, abs=0.06)
+    assert "Image points" not in texts(right) and "walk" not in texts(right)
+    # without the posterior's share of the variance, the right run would look wrong
+    assert np.sqrt(np.nanmean(residuals_of(right).standardised ** 2)) < 0.95
+    assert "error: Image points" in texts(kalman_tree(noise=6.0))
+    assert "warning: Image points" in texts(kalman_tree(noise=1.5))
+    assert "error: Angles" in texts(kalman_tree(told_walk=0.05))
+    assert "lower --sigma-angle" in texts(kalman_tree(told_walk=20.0, noise=0.5, told=0.5))
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [
+        (0.99 * residuals.SCALE_LOW, "warning: Image points are 0.69 times"),
+        (1.01 * residuals.SCALE_LOW, None),
+        (0.99 * residuals.SCALE_HIGH, None),
+        (1.01 * residuals.SCALE_HIGH, "warning: Image points are 1.16 times"),
+        (1.01 * residuals.SCALE_ERROR, "error: Image points are 1.29 times"),
+    ],
+)
+def test_residuals_of_all_points(scale, words):
+    found = texts(points_tree(scale))
+    assert residuals_of(points_tree(scale)).scale() == pytest.approx(scale, rel=1e-6)
+    assert words in found and "--noise" in found if words else "Image points" not in found
+
+
+def test_residuals_of_few_frames_are_no_evidence():
+    assert "Image points" not in texts(points_tree(1.2, frames=1))
+    assert "Image points" in texts(points_tree(1.2))
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_a_camera_and_a_marker_that_stand_out_are_named(factor):
+    camera = np.ones((2, 4))
+    camera[1] = factor * residuals.CAMERA_HIGH
+    found = texts(points_tree(camera))
+    assert ("Camera side: its points are 1.31 times" in found) == (factor > 1) and "Camera front" not in found
+    camera[1] = factor * residuals.CAMERA_ERROR
+    assert ("error: Camera side" in texts(points_tree(camera))) == (factor > 1)
+    assert "(most: side 1." in texts(points_tree(camera)) and "--camera" in texts(points_tree(camera))
+    marker = np.ones((2, 4))
+    marker[:, 2] = factor * residuals.MARKER_HIGH
+    assert ("Markers lie farther from the body than they should, by factors: ankle 2.0" in texts(points_tree(marker))) == (
+        factor > 1
+    )
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_a_camera_that_is_off_on_average_is_told_by_how_much(factor):
+    tree = points_tree(0.0, shift=factor * residuals.BIAS_HIGH * np.array([0.6, -0.8]) * np.array([1, 0])[:, None, None])
+    noise = tree["inputs/noise"].values[0]
+    found = texts(tree)
+    off = factor * residuals.BIAS_HIGH * noise.mean()
+    assert (f"on average by ({0.6 * off:+.3g}, {-0.8 * off:+.3g})" in found) == (factor > 1)
+    assert "Camera side" not in found
+
+
+def test_missing_points_and_points_of_changing_noise_count_as_they_should():
+    tree = points_tree(1.01 * residuals.SCALE_HIGH)
+    tree["observed_data"]["points"][3:9, 1] = np.nan
+    assert residuals_of(tree).scale() == pytest.approx(1.01 * residuals.SCALE_HIGH, rel=0.05)
+    noise = tree["inputs/noise"].values
+    tree["inputs"] = tree["inputs"].to_dataset().drop_vars("noise").assign(noise=(("t", "c", "k"), np.tile(noise, (30, 1, 1))))
+    assert "Image points are 1.1" in texts(tree)
+    tree["inputs"] = tree["inputs"].to_dataset().drop_vars("noise")
+    assert residuals_of(tree) is None
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [
+        (0.99 * steps.STEPS_LOW, "warning: {} step 0.30 times"),
+        (1.01 * steps.STEPS_LOW, None),
+        (0.99 * steps.STEPS_HIGH, None),
+        (1.01 * steps.STEPS_HIGH, "warning: {} step 2.02 times"),
+        (1.01 * steps.STEPS_ERROR, "error: {} step 3.03 times"),
+    ],
+)
+@pytest.mark.parametrize("group", ["Translations", "Angles"])
+def test_steps_in_units_of_the_walk(scale, words, group):
+    of_group = np.array([group == "Translations"] * 2 + [group == "Angles"] * 3)
+    found = texts(steps_tree(np.where(of_group, scale, 1.0)))
+    other, option = ("Angles", "--sigma-position") if group == "Translations" else ("Translations", "--sigma-angle")
+    assert other not in found
+    assert (words.format(group) in found and option in found) if words else group not in found
+
+
+def test_leaps_of_single_frames_are_told_with_their_frames():
+    rare, often = texts(steps_tree(leaps=1)), texts(steps_tree(leaps=2))
+    assert "Angles" not in rare
+    assert "warning: Angles" in often and "largest 5.5, knee.X in frame 8, beyond 4 times it in frames 8-9" in often
+
+
+def test_smoothed_steps_may_be_small_and_results_may_not_tell_the_walk():
+    low = 0.5 * steps.STEPS_LOW
+    assert "step" in texts(steps_tree(low)) and "random walk" not in texts(steps_tree(low, smoother=True))
+    tree = steps_tree(9.0)
+    tree["inputs"] = tree["inputs"].to_dataset().drop_vars("step_scale")
+    assert "random walk" not in texts(tree)
+
+
+@pytest.mark.parametrize("factor", [0.98, 1.02])
+def test_overlap_by_camera(factor):
+    share = np.random.default_rng(0).uniform(0.8, 0.9, (12, 2))
+    for bound, severity in ((silhouettes.OVERLAP_LOW, "warning"), (silhouettes.OVERLAP_ERROR, "error")):
+        share[:, 1] = factor * bound
+        found = texts(silhouettes_tree(share))
+        named = f"{severity}: Body and silhouettes overlap too little (side {factor * bound:.2f};"
+        assert (named in found) == (factor < 1) and "front 0" not in found
+    assert "--masks" in found
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_overlap_by_frame(factor):
+    share = np.random.default_rng(0).uniform(0.8, 0.9, (12, 2))
+    share[4], share[6] = factor * silhouettes.OVERLAP_FRAME, np.nan
+    found = texts(silhouettes_tree(share))
+    assert ("warning: Body and silhouettes overlap too little" in found) == (factor < 1)
+    assert ("below 0.4 in frame 11)" in found) == (factor < 1)
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_silhouettes_that_leap_or_swell(factor):
+    centre, area = np.full((12, 2, 2), 300.0), np.full((12, 2), 40_000.0)
+    centre[8:, 1, 0] += factor * silhouettes.JUMP * 200.0
+    assert ("leap or change size at once in side (frame 15)" in texts(silhouettes_tree(area=area, centre=centre))) == (
+        factor > 1
+    )
+    slow = texts(silhouettes_tree(area=area, centre=centre, rate=10.0))
+    assert "leap" not in slow  # in a tenth of a second somebody can run as far
+    still = np.full((12, 2, 2), 300.0)
+    area[3:, 0] *= silhouettes.SWELLING**factor
+    assert ("leap or change size at once in front (frame 10)" in texts(silhouettes_tree(area=area, centre=still))) == (
+        factor > 1
+    )
+
+
+def test_frames_of_silhouettes_are_missing_where_nobody_is_seen():
+    area = np.full((12, 2), 40_000.0)
+    assert "Nothing was observed" not in texts(silhouettes_tree(area=area))
+    area[4, 0], area[5] = np.nan, np.nan
+    assert "info: Nothing was observed in frame 12:" in texts(silhouettes_tree(area=area))
+    area[5:8] = np.nan
+    assert "warning: Nothing was observed in frames 12-14:" in texts(silhouettes_tree(area=area))
