@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from poseppl.errors import PosepplError
 from poseppl.frame_sequence import frame_sequence
 from poseppl.program import Observation
+from poseppl.resampling import systematic
 from poseppl.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
 
@@ -108,11 +109,16 @@ def mask_failed(observations: Observation, failed: jax.Array | NDArray[np.bool_]
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _collected(collect: Collect, joint: bool, rng_key: jax.Array, smoothed: Smoothed, inputs: Any) -> Any:
-    """Let the collector see one frame after another; trajectories count as one chain, so that they stay whole."""
+    """Let the collector see one frame after another; trajectories count as one chain, so that they stay whole.
+
+    Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
+    """
     frames = _Frame(smoothed.particles, smoothed.log_weights)
+    key_trajectories, key_frames = jax.random.split(rng_key)
     if joint and smoothed.particles.ndim == 3:
-        frames = jax.tree.map(lambda leaf: leaf[:, None], frames)
-    keys = jax.random.split(rng_key, smoothed.particles.shape[0])
+        chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
+        frames = jax.tree.map(lambda leaf: leaf[:, None, chosen], frames)
+    keys = jax.random.split(key_frames, smoothed.particles.shape[0])
     return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
 
 

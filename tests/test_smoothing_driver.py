@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import arviz_stats
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,7 @@ from poseppl.smoothers import (
     backward_simulation_smoother,
     collect_history,
     forward_backward_smoother,
+    genealogy_smoother,
     rauch_tung_striebel_smoother,
     smoothed_moments,
 )
@@ -67,6 +70,21 @@ def test_trajectories_stay_whole():
     draws = smoothed.outputs.state[:, 0, :, 0]
     assert draws.shape == (8, 100)
     assert np.abs(np.diff(draws, axis=0)).max() < 0.1 < draws.std()
+
+
+def test_trajectories_of_unequal_weights_count_by_them():
+    one = jax.tree.map(lambda leaf: leaf[:3], POSED.observations)
+    run = run_filter(particle_filter(POSED.model, 2000), KEY, one, POSED.inputs[:3], collect=collect_history)
+    log_weights = jnp.where(run.outputs.particles[-1, :, 0] > run.outputs.particles[-1, :, 0].mean(), jnp.log(9.0), 0.0)
+    history = run.outputs._replace(log_weights=jnp.broadcast_to(log_weights, run.outputs.log_weights.shape))
+    smoother = genealogy_smoother(POSED.model)
+    found = run_smoother(smoother, KEY, history, one, POSED.inputs[:3], collect=collect_draws(POSED.model))
+    whole = smoother.smooth(KEY, history, one, POSED.inputs[:3])
+    weights = np.exp(whole.log_weights[-1])
+    wanted, spread = np.einsum("n,tnd->td", weights, whole.particles), np.std(whole.particles, 1)
+    # systematic resampling is at most as far off as independent draws
+    assert np.all(np.abs(found.outputs.summary["state_mean"] - wanted) < 3 * spread / np.sqrt(2000))
+    assert np.abs(whole.particles[-1, :, 0].mean() - wanted[-1, 0]) > 10 * spread[-1, 0] / np.sqrt(2000)
 
 
 def test_failed_frames_count_as_unseen():
@@ -148,6 +166,38 @@ def test_a_tracking_result_is_smoothed_from_what_it_holds(tmp_path):
     assert np.abs(smoothed["summary"]["state_mean"].values[0] - tree["summary"]["state_mean"].values[0]).max() > 1e-3
     with pytest.raises(InputError, match="smoothed already"):
         smooth(smoothed)
+
+
+def test_smoothers_that_follow_ancestors_take_all_particles_of_the_same_run():
+    tree = small_result()
+    count, (frames, _) = 300, tree["summary"]["state_mean"].shape
+    none = smooth(tree, SmoothSettings("fixed-lag", {"lag": "0"}))
+    np.testing.assert_allclose(none["summary"]["state_mean"], tree["summary"]["state_mean"], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(none["sample_stats"]["ess"], tree["sample_stats"]["ess"], rtol=1e-3)
+    whole = smooth(tree, SmoothSettings("genealogy", max_draws=count))
+    draws = whole["posterior"]["state"].values
+    assert draws.shape[:3] == (1, count, frames)
+    survivors = [len(np.unique(draws[0, :, frame], axis=0)) for frame in range(frames)]
+    assert survivors[0] < 0.2 * survivors[-1] and survivors == sorted(survivors)
+    all_frames = smooth(tree, SmoothSettings("fixed-lag", {"lag": str(frames - 1)}))
+    np.testing.assert_allclose(
+        all_frames["summary"]["state_mean"][0],
+        draws[0, :, 0].mean(0),
+        atol=float(3 * draws[0, :, 0].std(0).max() / np.sqrt(count)) + 1e-6,
+    )
+
+
+def test_results_without_a_genealogy_or_its_settings_are_refused():
+    tree = small_result()
+    tree.attrs["filter"] = json.dumps("hmc")
+    with pytest.raises(InputError, match="'hmc' has no genealogy.*track --filter particle"):
+        smooth(tree, SmoothSettings("genealogy"))
+    tree.attrs["filter"] = json.dumps("particle")
+    settings = json.loads(tree.attrs["settings"])
+    for particles, message in [("many", "'particles'"), (None, "'particles'"), (2**26, "more than 4 GiB"), (0, "--particles")]:
+        tree.attrs["settings"] = json.dumps({**settings, "particles": particles})
+        with pytest.raises(InputError, match=message):
+            smooth(tree, SmoothSettings("fixed-lag"))
 
 
 def test_a_result_without_inputs_is_refused():

@@ -74,7 +74,9 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
 
     RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
-    particles a smoother sees. Which smoother for what: see "Which filter, which smoother?" in the documentation.
+    particles a smoother sees. For genealogy and fixed-lag, which follow all particles back through their ancestors, the filter
+    of RESULT is run again with its seed; it has to be a particle filter. Which smoother for what: see "Which filter, which
+    smoother?" in the documentation.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path

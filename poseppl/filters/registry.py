@@ -31,11 +31,13 @@ class FilterEntry(NamedTuple):
         build: `(model, settings) -> filter`; the settings are all there.
         defaults: The settings that it takes, with their defaults.
         summary: What it is, in a sentence.
+        genealogy: Whether its particles descend from those of the frame before.
     """
 
     build: Callable[[CompiledModel, Settings], Filter]
     defaults: Settings
     summary: str
+    genealogy: bool = False
 
 
 def _chain_defaults(filter: Callable[..., Filter], settings: HMCSettings) -> dict[str, Any]:
@@ -167,12 +169,19 @@ FILTERS: Mapping[str, FilterEntry] = {
         _particle,
         {"particles": 10_000, "resampling": "systematic", "ess_threshold": 1.0},
         "The particle filter with the temporal prior as proposal.",
+        genealogy=True,
     ),
     "guided": FilterEntry(
-        _guided(auxiliary=False), _PARTICLES, "Particles drawn from a local linearisation that has seen the frame."
+        _guided(auxiliary=False),
+        _PARTICLES,
+        "Particles drawn from a local linearisation that has seen the frame.",
+        genealogy=True,
     ),
     "auxiliary": FilterEntry(
-        _guided(auxiliary=True), _PARTICLES, "The guided filter, which also chooses ancestors by what the frame says of them."
+        _guided(auxiliary=True),
+        _PARTICLES,
+        "The guided filter, which also chooses ancestors by what the frame says of them.",
+        genealogy=True,
     ),
     "tempered": FilterEntry(
         _tempered,
@@ -184,6 +193,7 @@ FILTERS: Mapping[str, FilterEntry] = {
             "resampling": "systematic",
         },
         "Particles cooled from the prediction to the posterior by tempered SMC with HMC moves.",
+        genealogy=True,
     ),
     "annealed": FilterEntry(
         _annealed,
@@ -194,11 +204,13 @@ FILTERS: Mapping[str, FilterEntry] = {
             "resampling": _default(annealed_filter, "resampling"),
         },
         "The annealed particle filter: seeks a mode, and is no posterior.",
+        genealogy=True,
     ),
     "de-mc": FilterEntry(
         _demc,
         {"particles": 1000, "layers": _default(demc_filter, "num_layers"), "resampling": "systematic"},
         "The particle filter of Du and Guan 2006, moved by differential evolution: seeks a mode.",
+        genealogy=True,
     ),
     "extended-kalman": FilterEntry(_kalman("first-order"), {"particles": 1000}, "The extended Kalman filter: one Gaussian."),
     "unscented-kalman": FilterEntry(_kalman("unscented"), {"particles": 1000}, "The unscented Kalman filter: one Gaussian."),

@@ -30,10 +30,12 @@ class SmootherEntry(NamedTuple):
     Attributes:
         build: `(model, **settings) -> smoother`.
         summary: What it is, in a sentence.
+        follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
     """
 
     build: Callable[..., Smoother]
     summary: str
+    follows_ancestors: bool = False
 
     @property
     def defaults(self) -> dict[str, Any]:
@@ -57,8 +59,8 @@ SMOOTHERS: Mapping[str, SmootherEntry] = {
     "backward-simulation": SmootherEntry(_backward_simulation, "Trajectories drawn backwards through the filter's particles."),
     "two-filter": SmootherEntry(two_filter_smoother, "A filter from either end, combined; new particles at each frame."),
     "viterbi": SmootherEntry(viterbi_smoother, "The most probable path through the filter's particles."),
-    "genealogy": SmootherEntry(genealogy_smoother, "The ancestors of the last frame's particles: the baseline."),
-    "fixed-lag": SmootherEntry(fixed_lag_smoother, "The ancestors of the particles a few frames later."),
+    "genealogy": SmootherEntry(genealogy_smoother, "The ancestors of the last frame's particles: the baseline.", True),
+    "fixed-lag": SmootherEntry(fixed_lag_smoother, "The ancestors of the particles a few frames later.", True),
     "rauch-tung-striebel": SmootherEntry(
         rauch_tung_striebel_smoother, "Gaussian smoothing of a Kalman filter, extended or unscented."
     ),

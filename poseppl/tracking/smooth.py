@@ -14,9 +14,10 @@ from poseppl.errors import InputError
 from poseppl.outcome import parts_of_smoothing, timing_of_smoothing
 from poseppl.results import Names, Truth, build_result, provenance
 from poseppl.smoothers.base import History
-from poseppl.smoothers.registry import build_smoother
+from poseppl.smoothers.registry import SMOOTHERS, build_smoother
 from poseppl.smoothing import run_smoother
 from poseppl.tracking.problem import Problem, problem_of_result
+from poseppl.tracking.refiltering import filter_again
 from poseppl.tracking.track import affordable_draws, versions
 
 _NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
@@ -44,7 +45,8 @@ class SmoothSettings(NamedTuple):
 def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
     """Smooth a result of :func:`poseppl.tracking.track.track`.
 
-    The smoother starts from the draws that the result holds, and the model is built anew from its provenance.
+    The smoother starts from the draws that the result holds, and the model is built anew from its provenance. A smoother that
+    follows ancestors starts from all particles of the filter, which is run again.
 
     Args:
         tree: The result.
@@ -55,7 +57,8 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
 
     Raises:
         InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
-            range.
+            range, or its filter keeps no genealogy for a smoother that follows ancestors.
+        RunError: The filter is run again, and cannot go on.
         SmoothingError: The smoothed states are not finite.
     """
     settings = settings or SmoothSettings()
@@ -64,10 +67,11 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     problem = problem_of_result(tree, settings.model)
     smoother, options = build_smoother(settings.method, problem.model, settings.options)
+    follows = SMOOTHERS[settings.method].follows_ancestors
     run = run_smoother(
         smoother,
         jax.random.key(settings.seed),
-        history_of_result(tree),
+        filter_again(tree, problem) if follows else history_of_result(tree),
         problem.observations,
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
