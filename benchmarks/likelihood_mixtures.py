@@ -4,7 +4,7 @@
 
 The history is N draws from each exact filtering distribution, so that all error is the smoother's: that of the means (root mean
 square, in smoothed standard deviations; the first row is the filter's own) and the ratio of the variances to the exact ones.
-The correction "none" is the mixture as published.
+The correction "none" is the paper's fit.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from poseppl.smoothers import (
     variational_smoother,
 )
 
-PUBLISHED, WEIGHTS, FREE = (
+UNDIVIDED, WEIGHTS, FREE = (
     MixtureSettings(correction="none"),
     MixtureSettings(correction="weights"),
     MixtureSettings(covariance="free"),
 )
 
 SMOOTHERS: Mapping[str, Callable[[CompiledModel], Smoother]] = {
-    "Gibbs, K 50, none": lambda model: gibbs_smoother(model, mixture=PUBLISHED),
+    "Gibbs, K 50, none": lambda model: gibbs_smoother(model, mixture=UNDIVIDED),
     "Gibbs, K 50, weights": lambda model: gibbs_smoother(model, mixture=WEIGHTS),
     "Gibbs, K 50, moments": gibbs_smoother,
     "Gibbs on the model, K 50": lambda model: gibbs_smoother(model, target="model"),
-    "variational, K 50, none, factorised": lambda model: variational_smoother(model, mixture=PUBLISHED, factorised=True),
-    "variational, K 50, none": lambda model: variational_smoother(model, mixture=PUBLISHED),
+    "variational, K 50, none, factorised": lambda model: variational_smoother(model, mixture=UNDIVIDED, factorised=True),
+    "variational, K 50, none": lambda model: variational_smoother(model, mixture=UNDIVIDED),
     "variational, K 50, moments": variational_smoother,
     "variational, K 1, moments": lambda model: variational_smoother(model, num_components=1),
     "variational, K 1 free, moments": lambda model: variational_smoother(model, num_components=1, mixture=FREE),

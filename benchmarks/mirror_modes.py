@@ -56,7 +56,7 @@ FILTERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
     "tempered, N 100": lambda model: tempered_filter(model, 100),
     "tempered, mixture, N 100": lambda model: tempered_filter(model, 100, target="mixture"),
     "annealed, N 100, 10 layers": lambda model: annealed_filter(model, 100),
-    "DE-MC, published, N 100": lambda model: demc_filter(model, 100),
+    "DE-MC, likelihood, N 100": lambda model: demc_filter(model, 100),
     "DE-MC, posterior, N 100": lambda model: demc_filter(model, 100, target="posterior"),
     "HMC, 10 chains": lambda model: hmc_filter(model, 10, HMCSettings(num_updates=32, num_leapfrog=8, burn_in=6)),
     "assumed density, 1 Gaussian": assumed_density_filter,
@@ -72,7 +72,7 @@ SMOOTHERS: Mapping[str, Callable[[CompiledModel], Smoother]] = {
     "Viterbi": viterbi_smoother,
     "variational, K 50": variational_smoother,
     "variational, factorised": lambda model: variational_smoother(model, factorised=True),
-    "Gibbs, as published": lambda model: gibbs_smoother(
+    "Gibbs, not divided": lambda model: gibbs_smoother(
         model, collapsed=False, num_chains=1, mixture=MixtureSettings(correction="none")
     ),
     "Gibbs, density corrected, 1 chain": lambda model: gibbs_smoother(model, num_chains=1),

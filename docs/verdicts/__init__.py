@@ -1,0 +1,1 @@
+"""Verdicts and tables of the documentation, made from the tables that are committed beside it."""
