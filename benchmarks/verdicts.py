@@ -100,8 +100,10 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
         "CMU jump, 60 Hz": Case(True, partial(jump, every=2)),
         "noise three times what is told": Case(False, partial(walk, count, noise=3 * NOISE)),
         "noise a third of what is told": Case(False, partial(walk, count, noise=NOISE / 3)),
-        "a camera turned by 2 degrees": Case(False, partial(turned, count, 2.0)),
-        "a camera turned by 0.5 degrees": Case(False, partial(turned, count, 0.5)),
+        "one of two cameras turned by 2 degrees": Case(False, partial(turned, count, 2.0)),
+        "one of two cameras turned by 0.5 degrees": Case(False, partial(turned, count, 0.5)),
+        "one of four cameras turned by 2 degrees": Case(False, partial(turned, count, 2.0, cameras=4)),
+        "one of four cameras turned by 0.5 degrees": Case(False, partial(turned, count, 0.5, cameras=4)),
         "lengths 10 % too long": Case(False, partial(longer, count, 1.1)),
         "lengths 10 % too long, 1 camera": Case(False, partial(longer, count, 1.1, cameras=1)),
         "left and right swapped in a camera": Case(False, partial(swapped, count)),
@@ -141,9 +143,9 @@ def seen(subject: Any, cameras: int, seed: int, noise: float, rate: float | None
     return scene._replace(noise=told, rate=scene.rate if rate is None else rate)
 
 
-def turned(count: int, degrees: float) -> Scene:
+def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene:
     """The calibration has the second camera turned about the vertical."""
-    scene = walk(count)
+    scene = walk(count, cameras=cameras)
     rotations = np.array(scene.cameras.rotation)
     rotations[1] = rotations[1] @ Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     return scene._replace(cameras=scene.cameras._replace(rotation=jax.numpy.asarray(rotations)))

@@ -8,14 +8,21 @@ import xarray as xr
 from poseppl.diagnostics.contest import TIE
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, WARNING, Verdict
+from poseppl.diagnostics.verdicts.coverage import calibration
 
 LEVEL = 0.9
 MAX_NAMED = 8
-_SLACK = 0.03
 _WRONG = Verdict(ERROR, "A wrong posterior, disqualified where effective draws are counted; 90 % intervals cover so little")
 _NARROW = Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth")
 _WIDE = Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth")
-_HONEST = Verdict(INFO, "90 % intervals as honest as this sequence can tell")
+_CALIBRATED = Verdict(INFO, "90 % intervals are calibrated")
+_UNDECIDED = Verdict(INFO, "90 % intervals may be calibrated, but the sequence is too short to tell")
+_KINDS = {
+    "over-confident": _NARROW,
+    "under-confident": _WIDE,
+    "calibrated": _CALIBRATED,
+    "undecided": _UNDECIDED,
+}
 _TITLES = {
     "ess_per_second": "Effective draws a second",
     "ess_per_evaluation": "Effective draws an evaluation",
@@ -101,18 +108,14 @@ def _where(tree: xr.DataTree, quantity: str) -> str:
 def _coverage(tree: xr.DataTree) -> list[Verdict]:
     """The runs by what their 90 % intervals are worth, one finding a kind."""
     summary = tree["summary"].dataset.sel(level=LEVEL, method="nearest")
-    kinds: dict[Verdict, list[str]] = {_WRONG: [], _NARROW: [], _WIDE: [], _HONEST: []}
+    kinds: dict[Verdict, list[str]] = {kind: [] for kind in (_WRONG, *_KINDS.values())}
     columns = (summary[name].values for name in ("run", "coverage_all", "coverage_se_all", "disqualified"))
     for name, share, error, out in zip(*columns, strict=True):
         text = f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)"
         if out:
             kinds[_WRONG].append(text)
-        elif share + 2 * error < LEVEL - _SLACK:
-            kinds[_NARROW].append(text)
-        elif share - 2 * error > LEVEL + _SLACK:
-            kinds[_WIDE].append(text)
         elif np.isfinite(share):
-            kinds[_HONEST].append(text)
+            kinds[_KINDS[calibration(share, error)]].append(text)
     return [Verdict(kind.severity, f"{kind.text}: {words(names)}.") for kind, names in kinds.items() if names]
 
 

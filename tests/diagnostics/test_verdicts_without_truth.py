@@ -32,8 +32,8 @@ def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():
         (0.99 * residuals.SCALE_LOW, "warning: Image points are 0.69 times"),
         (1.01 * residuals.SCALE_LOW, None),
         (0.99 * residuals.SCALE_HIGH, None),
-        (1.01 * residuals.SCALE_HIGH, "warning: Image points are 1.16 times"),
-        (1.01 * residuals.SCALE_ERROR, "error: Image points are 1.29 times"),
+        (1.01 * residuals.SCALE_HIGH, "warning: Image points are 1.11 times"),
+        (1.01 * residuals.SCALE_ERROR, "error: Image points are 1.21 times"),
     ],
 )
 def test_residuals_of_all_points(scale, words):

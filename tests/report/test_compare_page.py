@@ -72,6 +72,24 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
     assert any(text.startswith("kalman is a closed form") for text in texts)
 
 
+@pytest.mark.parametrize(
+    ("share", "error", "words"),
+    [
+        (0.83, 0.02, "warning: Over-confident, 90 % intervals cover less of the truth: quick (83 ± 2 %)."),
+        (0.96, 0.02, "warning: Under-confident, 90 % intervals cover more of the truth: quick (96 ± 2 %)."),
+        (0.89, 0.02, "info: 90 % intervals are calibrated: quick (89 ± 2 %)."),
+        (0.85, 0.06, "info: 90 % intervals may be calibrated, but the sequence is too short to tell: quick (85 ± 6 %)."),
+    ],
+)
+def test_runs_are_told_by_what_their_intervals_cover(comparison: xr.DataTree, share: float, error: float, words: str) -> None:
+    tree = comparison.copy(deep=True)
+    for name, value in (("coverage_all", share), ("coverage_se_all", error)):
+        tree["summary"][name].loc[{"run": "quick"}] = value
+        tree["summary"][name].loc[{"run": "kalman"}] = np.nan
+        tree["summary"][name].loc[{"run": "hmc <script>alert(1)</script>"}] = np.nan
+    assert words in [f"{found.severity}: {found.text}" for found in findings(tree)]
+
+
 def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.DataTree) -> None:
     write_comparison_table(comparison, tmp_path / "table.csv")
     with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as stream:
