@@ -52,7 +52,7 @@ def test_a_camera_and_a_marker_that_stand_out_are_named(factor):
     camera = np.ones((2, 4))
     camera[1] = factor * residuals.CAMERA_HIGH
     found = texts(points_tree(camera))
-    assert ("Camera side: its points are 1.31 times" in found) == (factor > 1) and "Camera front" not in found
+    assert ("Camera side: its points are 1.16 times" in found) == (factor > 1) and "Camera front" not in found
     camera[1] = factor * residuals.CAMERA_ERROR
     assert ("error: Camera side" in texts(points_tree(camera))) == (factor > 1)
     assert "(most: side 1." in texts(points_tree(camera)) and "--camera" in texts(points_tree(camera))
@@ -106,7 +106,19 @@ def test_steps_in_units_of_the_walk(scale, words, group):
 def test_leaps_of_single_frames_are_told_with_their_frames():
     rare, often = texts(steps_tree(leaps=1)), texts(steps_tree(leaps=2))
     assert "Angles" not in rare
-    assert "warning: Angles" in often and "largest 5.5, knee.X in frame 8, beyond 4 times it in frames 8-9" in often
+    assert "warning: Angles leap, beyond 4 times their random walk, in frames 8-9 (largest 5.5, knee.X in frame 8)" in often
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_a_single_large_leap_is_an_error(factor):
+    found = texts(steps_tree(leaps=1, leap=factor * steps.LEAP_ERROR))
+    assert ("error: Angles leap, beyond 4 times their random walk, in frame 8 (largest 10.1" in found) == (factor > 1)
+    assert ("Angles leap" in found) == (factor > 1) and "Angles step" not in found
+
+
+def test_causes_are_told_before_their_effects():
+    wrong = texts(kalman_tree(told_walk=0.05)).splitlines()
+    assert wrong[0].startswith("error: Translations") and any("error: Image points" in line for line in wrong)
 
 
 def test_smoothed_steps_may_be_small_and_results_may_not_tell_the_walk():

@@ -47,12 +47,14 @@ def points_tree(
     )
 
 
-def steps_tree(scale: np.ndarray | float = 1.0, *, leaps: int = 0, frames: int = 51, smoother: bool = False) -> xr.DataTree:
+def steps_tree(
+    scale: np.ndarray | float = 1.0, *, leaps: int = 0, leap: float = 5.5, frames: int = 51, smoother: bool = False
+) -> xr.DataTree:
     """Steps of chosen scales (dof,), in units of a walk that is never the same, and so many of the knee's far larger."""
     rng = np.random.default_rng(2)
     walk = rng.uniform(0.1, 3.0, (frames, len(DOFS)))
     steps = unit(rng, (frames - 1, len(DOFS)), (0,)) * np.broadcast_to(scale, len(DOFS))
-    steps[:leaps, 3] = 5.5 - 0.1 * np.arange(leaps)
+    steps[:leaps, 3] = leap - 0.1 * np.arange(leaps)
     mean = np.concatenate([[[4.0, -3.0, 2.0, 1.0, 0.5]], walk[1:] * steps]).cumsum(0)
     return build_result(
         state=mean + rng.standard_normal((2, 10, frames, len(DOFS))),

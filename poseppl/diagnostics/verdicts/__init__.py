@@ -28,19 +28,19 @@ from poseppl.diagnostics.verdicts.verdict import frame_ranges as frame_ranges
 
 CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,
-    coverage,
-    point_residuals,
-    overlap,
-    estimated_steps,
-    silhouette_jumps,
     degeneracy,
+    overlap,
+    silhouette_jumps,
+    estimated_steps,
+    point_residuals,
     divergences,
     mixing,
     agreement,
     rejection,
+    coverage,
     missing,
 )
-"""The checks; among findings of one severity, those of earlier checks come first."""
+"""The checks; among findings of one severity, those of earlier checks come first: causes before effects."""
 
 
 def verdicts(tree: xr.DataTree) -> list[Verdict]:

@@ -26,8 +26,10 @@ Floats = NDArray[np.float64]
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
 SCALE_LOW = 0.7
-CAMERA_HIGH, CAMERA_ERROR = 1.3, 1.6
-"""The same of one camera."""
+CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
+"""The same of one camera, which stands out."""
+STANDS_OUT = 1.05
+"""Factor by which the scale of a camera that stands out exceeds that of all points."""
 MARKER_HIGH = 2.0
 BIAS_HIGH = 0.7
 """Mean residual of a camera, in units of its noise, from which on it is told."""
@@ -101,13 +103,14 @@ def _of_cameras(residuals: Residuals, cameras: list[str]) -> list[Verdict]:
     if len(cameras) < 2:
         return []
     scales, found = residuals.scale((0, 2, 3)), []
+    high = (scales > CAMERA_HIGH) & (scales > STANDS_OUT * residuals.scale())
     bias = np.linalg.norm(_mean(residuals.standardised, (0, 2)), axis=-1)
     shift = _mean(residuals.offset, (0, 2))
-    for i in np.flatnonzero((scales > CAMERA_HIGH) | (bias > BIAS_HIGH)):
+    for i in np.flatnonzero(high | (bias > BIAS_HIGH)):
         text = f"Camera {cameras[i]}: its points are {scales[i]:.2f} times as far from the body as they should be"
         if bias[i] > BIAS_HIGH:
             text += f", on average by ({_number(shift[i, 0])}, {_number(shift[i, 1])})"
-        severity = ERROR if scales[i] > CAMERA_ERROR else WARNING
+        severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
         found.append(Verdict(severity, f"{text}; check its calibration (--camera), its synchrony and who is in its points."))
     return found
 

@@ -27,8 +27,11 @@ STEPS_LOW = 0.3
 LEAP = 4.0
 """Steps of one coordinate, in units of the walk, that hardly ever occur: one in 16,000."""
 LEAP_SHARE = 0.01
+"""Share of larger ones that is a warning."""
+LEAP_ERROR = 10.0
+"""A single one that is an error."""
 _LEAST_SHARE = 0.25
-_GROUPS = {"--sigma-position": "Translations", "--sigma-angle": "Angles"}
+_OPTIONS = {"Translations": "--sigma-position", "Angles": "--sigma-angle"}
 
 
 class Steps(NamedTuple):
@@ -58,32 +61,42 @@ def steps_of(tree: xr.DataTree) -> Steps | None:
 
 
 def estimated_steps(tree: xr.DataTree) -> list[Verdict]:
-    """Steps that are too large for the random walk, or far smaller than it; by group of coordinates."""
+    """Steps that are too large for the random walk, all or some, or far smaller than it; by group of coordinates."""
     steps = steps_of(tree)
     if steps is None:
         return []
-    names = [str(name) for name in tree["posterior"].dataset["dof"].values]
+    names = np.array([str(name) for name in tree["posterior"].dataset["dof"].values])
     moves = np.array([name.rpartition(".")[2] in ("tx", "ty", "tz") for name in names])
-    groups = zip(_GROUPS, (moves, ~moves), strict=True)
-    found = [_group(tree, steps, names, option, members) for option, members in groups if members.any()]
-    return [verdict for verdict in found if verdict is not None]
+    found = []
+    for group, members in (("Translations", moves), ("Angles", ~moves)):
+        chosen = Steps(*(part[:, members] for part in steps))
+        if np.isfinite(chosen.standardised).any():
+            found += [*_scale(tree, chosen, group), *_leaps(tree, chosen, group, names[members])]
+    return found
 
 
-def _group(tree: xr.DataTree, steps: Steps, names: list[str], option: str, members: NDArray[np.bool_]) -> Verdict | None:
-    sizes = np.abs(steps.standardised[:, members])
-    if not np.isfinite(sizes).any():
-        return None
-    scale = float(np.sqrt(np.nansum(sizes**2) / np.nansum(np.where(np.isfinite(sizes), steps.expected[:, members], np.nan))))
-    leaps = sizes > LEAP * np.sqrt(steps.expected[:, members])
-    frame, dof = np.unravel_index(int(np.nanargmax(sizes)), sizes.shape)
-    coordinate, number = np.array(names)[members][dof], int(tree["posterior"].dataset["frame"].values[1:][frame])
-    largest = f"largest {sizes[frame, dof]:.1f}, {coordinate} in frame {number}"
-    text = f"{_GROUPS[option]} step {scale:.2f} times as far as their random walk"
-    if scale > STEPS_HIGH or leaps.mean() > LEAP_SHARE:
-        inside = np.append(False, leaps.any(axis=1))
-        seldom = f", beyond {LEAP:.0f} times it in {where(tree, inside)}" if inside.any() else ""
+def _scale(tree: xr.DataTree, steps: Steps, group: str) -> list[Verdict]:
+    known = np.isfinite(steps.standardised)
+    scale = float(np.sqrt(np.sum(steps.standardised[known] ** 2) / np.sum(steps.expected[known])))
+    text = f"{group} step {scale:.2f} times as far as their random walk"
+    if scale > STEPS_HIGH:
         severity = ERROR if scale > STEPS_ERROR else WARNING
-        return Verdict(severity, f"{text} ({largest}{seldom}): it cannot follow; raise {option}, or check the frame rate.")
+        return [Verdict(severity, f"{text}: it cannot follow; raise {_OPTIONS[group]}, or check the frame rate.")]
     if scale < STEPS_LOW and "smoother" not in provenance(tree):
-        return Verdict(WARNING, f"{text}: intervals are wide and means jitter; lower {option}, or check the frame rate.")
-    return None
+        advice = f"intervals are wide and means jitter; lower {_OPTIONS[group]}, or check the frame rate"
+        return [Verdict(WARNING, f"{text}: {advice}.")]
+    return []
+
+
+def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_]) -> list[Verdict]:
+    """Single steps that the walk hardly ever makes."""
+    sizes = np.nan_to_num(np.abs(steps.standardised) / np.sqrt(steps.expected))
+    far = sizes > LEAP
+    if far.mean() <= LEAP_SHARE and sizes.max() <= LEAP_ERROR:
+        return []
+    frame, dof = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    number = int(tree["posterior"].dataset["frame"].values[1:][frame])
+    text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
+    advice = f"another person or side, or motion too quick: check the data there, or raise {_OPTIONS[group]}"
+    severity = ERROR if sizes.max() > LEAP_ERROR else WARNING
+    return [Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")]
