@@ -228,9 +228,20 @@ def _root_attrs(rate: float | None, num_particles: int | None, attrs: Mapping[st
 
 def _decode(value: Any) -> Any:
     try:
-        return json.loads(value)
-    except (TypeError, ValueError):
-        return value
+        return _printable(json.loads(value))
+    except (TypeError, ValueError, RecursionError):
+        return _printable(str(value)) if isinstance(value, str) else value
+
+
+def _printable(value: Any) -> Any:
+    """The value with "?" for what is no character: names of files need not be text."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    if isinstance(value, dict):
+        return {_printable(name): _printable(item) for name, item in value.items()}
+    return value
 
 
 def _coordinates(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 import click
 
@@ -15,6 +16,7 @@ from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
+from poseppl.cli.signals import signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
@@ -25,7 +27,7 @@ Exit status:
   0    all went well
   1    bad input, an output that cannot be written, or a run that cannot go on
   2    wrong usage: an unknown option or command, or a value of the wrong kind
-  130  interrupted by Ctrl-C
+  130  interrupted by Ctrl-C; 143 and 129 by the signals TERM and HUP, which end a command as Ctrl-C does
 """
 
 
@@ -72,15 +74,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:
-        status = cli.main(given, prog_name="poseppl", standalone_mode=False)
+        with signals_interrupt():
+            status = cli.main(given, prog_name="poseppl", standalone_mode=False)
         return status if isinstance(status, int) else 0
     except click.ClickException as error:
         error.show()
         return error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        _say("interrupted; no output was written", debug)
-        return 130
+    except (KeyboardInterrupt, click.Abort) as error:
+        _say("interrupted; every file that was written is whole", debug)
+        return 128 + signal_of(error)
     except PosepplError as error:
         _say(str(error), debug)
     except BrokenPipeError:

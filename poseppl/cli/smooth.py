@@ -80,7 +80,8 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
-    from poseppl.cli.track import summary, write_result
+    from poseppl.cli.outputs import write_outputs
+    from poseppl.cli.track import summary
     from poseppl.results import load_result
     from poseppl.tracking import SmoothSettings
     from poseppl.tracking import smooth as smooth_result
@@ -93,17 +94,16 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     chosen = {name: options[name] for name in ("seed", "max_draws", "model")}
     tree = load_result(result)
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
-    picture = target.with_suffix(".png")
-    check_writable([target, picture], [result])
+    check_writable([target, target.with_suffix(".png")], [result])
     progress = ConsoleProgress(options["quiet"])
     start_jax()
     with progress.running():
         progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
         smoothed = smooth_result(tree, SmoothSettings(method, settings, **chosen))
         progress.stage("drawing")
-        write_result(smoothed, target, picture, [result])
+        files = write_outputs(smoothed, target, progress.note)
     if not options["quiet"]:
-        print_table("poseppl smooth", [*summary(smoothed), ("result", str(target)), ("picture", str(picture))])
+        print_table("poseppl smooth", [*summary(smoothed), *((name, str(path)) for name, path in files)])
     print_verdict(smoothed, target, options["quiet"])
 
 

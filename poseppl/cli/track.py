@@ -16,7 +16,7 @@ from poseppl.cli.track_video import (
     video_options,
     write_overlays,
 )
-from poseppl.errors import InputError
+from poseppl.errors import InputError, PosepplError
 
 FILTERS = (
     "assumed-density",
@@ -56,11 +56,12 @@ Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
-NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Both
-appear whole or not at all.
+NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Each
+appears whole or not at all; a result for which there is no room goes into another folder, and
+one of a run that cannot go on holds the frames up to there.
 
 \b
-Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C.
+Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C, 143 SIGTERM.
 """
 
 
@@ -182,6 +183,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.outputs import write_outputs
     from poseppl.cli.subject import stem_of
 
     _check_usage(recording, observations, options)
@@ -196,19 +198,20 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     start_jax(options["devices"])
     try:
         with progress.running():
-            tree = _run(recording, observations, sources, options, progress)
+            tree, problem = _run(recording, observations, sources, options, progress)
             progress.stage("drawing")
-            write_result(tree, target, picture, inputs)
+            files = write_outputs(tree, target, progress.note)
             if sources:
-                write_overlays(tree, sources, target, progress)
+                files += write_overlays(tree, sources, target, progress)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
         raise
     if not options["quiet"]:
-        files = [("result", target), ("picture", picture), *(("overlay", path) for path in overlays)]
         print_table("poseppl track", [*summary(tree), *((name, str(path)) for name, path in files)])
     print_verdict(tree, target, options["quiet"])
+    if problem is not None:
+        raise PosepplError(f"{problem} in {target}")
 
 
 def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:
@@ -225,10 +228,13 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
                 raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
 
 
-def _run(recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], progress: Any) -> Any:
+def _run(
+    recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], progress: Any
+) -> tuple[Any, str | None]:
+    """The result, and why it ends before its scene does, if it does."""
     from poseppl.filters.registry import check_settings
     from poseppl.io import read_cameras
-    from poseppl.tracking import TrackSettings, observe_motion, scene_of_observations, track
+    from poseppl.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.tracking.subjects import DEFAULT_MODEL
     from poseppl.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
 
@@ -258,7 +264,11 @@ def _run(recording: str | None, observations: str | None, sources: Any, options:
         scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
     frames = getattr(scene, "scene", scene).frames
     progress.stage("compiling", total=len(frames))
-    return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])
+    try:
+        return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"]), None
+    except TrackStopped as stopped:
+        done = stopped.result["posterior"].sizes["frame"]
+        return stopped.result, f"{stopped}; the frames before it, {done} of {len(frames)}, are"
 
 
 def _seed(seed: int) -> int:
@@ -274,19 +284,6 @@ def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tupl
         progress.stage("fitting the body to the recording")
     subject = find_subject(recording, options)
     return subject, *look_at_subject(subject, options)
-
-
-def write_result(tree: Any, target: Any, picture: Any, inputs: list[Any]) -> None:
-    """Write result and picture; either both appear or neither."""
-    from poseppl.io import atomic_path
-    from poseppl.report import plot_track, save_picture
-    from poseppl.results import save_result
-
-    figure = plot_track(tree)
-    sources = [source for source in inputs if source is not None]
-    with atomic_path(picture, inputs=sources) as drawn, atomic_path(target, inputs=sources) as written:
-        save_picture(figure, drawn)
-        save_result(tree, written)
 
 
 def summary(tree: Any) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -175,13 +176,14 @@ def overlay_paths(sources: Any, target: Path) -> list[Path]:
     return [target.with_name(f"{target.stem}-{video.camera}.mp4") for video in sources.videos]
 
 
-def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> None:
-    """Write the videos again, with the skeletons over them."""
+def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> list[tuple[str, Path]]:
+    """Write the videos again, with the skeletons over them; those that were drawn."""
+    from poseppl.cli.outputs import draw
     from poseppl.report.overlay_video import write_overlay
 
     progress.stage("drawing overlays")
-    for path, video in zip(overlay_paths(sources, target), sources.videos, strict=True):
-        write_overlay(path, tree, video)
+    paths = zip(overlay_paths(sources, target), sources.videos, strict=True)
+    return [("overlay", path) for path, video in paths if draw(path, partial(write_overlay, path, tree, video), progress.note)]
 
 
 def _frames(text: str | None) -> tuple[int, int | None]:

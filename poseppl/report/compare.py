@@ -35,7 +35,7 @@ def write_comparison(tree: xr.DataTree, path: str | PathLike[str]) -> None:
     """
     page = comparison_html(tree)
     with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="replace")
 
 
 def write_comparison_table(tree: xr.DataTree, path: str | PathLike[str]) -> None:
@@ -50,7 +50,7 @@ def write_comparison_table(tree: xr.DataTree, path: str | PathLike[str]) -> None
         PosepplError: The disk is full.
     """
     rows = comparison_table(tree)
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", errors="replace", newline="") as stream:
         writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         for row in rows:

@@ -38,7 +38,7 @@ def write_report(tree: xr.DataTree, path: str | PathLike[str]) -> None:
     """
     page = report_html(tree)
     with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(page, encoding="utf-8", errors="replace")
 
 
 def report_html(tree: xr.DataTree) -> str:

@@ -14,4 +14,5 @@ from poseppl.tracking.smooth import smooth as smooth
 from poseppl.tracking.subjects import recorded_subject as recorded_subject
 from poseppl.tracking.subjects import walking_subject as walking_subject
 from poseppl.tracking.track import TrackSettings as TrackSettings
+from poseppl.tracking.track import TrackStopped as TrackStopped
 from poseppl.tracking.track import track as track

@@ -43,12 +43,14 @@ def place_cameras(
         The cameras; image y points up, as in Eq. 18 of Choo and Fleet 2001.
 
     Raises:
-        InputError: The distance is not positive, or there is no camera or more than four.
+        InputError: The distance or the angle is out of range, or there is no camera or more than four.
     """
     if not 100.0 <= distance <= 1e6:
         raise InputError(f"{distance:g} mm", field="--camera-distance", expected="100 to 1000000 mm")
     if not 1 <= count <= 4:
         raise InputError(f"{count} cameras", field="--cameras", expected="1 to 4")
+    if not abs(view) <= 360.0:
+        raise InputError(f"{view:g} degrees", field="--view", expected="-360 to 360")
     seen = path[np.isfinite(path).all(-1)]
     if not len(seen):
         raise InputError("the subject's root is never seen, so that no camera can be placed", field="--camera")

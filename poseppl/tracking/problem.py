@@ -61,14 +61,18 @@ class Problem(NamedTuple):
 
         return collect_draws(self.model, max_draws=max_draws, extras=extras)
 
-    def record(self) -> dict[str, Any]:
-        """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out."""
+    def record(self, frames: slice = slice(None)) -> dict[str, Any]:
+        """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
+
+        Args:
+            frames: Which frames of what changes from frame to frame.
+        """
         seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
-        noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise
+        noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise[frames]
         record = {"noise": noise, "start": seen.start.value, "start_scale": seen.start_scale.value}
-        record["step_scale"] = seen.step_scale[:, list(self.body.free_coordinates)]
+        record["step_scale"] = seen.step_scale[frames, list(self.body.free_coordinates)]
         if isinstance(self.inputs, Clamped):
-            record["states"] = self.inputs.values
+            record["states"] = self.inputs.values[frames]
         return {name: np.asarray(values) for name, values in record.items()}
 
 

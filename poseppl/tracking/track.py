@@ -20,7 +20,8 @@ from poseppl.filters import Filter, sharded
 from poseppl.filters.registry import build_filter
 from poseppl.outcome import parts_of_run, timing_of_run
 from poseppl.results import Names, Truth, build_result
-from poseppl.run import Progress, Run, run_filter
+from poseppl.run import Progress, Run, RunError, run_filter
+from poseppl.tracking.first_frames import first_frames
 from poseppl.tracking.problem import Problem, pose_problem
 from poseppl.tracking.scene import Scene
 from poseppl.tracking.silhouette_overlap import silhouette_record, silhouette_stats
@@ -61,6 +62,18 @@ class TrackSettings(NamedTuple):
     devices: int = 1
 
 
+class TrackStopped(RunError):
+    """A track that cannot go on.
+
+    Attributes:
+        result: The result of the frames before, with diagnostics; its attribute ``stopped`` says why there are no more.
+    """
+
+    def __init__(self, error: RunError, result: xr.DataTree) -> None:
+        super().__init__(str(error), error.frame, error.done)
+        self.result = result
+
+
 def track(
     seen: Scene | SilhouetteScene,
     settings: TrackSettings | None = None,
@@ -83,7 +96,8 @@ def track(
 
     Raises:
         InputError: A setting is out of range.
-        RunError: The run cannot go on.
+        TrackStopped: The run cannot go on; holds the result of the frames before.
+        RunError: It cannot go on from the first frame.
         CheckpointError: The folder holds another run.
     """
     settings = settings or TrackSettings()
@@ -105,21 +119,28 @@ def track(
         "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
         "versions": versions(),
     }
-    run = run_filter(
-        built,
-        jax.random.key(settings.seed),
-        problem.observations,
-        problem.inputs,
-        num_frames=len(scene.points),
-        collect=problem.collector(max_draws),
-        chunk=settings.chunk,
-        progress=progress,
-        checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
-        on_failure=settings.on_failure,
-        frame_numbers=scene.frames.tolist(),
-    )
-    record = {key: value for key, value in described.items() if value is not None}
-    return diagnose(_result(seen, problem, run, {**record, "seed": settings.seed, "devices": settings.devices}))
+    told = {**described, "seed": settings.seed, "devices": settings.devices}
+    record = {key: value for key, value in told.items() if value is not None}
+    try:
+        run = run_filter(
+            built,
+            jax.random.key(settings.seed),
+            problem.observations,
+            problem.inputs,
+            num_frames=len(scene.points),
+            collect=problem.collector(max_draws),
+            chunk=settings.chunk,
+            progress=progress,
+            checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
+            on_failure=settings.on_failure,
+            frame_numbers=scene.frames.tolist(),
+        )
+    except RunError as error:
+        if error.done is None:
+            raise
+        stopped = diagnose(_result(seen, problem, error.done, {**record, "stopped": str(error)}))
+        raise TrackStopped(error, stopped) from error
+    return diagnose(_result(seen, problem, run, record))
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
@@ -170,6 +191,8 @@ def affordable_draws(problem: Problem, chains: int) -> int:
 
 
 def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+    count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
+    seen = first_frames(seen, count)
     scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
     parts, observed = parts_of_run(run), {"points": scene.points}
     if isinstance(seen, SilhouetteScene):
@@ -188,7 +211,7 @@ def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Ma
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         edges=pairs,
         root=body.root,
-        inputs=problem.record(),
+        inputs=problem.record(slice(count)),
         frames=scene.frames,
         rate=scene.rate,
         attrs={

@@ -1,10 +1,8 @@
-"""The command line: help, files, bad input, interruption, a full disk."""
+"""The command line: help, files, bad input, interruption."""
 
 from __future__ import annotations
 
-import errno
 import importlib
-import os
 import re
 import signal
 import subprocess
@@ -151,14 +149,6 @@ def test_an_input_is_never_overwritten(capsys: pytest.CaptureFixture[str]) -> No
     Path("points.nc").write_bytes(Path("poseppl-walk.csv").read_bytes())
     arguments = ["track", "--observations", "points.nc", "--camera", "poseppl-walk.toml", "-o", "points.nc"]
     refused(capsys, arguments, "would overwrite an input")
-
-
-def test_a_full_disk(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*args: Any, **kwargs: Any) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("poseppl.results.xr.DataTree.to_netcdf", full)
-    refused(capsys, ["track", *SMALL], "disk is full")
 
 
 def test_unexpected_faults_show_where_with_debug(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tracking"))
+from breaking_filter import break_down
 from silhouette_rooms import RECORDS, SIZE, masks_of, pose
 
 from poseppl.cli import main
@@ -160,6 +161,14 @@ def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path,
     status, text = run(capsys, *words, "--on-failure", "stop", "-o", tmp_path / "stopped.nc")
     assert status == 1 and re.search("camera left, frame 2", text), text
     assert not (tmp_path / "stopped.nc").exists()
+
+
+def test_frames_before_one_that_breaks_down_are_written(room, tmp_path, capsys, monkeypatch):
+    break_down(monkeypatch, 2)
+    status, text = run(capsys, *videos(room), *empty(room), "--quiet", "-o", tmp_path / "part.nc")
+    assert status == 1 and "frame 2: the filter's state is not finite" in text and "2 of 3, are in " in text
+    assert load_result(tmp_path / "part.nc")["posterior"].sizes["frame"] == 2
+    assert sum(1 for _ in open_video(tmp_path / "part-left.mp4").images()) == 2
 
 
 def test_silhouettes_are_not_smoothed_from_a_file(tracked, capsys):

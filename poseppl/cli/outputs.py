@@ -1,0 +1,102 @@
+"""What a run on the command line writes: the result first, wherever there is room for it, and then its pictures."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from poseppl.errors import PosepplError
+
+_SHARED_MEMORY = Path("/dev/shm")
+
+
+def keep_result(tree: Any, target: Path) -> None:
+    """Write a result; if its place fails, such as a full disk, in another folder.
+
+    Args:
+        tree: The result.
+        target: Its file.
+
+    Raises:
+        PosepplError: The result is elsewhere, or nowhere; says where, and what to do.
+    """
+    from poseppl.results import save_result
+
+    try:
+        save_result(tree, target)
+    except (PosepplError, OSError) as error:
+        kept = _kept_elsewhere(tree, target.name)
+        if kept is None:
+            problem = f"{error}; nor was there room in {', '.join(map(str, _shelters()))}"
+            advice = "free some space and run it again; with --checkpoint, what is done is not computed again"
+            raise PosepplError(f"{problem}. The result is lost: {advice}") from error
+        raise PosepplError(f"{error}. The result is kept in {kept}: move it from there") from error
+
+
+def _kept_elsewhere(tree: Any, name: str) -> Path | None:
+    from poseppl.results import save_result
+
+    for shelter in _shelters():
+        with suppress(PosepplError, OSError):
+            folder = Path(tempfile.mkdtemp(prefix="poseppl-", dir=shelter))
+            try:
+                save_result(tree, folder / name)
+            except BaseException:
+                folder.rmdir()
+                raise
+            return folder / name
+    return None
+
+
+def _shelters() -> Iterator[Path]:
+    """Folders that may be on other disks."""
+    with suppress(OSError):  # there is no folder for temporary files, or it is full
+        yield Path(tempfile.gettempdir())
+    with suppress(RuntimeError):
+        yield Path.home()
+    if _SHARED_MEMORY.is_dir():
+        yield _SHARED_MEMORY
+
+
+def draw(path: Path, write: Callable[[], Any], note: Callable[[str], None]) -> bool:
+    """Draw a picture of a result that is written; a failure is told, and costs nothing.
+
+    Args:
+        path: The picture, for the note.
+        write: Draws and writes it.
+        note: Is told of a failure.
+
+    Returns:
+        Whether it was drawn.
+    """
+    try:
+        write()
+    except Exception as error:
+        note(f"{path}: not drawn, but the result is written: {error}")
+        return False
+    return True
+
+
+def write_outputs(tree: Any, target: Path, note: Callable[[str], None]) -> list[tuple[str, Path]]:
+    """Write a result, then its picture.
+
+    Args:
+        tree: The result.
+        target: Its file; the picture's has the suffix .png.
+        note: Is told of a picture that could not be drawn.
+
+    Returns:
+        What was written, and where.
+
+    Raises:
+        PosepplError: The result is not at its place; says where it is.
+    """
+    from poseppl.report import plot_track, save_picture
+
+    keep_result(tree, target)
+    picture = target.with_suffix(".png")
+    drawn = draw(picture, lambda: save_picture(plot_track(tree), picture), note)
+    return [("result", target), *([("picture", picture)] if drawn else [])]

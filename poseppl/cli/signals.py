@@ -1,0 +1,45 @@
+"""Signals that ask a process to end: they interrupt a command as Ctrl-C does, so that it tidies up and says how to go on."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+class Terminated(KeyboardInterrupt):
+    """A signal other than that of Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextmanager
+def signals_interrupt() -> Iterator[None]:
+    """Raise :class:`Terminated` at such signals while the block runs, where nobody else has asked for them."""
+    caught = [number for number in _SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        caught = []
+    for number in caught:
+        signal.signal(number, _interrupt)
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def signal_of(error: BaseException) -> int:
+    """The number of the signal that interrupted a command; click raises an error of its own from ours."""
+    origin = error if isinstance(error, Terminated) else error.__cause__
+    return origin.number if isinstance(origin, Terminated) else int(signal.SIGINT)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    raise Terminated(number)

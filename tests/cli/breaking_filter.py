@@ -1,0 +1,33 @@
+"""A filter that breaks down at a frame, whatever it is shown."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import jax.numpy as jnp
+import pytest
+
+from poseppl.filters import Filter, Info, ParticleState
+
+
+def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
+    """Let `track` use a filter of four chains at the first state's mean, whose state is NaN from frame `at` on."""
+
+    def build(name: str, model: Any, options: Any) -> tuple[Filter, dict[str, Any]]:
+        zero, number = jnp.zeros(()), jnp.int32(0)
+        info = Info(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
+
+        def state(frame: Any, inputs: Any) -> ParticleState:
+            particles = jnp.where(frame < at, inputs.start, jnp.nan) * jnp.ones((4, 1))
+            return ParticleState(particles, jnp.stack([frame, *[zero] * 3]))  # the frame, as a weight
+
+        def init(rng_key: Any, observation: Any, inputs: Any) -> Any:
+            return state(zero, inputs), info
+
+        def step(rng_key: Any, before: Any, observation: Any, inputs: Any) -> Any:
+            return state(before.log_weights[0] + 1, inputs), info
+
+        return Filter(init, step), {"particles": 4}
+
+    monkeypatch.setattr(importlib.import_module("poseppl.tracking.track"), "build_filter", build)
