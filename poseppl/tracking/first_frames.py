@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 
 from poseppl.tracking.scene import Scene
 from poseppl.tracking.silhouette_scene import SilhouetteScene
 
-AnyScene = TypeVar("AnyScene", Scene, SilhouetteScene)
 _PER_FRAME = ("points", "frames", "states", "markers", "contour", "on_outline", "distance", "usable", "person", "edges")
 
 
-def first_frames(seen: AnyScene, count: int) -> AnyScene:
+@overload
+def first_frames(seen: Scene, count: int) -> Scene: ...
+
+
+@overload
+def first_frames(seen: Scene | SilhouetteScene, count: int) -> Scene | SilhouetteScene: ...
+
+
+def first_frames(seen: Scene | SilhouetteScene, count: int) -> Scene | SilhouetteScene:
     """Cut a scene.
 
     Args:

@@ -66,6 +66,7 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL, "-q"]) == 0
+    capsys.readouterr()
     refused(capsys, ["smooth", "poseppl-walk.nc", "--set", "draws"], "--set", "NAME=VALUE")
     refused(capsys, ["smooth", "poseppl-walk.nc", "--method", "viterbi", "--set", "a=1"], "no setting 'a'")
     refused(capsys, ["smooth", "poseppl-walk.nc", "-o", "poseppl-walk.nc"], "poseppl-walk.nc")

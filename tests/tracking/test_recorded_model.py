@@ -68,7 +68,7 @@ def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, mo
         save_result(saying(result, model=name, lengths="touch ran"), "bad.nc")
         with pytest.raises(InputError, match="installed|does not tell"):
             smooth(load_result("bad.nc"), SmoothSettings("rauch-tung-striebel"))
-        assert main(["smooth", "bad.nc", "-q"]) == 1
+    assert main(["smooth", "bad.nc", "-q"]) == 1
     assert not called and not Path("ran").exists() and "beside" not in sys.modules
     load_builder("os:system")("it would notice")  # the user's own word
     assert called == ["it would notice"]
