@@ -73,8 +73,8 @@ def _sharpened(tables: Tables) -> list[str]:
             f"{diffusion} diffusion: {error['10'].told()} mm at lambda = 10 (ESS / N {share['10'].mean:.2g}), least "
             f"{error[best].told()} at {best} (ESS / N {share[best].mean:.1g}); annealed {annealed.told()}"
         )
-        where = ", ".join(f"{verdict} at {' and '.join(names)}" for verdict, names in judged.items())
-        verdicts.append(f"{diffusion} diffusion: {where}")
+        where = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in judged.items())
+        verdicts.append(f"with the {diffusion} diffusion {where}")
     claim = (
         "section 6.1: the annealed filter is hardly better than a plain one whose likelihood is sharpened by lambda = 10 "
         "(ESS / N 0.05 to 0.2)"

@@ -25,7 +25,7 @@ class Provenance(NamedTuple):
     Attributes:
         runs: How many runs it sums up, and whether those are the paper's numbers.
         recordings: Who was seen.
-        date: Day of the computation, ISO 8601.
+        date: Day on which the table was written, ISO 8601.
         versions: Libraries with their versions.
         command: The command line that makes it again.
         note: What else a reader should know; may be empty.

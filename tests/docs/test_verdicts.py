@@ -98,8 +98,10 @@ def sweep_table(plain: dict[float, list[float]], annealed: list[float]) -> Table
 def test_a_sharpened_filter_is_judged_by_two_standard_errors(errors, verdict):
     table = sweep_table({10.0: errors, 60.0: [120.0, 121.0, 122.0]}, [59.0, 60.0, 61.0])
     found = image_claims._sharpened({"image_exponents": table})[2].split("; ")
-    expected = f"{verdict} at 10 and 60" if verdict == "does not hold" else f"{verdict} at 10, does not hold at 60"
-    assert found == [f"{name} diffusion: {expected}" for name in ("published", "measured")]
+    no = "does not hold"
+    expected = [f"{no} at lambda = 10, 60"] if verdict == no else [f"{verdict} at lambda = 10", f"{no} at lambda = 60"]
+    heads = [f"with the {name} diffusion {expected[0]}" for name in ("published", "measured")]
+    assert found == [heads[0], *expected[1:], heads[1], *expected[1:]]
 
 
 @pytest.mark.parametrize(("relative", "verdict"), [(221.0, "holds"), (130.0, "does not hold")])
