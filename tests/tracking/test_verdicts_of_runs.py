@@ -31,4 +31,4 @@ def test_noise_and_walk_that_are_wrong_are_named_with_their_options(scene):
     assert 2.7 < float(noise.split()[3]) < 3.3 and "raise --noise by that factor" in noise
     assert any("--sigma-angle" in text for text in errors_of(scene, sigma_angle=0.05))
     shifted = scene.points + np.array([0.0, 0.02])[:, None, None]
-    assert any(text.startswith("Camera") for text in errors_of(scene._replace(points=shifted)))
+    assert any(text.startswith("Points of camera") for text in errors_of(scene._replace(points=shifted)))

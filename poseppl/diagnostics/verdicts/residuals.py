@@ -31,6 +31,7 @@ CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
 STANDS_OUT = 1.05
 """Factor by which the scale of a camera that stands out exceeds that of all points."""
 MARKER_HIGH = 2.0
+MAX_NAMED = 4
 BIAS_HIGH = 0.7
 """Mean residual of a camera, in units of its noise, from which on it is told."""
 _LEAST_SHARE = 0.05
@@ -89,7 +90,7 @@ def _overall(residuals: Residuals, cameras: list[str], markers: list[str]) -> li
         if len(cameras) > 1:
             worst.insert(0, _largest(residuals.scale((0, 2, 3)), cameras))
         text = f"Image points are {scale:.2f} times as far from the body as noise and posterior allow"
-        text += f" (most: {', '.join(worst)})"
+        text += f" (worst {', '.join(worst)})"
         advice = "raise --noise by that factor, mend calibration or lengths, or raise --sigma-angle and --sigma-position"
         return [Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")]
     if scale < SCALE_LOW and high < 1:
@@ -107,11 +108,12 @@ def _of_cameras(residuals: Residuals, cameras: list[str]) -> list[Verdict]:
     bias = np.linalg.norm(_mean(residuals.standardised, (0, 2)), axis=-1)
     shift = _mean(residuals.offset, (0, 2))
     for i in np.flatnonzero(high | (bias > BIAS_HIGH)):
-        text = f"Camera {cameras[i]}: its points are {scales[i]:.2f} times as far from the body as they should be"
+        said = [f"{scales[i]:.2f} times as far from the body as they should be"] if high[i] else []
         if bias[i] > BIAS_HIGH:
-            text += f", on average by ({_number(shift[i, 0])}, {_number(shift[i, 1])})"
+            said.append(f"off by ({_number(shift[i, 0])}, {_number(shift[i, 1])}) on average, {bias[i]:.1f} times their noise")
         severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
-        found.append(Verdict(severity, f"{text}; check its calibration (--camera), its synchrony and who is in its points."))
+        advice = "check its calibration (--camera), its synchrony and who is in its points"
+        found.append(Verdict(severity, f"Points of camera {cameras[i]} are {', and '.join(said)}: {advice}."))
     return found
 
 
@@ -120,9 +122,9 @@ def _of_markers(residuals: Residuals, markers: list[str]) -> list[Verdict]:
     high = [i for i in np.argsort(-np.nan_to_num(scales)) if scales[i] > MARKER_HIGH]
     if not high or len(high) > len(markers) / 2:
         return []
-    named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:4])
-    text = f"Markers lie farther from the body than they should, by factors: {named}"
-    return [Verdict(WARNING, f"{text}; the lengths (--stature, --model) or the detector's idea of them differ.")]
+    named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
+    advice = "the lengths (--stature, --model) or the detector's idea of them differ"
+    return [Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}: {advice}.")]
 
 
 def _interval(residuals: Residuals) -> tuple[float, float, float]:
