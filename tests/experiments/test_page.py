@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import shutil
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import xarray as xr
 
 from poseppl.errors import InputError
 from poseppl.experiments.choo_fleet.claims import claims
@@ -11,6 +13,7 @@ from poseppl.experiments.choo_fleet.page import page_of
 from poseppl.experiments.provenance import RECORD, Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table
 
+module = import_module("poseppl.experiments.choo_fleet.reproduce")
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "choo-fleet-2001"
 MADE = Provenance("12", "walk", "2026-01-02", "jax 0.0", "poseppl reproduce", "by hand")
 
@@ -28,6 +31,34 @@ def test_the_committed_folder_decides_every_claim():
     page = (FOLDER / "page.md").read_text(encoding="utf-8")
     assert all(f"({path.name})" in page for path in FOLDER.glob("*.png")) and len(list(FOLDER.glob("*.png"))) == 5
     assert kept["variances"].made.runs == "50" and kept["contest"].made.runs == "20" and kept["tuning"].made.runs == "10"
+
+
+PARTS = {
+    "single-frame": ("variances", "speed_ups", "volumes", "references"),
+    "sequence": ("sequence", "sequence_summary"),
+    "tuning": ("tuning", "burn_in"),
+    "contest": ("contest", "contest_sequences"),
+}
+
+
+def test_a_call_with_one_part_keeps_the_others(tmp_path, monkeypatch):
+    kept = read_folder(FOLDER)
+    made = {part: [kept[name].table for name in names] for part, names in PARTS.items()}
+    tabulate = {part: lambda tasks, results, tables=tables: tables for part, tables in made.items()}
+    monkeypatch.setattr(module, "_TABULATE", tabulate)
+    monkeypatch.setattr(module, "tasks_of", lambda *_: {})
+    monkeypatch.setattr(module, "_draw", lambda *_: {})
+    for part in PARTS:
+        module.reproduce(tmp_path, parts=[part])
+    found = read_folder(tmp_path)
+    assert {name: each.made.runs for name, each in found.items()} == {name: each.made.runs for name, each in kept.items()}
+    committed, page = page_of(FOLDER), page_of(tmp_path)
+    assert [line for line in page.splitlines() if line.startswith("| ") and "poseppl" not in line] == [
+        line for line in committed.splitlines() if line.startswith("| ") and "poseppl" not in line
+    ]
+    assert found["contest_sequences"].made.recordings == "walk, simulated"
+    with xr.open_datatree(tmp_path / "tables.nc", engine="h5netcdf") as tree:
+        assert set(tree.children) == set(kept)
 
 
 @pytest.mark.parametrize(("name", "old", "new"), [("volumes", "0.834061", "1.834061"), ("contest", "0.0124717", "0.124717")])
