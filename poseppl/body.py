@@ -24,6 +24,7 @@ from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import Cameras, KinematicTree
 from poseppl.geometry.flesh import Flesh
+from poseppl.io.words import some
 from poseppl.program import StateSpaceModel
 
 _SHIPPED = "poseppl_models"
@@ -126,7 +127,7 @@ def load_builder(name: str) -> Callable[..., Body]:
     builder = getattr(module, attribute, None)
     if not callable(builder):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
-        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected=f"one of {', '.join(known)}")
+        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known))
     found: Callable[..., Body] = builder
     return found
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -12,6 +14,7 @@ from poseppl.body import Body
 from poseppl.errors import InputError
 from poseppl.inverse_kinematics import fit_states
 from poseppl.io.motion import Motion
+from poseppl.io.words import some
 
 
 class Subject(NamedTuple):
@@ -30,31 +33,63 @@ class Subject(NamedTuple):
     residual: NDArray[np.float64]
 
 
-def match_markers(motion: Motion, names: tuple[str, ...], aliases: Mapping[str, tuple[str, ...]]) -> NDArray[np.float64]:
+def match_markers(
+    motion: Motion,
+    names: tuple[str, ...],
+    aliases: Mapping[str, tuple[str, ...]],
+    given: Mapping[str, tuple[str, ...]] | None = None,
+) -> NDArray[np.float64]:
     """Find a body's markers among the points of a recording.
 
     Args:
         motion: T frames.
         names: The K markers.
         aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
-            missing where one of them is.
+            missing where one of them is. Where no name of a marker is there as it is written, names are compared without case,
+            punctuation and what stands before a colon. One point is one marker, the first that it fits.
+        given: For some markers the points whose mean they are, in place of the aliases.
 
     Returns:
         Places (T, K, 3) in mm, NaN for a marker that the recording lacks.
 
     Raises:
-        InputError: The recording has none of the names.
+        InputError: The recording has none of the names, or lacks a point that is given.
     """
-    known = set(motion.names)
-    found = {name: next((alias for alias in aliases.get(name, ()) if known >= set(alias.split("+"))), None) for name in names}
+    found: dict[str, list[str]] = {}
+    for marker, points in (given or {}).items():
+        if marker not in names:
+            raise InputError(f"the body has no marker {marker!r}", field="--names", expected="one of " + some(names, 20))
+        found[marker] = [motion.names[motion.index(point)] for point in points]
+    for marker in names:
+        if marker not in found:
+            taken = {points[0] for points in found.values() if len(points) == 1}
+            found[marker] = _first_alias(aliases.get(marker, ()), motion.names, taken)
     if not any(found.values()):
         raise InputError(
-            f"none of its {len(motion.names)} points ({_some(motion.names)}) is a joint of the body",
+            f"none of its {len(motion.names)} points ({some(motion.names)}) is a joint of the body",
             file=motion.source,
-            expected="joint centres such as " + _some([aliases[name][0] for name in names if aliases.get(name)]),
+            expected="joint centres such as "
+            + some([aliases[name][0] for name in names if aliases.get(name)])
+            + "; or --names with a table of names",
         )
     missing = np.full(motion.positions[:, 0].shape, np.nan)
-    return np.stack([missing if alias is None else _mean_point(motion, alias.split("+")) for alias in found.values()], axis=1)
+    return np.stack([_mean_point(motion, found[marker]) if found[marker] else missing for marker in names], axis=1)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^0-9a-z+]", "", name.rpartition(":")[2].lower())
+
+
+def _first_alias(aliases: tuple[str, ...], names: tuple[str, ...], taken: set[str]) -> list[str]:
+    """The points of the first alias that a recording has, as it is written or else as a plain name."""
+    counts = Counter(map(_plain, names))
+    plain = {_plain(name): name for name in names if counts[_plain(name)] == 1}
+    for known, form in (({name: name for name in names}, str), (plain, _plain)):
+        for alias in aliases:
+            points = [known[form(part)] for part in alias.split("+") if form(part) in known]
+            if len(points) == alias.count("+") + 1 and not (len(points) == 1 and points[0] in taken):
+                return points
+    return []
 
 
 def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
@@ -62,27 +97,33 @@ def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
     return mean
 
 
-def fit_subject(motion: Motion, build: Callable[..., Body], lengths: Mapping[str, float] | None = None) -> Subject:
+def fit_subject(
+    motion: Motion,
+    build: Callable[..., Body],
+    lengths: Mapping[str, float] | None = None,
+    given: Mapping[str, tuple[str, ...]] | None = None,
+) -> Subject:
     """Measure the limbs of a recorded person and fit the body to every frame.
 
     Args:
         motion: The recording, Z up.
         build: Builds the body from limb lengths.
         lengths: Limb lengths in mm that are known; the others are measured.
+        given: Points of some markers, as :func:`match_markers` takes them.
 
     Raises:
         InputError: The recording lacks the joints that the body cannot do without.
     """
     standard = build(None)
     names = standard.tree.marker_names
-    markers = match_markers(motion, names, standard.aliases)
+    markers = match_markers(motion, names, standard.aliases, given)
     try:
         measured = standard.measure({name: markers[:, i] for i, name in enumerate(names)})
     except ValueError as error:
         raise InputError(
-            f"its points ({_some(motion.names)}) are too few for the body: {error}",
+            f"its points ({some(motion.names)}) are too few for the body: {error}",
             file=motion.source,
-            expected="; ".join(f"{name}: {' or '.join(standard.aliases.get(name, ()))}" for name in _absent(names, markers)),
+            expected="points for " + some(_absent(names, markers)) + "; name them with --names",
         ) from error
     body = build({**measured, **(lengths or {})})
     states, residual = fit_states(body.tree, markers, body.rest)
@@ -91,8 +132,3 @@ def fit_subject(motion: Motion, build: Callable[..., Body], lengths: Mapping[str
 
 def _absent(names: tuple[str, ...], markers: NDArray[Any]) -> list[str]:
     return [name for name, seen in zip(names, np.isfinite(markers).all(-1).any(0), strict=True) if not seen]
-
-
-def _some(names: Any) -> str:
-    names = list(names)
-    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

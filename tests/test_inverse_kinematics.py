@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -125,12 +127,53 @@ def test_skin_markers_stand_for_joints(data_dir):
 
 
 def test_too_few_points_are_refused(data_dir):
+    whole = read_motion(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d")
+    kept = [i for i, name in enumerate(whole.names) if not name.endswith(("KNE", "ANK"))]
+    hips = replace(whole, names=tuple(whole.names[i] for i in kept), positions=whole.positions[:, kept])
     with pytest.raises(InputError, match="PiG_Motion3_FF.c3d.*too few for the body: no neck, shoulder_l"):
-        fit_subject(read_motion(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d"), full_body)
+        fit_subject(hips, full_body)
     strange = Motion(("a", "b"), np.ones((4, 2, 3)), (), None, 100.0, "z", "strange.c3d")
     with pytest.raises(InputError, match="none of its 2 points .a, b. is a joint of the body.*joint centres such as root"):
         fit_subject(strange, full_body)
     motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), None, 100.0, "z", "few.c3d")
     assert match_markers(motion, ("pelvis", "knee_l"), full_body().aliases).shape == (4, 2, 3)
-    with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*hip_l: lhipjoint or LeftUpLeg"):
+    with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*points for .*hip_l.*; name them with --names"):
         fit_subject(motion, full_body)
+
+
+def test_legs_alone_are_a_body_in_proportion(data_dir):
+    """The upper body is at rest, as large as the legs say."""
+    motion = slice_frames(read_motion(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d"), "0:290:29")
+    subject = fit_subject(motion, full_body)
+    assert np.nanmean(subject.residual) < 6
+    seen = np.isfinite(subject.markers).all(-1).any(0)
+    names = subject.body.tree.marker_names
+    assert {name for name, there in zip(names, seen, strict=True) if there} == {
+        "pelvis", "hip_l", "hip_r", "knee_l", "knee_r", "ankle_l", "ankle_r"
+    }  # fmt: skip
+    lengths, standard = subject.body.lengths, full_body().lengths
+    size = (lengths["thigh"] + lengths["shank"]) / (standard["thigh"] + standard["shank"])
+    assert lengths["upper_arm"] / standard["upper_arm"] == pytest.approx(size)
+    assert np.abs(subject.states[:, subject.body.tree.coordinate_names.index("elbow_l.X")]).max() < 0.5
+
+
+def test_names_are_compared_without_case_and_punctuation_where_none_fits():
+    places = np.arange(4 * 3.0).reshape(1, 4, 3)
+    motion = Motion(("mixamorig:LeftLeg", "thigh.L", "LFoot", "l_foot"), places, (), None, 100.0, "z", "rig.bvh")
+    found = match_markers(motion, ("knee_l", "hip_l", "ankle_l"), full_body().aliases)
+    np.testing.assert_array_equal(found[0, :2], places[0, :2])
+    assert np.isnan(found[0, 2]).all()  # two points are called lfoot
+    lone = replace(motion, names=("head", "a", "b", "c"))
+    found = match_markers(lone, ("skull", "crown"), {"skull": ("Head",), "crown": ("head",)})
+    np.testing.assert_array_equal(np.isfinite(found[0]).all(-1), [True, False])  # one point, one marker
+
+
+def test_given_names_come_first():
+    places = np.arange(4 * 3.0).reshape(1, 4, 3)
+    motion = Motion(("Hips", "LeftLeg", "X1", "X2"), places, (), None, 100.0, "z", "rig.bvh")
+    found = match_markers(motion, ("pelvis", "knee_l"), full_body().aliases, {"knee_l": ("X1", "X2")})
+    np.testing.assert_array_equal(found[0], [places[0, 0], places[0, 2:].mean(0)])
+    with pytest.raises(InputError, match="the body has no marker 'knee'"):
+        match_markers(motion, ("pelvis",), full_body().aliases, {"knee": ("X1",)})
+    with pytest.raises(InputError, match="rig.bvh: there is no 'X3'"):
+        match_markers(motion, ("pelvis",), full_body().aliases, {"pelvis": ("X3",)})

@@ -27,6 +27,7 @@ from poseppl.body import Body, BodyInputs
 from poseppl.distributions import ProjectedMarkers
 from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
 from poseppl.program import StateSpaceModel
+from poseppl_models.joint_names import ALIASES
 from poseppl_models.random_walk import joint_sites, random_walk
 
 NOISE = 0.003
@@ -73,60 +74,6 @@ EDGES = (
     *((a.format(s), b.format(s)) for s in "lr" for a, b in (("pelvis", "hip_{}"), ("hip_{}", "knee_{}"))),
     *((f"knee_{s}", f"ankle_{s}") for s in "lr"),
 )
-
-_PLUG_IN_GAIT = {
-    "pelvis": "LASI+RASI+LPSI+RPSI",
-    "chest": "T10+STRN",
-    "neck": "C7+CLAV",
-    "skull": "C7+CLAV+LFHD+RFHD+LBHD+RBHD",
-    "crown": "LFHD+RFHD+LBHD+RBHD",
-    **{
-        f"{marker}_{side.lower()}": "+".join(side + label for label in labels.split("+"))
-        for side in "LR"
-        for marker, labels in (
-            ("shoulder", "SHO"),
-            ("elbow", "ELB"),
-            ("wrist", "WRA+WRB"),
-            ("hip", "ASI+ASI+PSI+PSI+THI"),
-            ("knee", "KNE"),
-            ("ankle", "ANK"),
-        )
-    },
-}
-"""Skin markers of the Plug-in-Gait set whose mean lies near each of ours: centimetres off, which the residual tells."""
-
-ALIASES: Mapping[str, tuple[str, ...]] = {
-    "pelvis": ("root", "Hips", "hip", "pelvis"),
-    "chest": ("upperback", "Chest", "Spine", "Spine2", "chest"),
-    "neck": ("thorax", "Neck", "neck"),
-    "skull": ("upperneck", "Head", "skull"),
-    "crown": ("head", "HeadEnd", "Head_end", "HeadTop", "HeadTop_End", "__Jaw", "crown"),
-    **{
-        f"{marker}_{side}": (
-            f"{side}{bone}",
-            f"{long}{part}",
-            f"{short}_{side.upper()}",
-            f"{whole}_{marker}",
-            f"{marker}_{side}",
-        )
-        for side, long, whole in (("l", "Left", "left"), ("r", "Right", "right"))
-        for marker, bone, part, short in (
-            ("shoulder", "clavicle", "Arm", "UpArm"),
-            ("elbow", "humerus", "ForeArm", "LoArm"),
-            ("wrist", "wrist", "Hand", "Hand"),
-            ("hip", "hipjoint", "UpLeg", "UpLeg"),
-            ("knee", "femur", "Leg", "LoLeg"),
-            ("ankle", "tibia", "Foot", "Foot"),
-        )
-    },
-}
-ALIASES = {marker: (*names, _PLUG_IN_GAIT[marker]) for marker, names in ALIASES.items()}
-"""Joint names of recordings for each marker, the first that a recording has; ``A+B`` is the mean of several points.
-
-An ASF bone stands for its far end: CMU's ``lradius`` is the upper two thirds of the forearm and ``lwrist``, which only twists
-about the same line, the rest. BVH joints stand for their own place; in CMU's BVH conversions ``Spine1`` and ``Neck``
-coincide, so that ``Spine`` is the middle. MakeHuman's ``__Jaw`` begins at the top of the head.
-"""
 
 
 def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
@@ -216,30 +163,34 @@ def measure(markers: Mapping[str, Any]) -> dict[str, float]:
     """Measure a subject's segment lengths (mm) as medians over frames, left and right averaged.
 
     Args:
-        markers: Positions (T, 3) in mm by marker name, NaN where unseen. Lengths that need a marker that is never seen are left
-            out.
+        markers: Positions (T, 3) in mm by marker name, NaN where unseen. Lengths that need a marker that is never seen are
+            those of :data:`LENGTHS` in proportion to the measured ones.
 
     Raises:
-        ValueError: Pelvis, neck, shoulders or hips are missing: without them a body has no scale.
+        ValueError: Pelvis or hips are missing, or neither the neck and the shoulders nor the knees are there: without them a
+            body has no scale.
     """
     seen = {name: np.asarray(place, float) for name, place in markers.items() if np.isfinite(place).all(-1).any()}
-    missing = {"pelvis", "neck", "shoulder_l", "shoulder_r", "hip_l", "hip_r"} - set(seen)
-    if missing:
-        raise ValueError(f"no {', '.join(sorted(missing))} among the markers")
+    missing = {"pelvis", "hip_l", "hip_r"} - set(seen)
+    trunk = {"neck", "shoulder_l", "shoulder_r"} - set(seen)
+    if missing or (trunk and not {"knee_l", "knee_r"} & set(seen)):
+        raise ValueError(f"no {', '.join(sorted(missing | trunk))} among the markers")
     lengths: dict[str, float] = {}
     for name, pairs in _SEGMENTS.items():
         found = [_median(np.linalg.norm(seen[a] - seen[b], axis=-1)) for a, b in pairs if a in seen and b in seen]
         if found:
             lengths[name] = float(np.mean(found))
-    up = _unit(seen["neck"] - seen["pelvis"])
-    lengths |= _flare(seen, up, "shoulder", "neck") | _flare(seen, up, "hip", "pelvis")
-    if "chest" in seen:
+    up = _unit(seen["neck"] - seen["pelvis"]) if "neck" in seen else np.array([0.0, 0.0, 1.0])
+    lengths |= _flare(seen, up, "hip", "pelvis")
+    if not trunk:
+        lengths |= _flare(seen, up, "shoulder", "neck")
+    if "chest" in seen and "neck" in seen:
         lengths["chest"] = _median(np.sum((seen["chest"] - seen["pelvis"]) * up, -1))
-    if "skull" in seen and "crown" in seen:  # the nearest points on the line that the body has
+    if {"neck", "skull", "crown"} <= set(seen):  # the nearest points on the line that the body has
         whole = seen["crown"] - seen["neck"]
         lengths["neck"] = _median(np.sum((seen["skull"] - seen["neck"]) * _unit(whole), -1))
         lengths["head"] = _median(np.linalg.norm(whole, axis=-1)) - lengths["neck"]
-    return lengths
+    return _in_proportion(lengths) | lengths
 
 
 _SEGMENTS = {
@@ -255,6 +206,13 @@ _SEGMENTS = {
         )
     },
 }
+
+
+def _in_proportion(measured: Mapping[str, float]) -> dict[str, float]:
+    """The standard lengths at the size that the measured limbs have."""
+    limbs = [name for name in _SEGMENTS if name in measured]
+    size = sum(measured[name] for name in limbs) / sum(LENGTHS[name] for name in limbs)
+    return {name: size * length for name, length in LENGTHS.items()}
 
 
 def _flare(markers: Mapping[str, Any], up: np.ndarray, ends: str, centre: str) -> dict[str, float]:

@@ -27,7 +27,21 @@ def subject_options(command: Command) -> Command:
                 "--skeleton",
                 metavar="ASF",
                 type=click.Path(),
-                help="Skeleton of an .amc recording; character of a DeepMimic motion.",
+                help="Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps.",
+            ),
+            click.option(
+                "--names",
+                metavar="TOML",
+                type=click.Path(),
+                help="Which points of the recording are which markers, where its names are unusual: lines such as "
+                'knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several.',
+            ),
+            click.option(
+                "--lengths",
+                metavar="TOML",
+                type=click.Path(),
+                help="Segment lengths that are known, mm: lines such as thigh = 435.0. [default: measured in a recording; "
+                "those of --stature otherwise]",
             ),
             click.option(
                 "--model",
@@ -49,7 +63,8 @@ def subject_options(command: Command) -> Command:
                 metavar="HZ",
                 type=float,
                 default=None,
-                help="Frames a second, where the file does not tell. [default: 120 for .amc, 30 for the built-in walk]",
+                help="Frames a second, where the file does not tell. [default: 120 for .amc and "
+                "exponential maps, 30 for the built-in walk]",
             ),
             click.option(
                 "--scale",
@@ -62,7 +77,7 @@ def subject_options(command: Command) -> Command:
                 "--up",
                 type=click.Choice(["x", "y", "z"]),
                 default=None,
-                help="Axis that points up in a .bvh or .c3d file. [default: found in the file]",
+                help="Axis that points up in a .bvh, .c3d or .trc file. [default: found in the file; y in .trc]",
             ),
         ]
     )(command)

@@ -91,8 +91,8 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 def simulate(recording: str | None, **options: Any) -> None:
     """Look at a motion through cameras and write the noisy 2-D markers, or videos of a person who moves so.
 
-    RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d); without it, the built-in walk
-    is seen.
+    RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton);
+    without it, the built-in walk is seen.
     """
     if not 0 <= options["seed"] < 2**32:
         raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")

@@ -19,7 +19,7 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
     if options["rate"] is not None and not 0 < options["rate"] < 1e6:
         raise InputError(f"{options['rate']:g}", field="--rate", expected="a positive number of frames a second")
     if recording is None:
-        for name in ("skeleton", "scale", "up"):
+        for name in ("skeleton", "scale", "up", "names", "lengths"):
             if options[name] is not None:
                 raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
         return walking_subject(model, frames=options["frames"], rate=options["rate"])
@@ -31,6 +31,8 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
         rate=options["rate"],
         scale=options["scale"],
         up=options["up"],
+        names=options["names"],
+        lengths=options["lengths"],
     )
 
 

@@ -175,9 +175,10 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 def track(recording: str | None, observations: str | None, **options: Any) -> None:
     """Track a body in 2-D markers or in silhouettes, frame by frame, with intervals.
 
-    RECORDING is a motion capture file (.amc or DeepMimic's .txt with --skeleton, .bvh or .c3d): its joints are seen through
-    cameras with noise, as 17 markers a frame, and the result is compared with the truth. Without it, a built-in walk is
-    tracked. Observations without a truth come by --observations and --camera, videos by --video and --calibration.
+    RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton): its
+    joints are seen through cameras with noise, as 17 markers a frame, and the result is compared with the truth. Without
+    it, a built-in walk is tracked. Observations without a truth come by --observations and --camera, videos by --video and
+    --calibration.
 
     Lengths are in mm, angles in radians, times in seconds.
     """
@@ -190,7 +191,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     words = [str(word).rpartition("=")[2] for name in ("video", "empty", "hidden", "masks") for word in options[name]]
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
-    inputs = [recording, observations, options["skeleton"], options["camera"], options["calibration"], *words]
+    tables = [options[name] for name in ("skeleton", "names", "lengths", "camera", "calibration")]
+    inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources, target) if sources else []
     check_writable([target, picture, *overlays], inputs)
@@ -223,9 +225,11 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
     if observations is not None:
         if options["camera"] is None:
             raise click.UsageError("--observations needs --camera TOML")
-        for name in ("skeleton", "scale", "up", "cameras", "camera_distance", "view"):
+        for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view"):
             if options[name] is not None:
                 raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
+    elif options["stature"] is not None and not options["video"]:
+        raise click.UsageError("--stature goes with --video or --observations; a recording tells its own")
 
 
 def _run(
@@ -259,6 +263,8 @@ def _run(
             frames=options["frames"],
             noise=options["noise"],
             rate=options["rate"],
+            stature=options["stature"],
+            lengths=options["lengths"],
         )
     else:
         scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))

@@ -12,7 +12,7 @@ import click
 from poseppl.errors import InputError
 
 MANY = ("--video", "--empty", "--hidden", "--masks")
-_ONLY = ("calibration", "empty", "hidden", "masks", "stature", "faces", "silhouette_noise", "refine", "edges")
+_ONLY = ("calibration", "empty", "hidden", "masks", "faces", "silhouette_noise", "refine", "edges")
 
 
 class ManyFiles(click.Command):
@@ -73,7 +73,8 @@ def video_options(command: Any) -> Any:
             "--stature",
             metavar="MM",
             type=float,
-            help="--video: height of the person, whose segments are in proportion. [default: 1750, or the scene's truth]",
+            help="--video, --observations: height of the person, whose segments are in proportion. [default: 1750, or the "
+            "scene's truth]",
         ),
         click.option(
             "--faces",
@@ -114,7 +115,7 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
         return
     if others:
         raise click.UsageError("give --video, a RECORDING or --observations, not two of them")
-    for name in ("skeleton", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise", "rate"):
+    for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise", "rate"):
         if options[name] is not None:
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --video")
 
@@ -141,6 +142,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             sources,
             model=options["model"] or DEFAULT_MODEL,
             stature=options["stature"],
+            lengths=options["lengths"],
             settings=settings,
             background=BackgroundSettings(refine=bool(options["refine"])),
             faces=options["faces"],

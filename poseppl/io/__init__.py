@@ -26,6 +26,7 @@ from poseppl.io.opencv import read_image as read_image
 from poseppl.io.opencv import write_image as write_image
 from poseppl.io.places import read_places as read_places
 from poseppl.io.places import write_places as write_places
+from poseppl.io.point_names import read_names as read_names
 from poseppl.io.recording import read_motion as read_motion
 from poseppl.io.synchronised import VideoWarning as VideoWarning
 from poseppl.io.synchronised import synchronised as synchronised

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from poseppl.errors import InputError, PosepplError
+from poseppl.io.bvh_translations import place_nodes, split_translations
 from poseppl.io.files import read_text
 from poseppl.io.motion import Motion, to_z_up
 from poseppl.io.words import parse_number, parse_numbers, split_words
@@ -36,7 +37,8 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
     """Read a BVH recording.
 
     Args:
-        path: The .bvh file; each joint with three rotation channels, the root with three position channels besides.
+        path: The .bvh file; each joint with three rotation channels, the root with three position channels besides,
+            other joints with or without (see `bvh_translations`).
         scale: Millimetres in one unit of length; guessed by default (see the module), and then named in ``source``.
         up: The axis that points up, "x", "y" or "z"; inferred by pybvh from the first frame by default.
 
@@ -52,9 +54,10 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
         raise InputError(f"{scale:g} mm a unit", field="scale", expected="a positive number")
     text = read_text(path)
     _check_text(path, text)
+    text, translations = split_translations(path, text)
     clip = _parse(path, text, f"+{up}" if up else "auto")
     with np.errstate(all="ignore"):
-        points = np.asarray(clip.node_positions(), dtype=np.float64)
+        points = place_nodes(clip, translations)
         rest = np.asarray(clip.rest_pose_positions(), dtype=np.float64)
     # The inferred sign is not used: no system records head down, but a leg alone hangs from its root.
     axis = str(clip.world_up)[-1]

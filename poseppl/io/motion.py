@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
+from poseppl.io.words import some
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Motion:
     def index(self, name: str) -> int:
         """Index of a point by its name; raises InputError with the names that there are."""
         if name not in self.names:
-            raise InputError(f"there is no {name!r}", file=self.source, expected="one of " + ", ".join(self.names))
+            raise InputError(f"there is no {name!r}", file=self.source, expected="one of " + some(self.names))
         return self.names.index(name)
 
 

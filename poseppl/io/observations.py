@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.io.files import atomic_path, read_text
-from poseppl.io.words import parse_number
+from poseppl.io.words import parse_number, some
 
 REQUIRED = ("frame", "marker", "x", "y")
 OPTIONAL = ("camera", "confidence")
@@ -72,7 +72,7 @@ def read_observations(
     _, header = next(lines, (1, []))
     columns = _columns(path, header)
     if "camera" not in columns and len(camera_names) != 1:
-        raise InputError("no column camera", file=path, line=1, field="camera", expected="one of " + ", ".join(camera_names))
+        raise InputError("no column camera", file=path, line=1, field="camera", expected="one of " + some(camera_names))
     rows = array("d")
     for line, values in lines:
         rows.extend(_row(path, line, values, columns, marker_names, camera_names))
@@ -178,7 +178,7 @@ def _known(path: str | PathLike[str], line: int, field: str, name: str, names: S
         return list(names).index(name)
     close = difflib.get_close_matches(name[:60], names, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise InputError(f"unknown {field} {name[:60]!r}", file=path, line=line, expected=f"one of {', '.join(names)}{hint}")
+    raise InputError(f"unknown {field} {name[:60]!r}", file=path, line=line, expected=f"one of {some(names, 20)}{hint}")
 
 
 def _frame_range(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from os import PathLike
 from typing import Any
 
@@ -12,6 +12,12 @@ from poseppl.errors import InputError
 LARGEST = 1e9
 LONGEST = 200
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
+
+
+def some(names: Iterable[str], count: int = 8) -> str:
+    """The first few of many names, for a message."""
+    listed = [name if len(name) <= 40 else name[:37] + "..." for name in names]
+    return ", ".join(listed[:count]) + (f", ... ({len(listed)} in all)" if len(listed) > count else "")
 
 
 def split_words(text: str, *, file: str | PathLike[str], line: int) -> list[str]:
@@ -89,7 +95,7 @@ def finite_numbers(
         raise InputError("no numbers by name", file=file, field=field, expected="a mapping of names to numbers")
     for name, number in value.items():
         if name not in names:
-            raise InputError(f"unknown name {str(name)[:40]!r}", file=file, field=field, expected=", ".join(names))
+            raise InputError(f"unknown name {str(name)[:40]!r}", file=file, field=field, expected=some(names))
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= LARGEST:
             raise InputError(f"{name} is {str(number)[:40]!r}", file=file, field=field, expected="a finite number, at most 1e9")
     return {name: float(number) for name, number in value.items()}

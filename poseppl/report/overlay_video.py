@@ -12,6 +12,7 @@ import xarray as xr
 from poseppl.errors import InputError
 from poseppl.io import Video, write_video
 from poseppl.io.opencv import Image, opencv
+from poseppl.io.words import some
 from poseppl.report.selection import Array, edges, frame_numbers, mean_points, some_draws
 
 MAX_SAMPLES = 12
@@ -37,7 +38,7 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
     names = [str(name) for name in tree["posterior"].dataset["camera"].values] if "camera" in tree["posterior"].coords else []
     samples, means = some_draws(tree, "points", MAX_SAMPLES), mean_points(tree)
     if samples is None or means is None or video.camera not in names:
-        raise InputError(f"no points of the camera {video.camera!r}", expected=f"one of {', '.join(names) or 'none'}")
+        raise InputError(f"no points of the camera {video.camera!r}", expected=f"one of {some(names) or 'none'}")
     camera, pairs = names.index(video.camera), edges(tree)
     frames = frame_numbers(tree)
     wanted = {int(number): index for index, number in enumerate(frames)}

@@ -15,6 +15,7 @@ from poseppl.errors import InputError
 from poseppl.geometry import Cameras, project
 from poseppl.io import CameraRecord, Observations, read_observations
 from poseppl.io.motion import Motion, slice_frames
+from poseppl.tracking.body_sizes import subject_lengths
 from poseppl.tracking.placing import cameras_of_records, check_in_front
 from poseppl.tracking.subjects import DEFAULT_MODEL, MovingSubject
 
@@ -118,6 +119,8 @@ def scene_of_observations(
     frames: str | None = None,
     noise: float | None = None,
     rate: float | None = None,
+    stature: float | None = None,
+    lengths: str | PathLike[str] | None = None,
 ) -> Scene:
     """Read 2-D observations that come without truth.
 
@@ -129,11 +132,13 @@ def scene_of_observations(
         noise: Standard deviation as a fraction of the focal length; the body's own if None. Where the file tells a
             confidence, it is divided by the root of that, and points below 0.05 count as not seen.
         rate: Frames a second.
+        stature: Of the person, mm: the segment lengths of the standard subject in proportion.
+        lengths: A TOML file of segment lengths, mm, that are known.
 
     Raises:
-        InputError: The file or the range cannot be used, or the body has clamped joints, which want a truth.
+        InputError: The file, the range or a length cannot be used, or the body has clamped joints, which want a truth.
     """
-    body = load_builder(model)(None)
+    body = load_builder(model)(subject_lengths(model, stature, lengths))
     if body.free is not None:
         problem = f"the body tracks {', '.join(body.free)} alone and needs the truth for the rest, which observations lack"
         raise InputError(problem, field="--model", expected="a recording, or a body without clamped joints")

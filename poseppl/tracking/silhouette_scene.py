@@ -18,6 +18,7 @@ from poseppl.geometry import Cameras, depth
 from poseppl.io import CameraRecord, Video
 from poseppl.io.opencv import opencv
 from poseppl.io.synchronised import VideoWarning, synchronised
+from poseppl.io.words import some
 from poseppl.tracking.picture_sizes import fit_size, resized
 from poseppl.tracking.placing import cameras_of_records
 from poseppl.tracking.scene import Floats, Scene
@@ -249,7 +250,7 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
     known = [record.name for record in records]
     lacking, strange = [name for name in known if name not in names], [name for name in names if name not in known]
     if lacking or strange:
-        problem = f"the calibration knows the cameras {', '.join(known)}; there are pictures of {', '.join(names) or 'none'}"
+        problem = f"the calibration knows the cameras {some(known)}; there are pictures of {some(names) or 'none'}"
         raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
 
 
@@ -260,7 +261,7 @@ def check_faces(name: str, cameras: Sequence[str]) -> None:
         InputError: There is none of this name.
     """
     if name not in cameras:
-        raise InputError(f"there is no camera {name!r}", field="--faces", expected=", ".join(cameras))
+        raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
 
 
 def _frame(

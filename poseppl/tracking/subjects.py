@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from poseppl.body import Body, load_builder
 from poseppl.errors import InputError
 from poseppl.geometry import marker_positions
-from poseppl.io import Motion, read_motion, slice_frames
+from poseppl.io import Motion, read_motion, read_names, slice_frames
 from poseppl.subject import fit_subject
+from poseppl.tracking.body_sizes import read_lengths
 
 DEFAULT_MODEL = "poseppl_models.choo_fleet:full_body"
 """The body that is tracked by default; resolved when it is used."""
@@ -85,17 +86,21 @@ def recorded_subject(
     rate: float | None = None,
     scale: float | None = None,
     up: str | None = None,
+    names: str | PathLike[str] | None = None,
+    lengths: str | PathLike[str] | None = None,
 ) -> MovingSubject:
     """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
 
     Args:
-        path: A .amc, .bvh, .c3d file, or a .txt motion of DeepMimic.
-        skeleton: The .asf file of an .amc file, or the character file of a DeepMimic motion.
+        path: A .amc, .bvh, .c3d or .trc file, or a .txt motion of DeepMimic or of exponential maps.
+        skeleton: The .asf file of an .amc file, the character file of a DeepMimic motion, the .json file of exponential maps.
         model: Builder of the body.
         frames: Range "start:stop:step"; all if None.
         rate: Frames a second, where the format does not tell.
         scale: Millimetres a unit, where the format does not tell.
         up: The axis that points up, where the format does not tell.
+        names: A TOML file that says which points are which markers (`poseppl.io.read_names`), where the names are unusual.
+        lengths: A TOML file of segment lengths, mm, that are known; the others are measured.
 
     Raises:
         InputError: A file, the range or the model cannot be used.
@@ -103,7 +108,9 @@ def recorded_subject(
     build = load_builder(model)
     motion, index = _sliced(read_motion(path, skeleton, rate=rate, scale=scale, up=up), frames)
     _check_markers(motion, build)
-    subject = fit_subject(motion, build)
+    given = None if names is None else read_names(names)
+    known = None if lengths is None else read_lengths(lengths, model)
+    subject = fit_subject(motion, build, known, given)
     residual = float(np.nanmean(subject.residual))
     return MovingSubject(subject.body, subject.states, subject.markers, residual, index, motion.rate, str(path))
 

@@ -156,7 +156,7 @@ def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
         if value is None:
             continue
         if name not in params:
-            raise InputError("the model has no such parameter", field=field, expected=", ".join(params) or "none")
+            raise InputError("the model has no such parameter", field=field, expected="no such option with this model")
         if not 0 < value < 1e6:
             raise InputError(f"{value:g}", field=field, expected="a positive number")
         params[name] = float(value)

@@ -15,7 +15,8 @@ from poseppl.body import load_builder
 from poseppl.errors import InputError
 from poseppl.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
 from poseppl.io.netcdf_reading import read_netcdf
-from poseppl.io.words import finite_numbers
+from poseppl.io.words import finite_numbers, some
+from poseppl.tracking.body_sizes import subject_lengths
 from poseppl.tracking.picture_sizes import resized
 from poseppl.tracking.scene import Floats
 from poseppl.tracking.silhouette_scene import (
@@ -29,8 +30,6 @@ from poseppl.tracking.silhouette_scene import (
 from poseppl.vision import Background, BackgroundSettings, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
-STATURE = 1750.0
-"""Of the standard subject, mm."""
 _SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 
 Image = NDArray[np.uint8]
@@ -92,7 +91,7 @@ def sources_of_files(
     strange = [name for name in names if name not in known]
     if strange:
         problem = f"the video of {strange[0]!r} has no calibration"
-        raise InputError(problem, file=str(calibration), field="--video", expected=f"{', '.join(known)}; or NAME=FILE")
+        raise InputError(problem, file=str(calibration), field="--video", expected=f"{some(known)}; or NAME=FILE")
     kept = tuple(record for record in records if record.name in names)
     order = {record.name: number for number, record in enumerate(kept)}
     beside = {name: open_video(path, name) for name, path in map(_named, empty)}
@@ -101,7 +100,7 @@ def sources_of_files(
     for option, named in (("--empty", beside), ("--hidden", dark), ("--masks", given)):
         for name in named:
             if name not in order:
-                raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{', '.join(order)}; or NAME=FILE")
+                raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{some(order)}; or NAME=FILE")
     return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, dark, given)
 
 
@@ -152,6 +151,7 @@ def see_silhouettes(
     *,
     model: str = DEFAULT_MODEL,
     stature: float | None = None,
+    lengths: str | PathLike[str] | None = None,
     settings: SilhouetteSettings | None = None,
     background: BackgroundSettings | None = None,
     faces: str | None = None,
@@ -167,6 +167,7 @@ def see_silhouettes(
         model: Builder of the body.
         stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
             known, or of the standard subject, if None.
+        lengths: A TOML file of segment lengths, mm, that are known.
         settings: Of the silhouettes.
         background: How the foreground is found.
         faces: Name of the camera that the person faces at first, if known.
@@ -182,7 +183,7 @@ def see_silhouettes(
     truth = sources.truth
     if faces is not None:
         check_faces(faces, [record.name for record in sources.records])
-    body = load_builder(model)(_lengths(model, stature, truth))
+    body = load_builder(model)(subject_lengths(model, stature, lengths, _known_lengths(model, truth)))
     backgrounds = {
         video.camera: _background(video, sources.empty.get(video.camera), background)
         for video in sources.videos
@@ -217,13 +218,8 @@ def _found(sources: VideoSources, background: BackgroundSettings | None, faces: 
     return {**given, "faces": faces, "background": settings if len(sources.masks) < len(sources.records) else None}
 
 
-def _lengths(model: str, stature: float | None, truth: SceneTruth | None) -> Mapping[str, float] | None:
-    if stature is None:
-        return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
-    if not 500.0 <= stature <= 2500.0:
-        raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
-    standard = load_builder(model)(None).lengths
-    return {name: value * stature / STATURE for name, value in standard.items()}
+def _known_lengths(model: str, truth: SceneTruth | None) -> Mapping[str, float] | None:
+    return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
 
 
 def _background(video: Video, empty: Video | None, settings: BackgroundSettings | None) -> Background:

@@ -148,6 +148,20 @@ def c3d_bytes(
     return header.ljust(512, b"\0") + section + data.astype("<f4").tobytes().ljust(512, b"\0")
 
 
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
+    "50\t50\t2\t2\tcm\t50\t1\t2\n"
+    "Frame#\tTime\tC7\t\t\tL.ASIS\t\t\n"
+    "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
+    "\n"
+    "1\t0.0\t10\t20\t30\t40\t50\t60\n"
+    "2\t0.02\t11\t21\t31\t\t51\t61\n"
+)
+EXPONENTIAL_SKELETON = '{"parent": [-1, 0, 1], "offset": [[0, 0, 0], [1, 0, 0], [0, -8, 0]]}'
+EXPONENTIAL_MAPS = "0,16,0,0,0,0,0,0,1.57079633,0,0,0\n1,16,0,0,1.57079633,0,0,0,0,0,0,0\n"
+
+
 CHARACTER = """{"Skeleton": {"Joints": [
  {"Name": "root", "Type": "none", "Parent": -1, "AttachX": 0, "AttachY": 0, "AttachZ": 0},
  {"Name": "hip", "Type": "spherical", "Parent": 0, "AttachX": 0, "AttachY": 0, "AttachZ": 0.1},

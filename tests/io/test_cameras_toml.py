@@ -65,7 +65,7 @@ def test_round_trip(tmp_path):
             name=name,
             matrix=np.array([[rng.uniform(500, 2000), 0.1, 960.3], [0, rng.uniform(500, 2000), 540.7], [0, 0, 1]]),
             distortion=rng.normal(0, 0.1, 5),
-            rotation=Rotation.random(rng=rng).as_matrix(),
+            rotation=Rotation.from_rotvec(rng.normal(size=3)).as_matrix(),
             translation=rng.normal(0, 3000, 3),
             size=(1920, 1080),
         )

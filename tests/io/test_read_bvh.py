@@ -107,3 +107,52 @@ def test_missing_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pybvh", None)
     with pytest.raises(PosepplError, match=r"pip install 'poseppl\[mocap\]'"):
         read(tmp_path)
+
+
+def with_positions(text, moved=""):
+    """The recording with position channels on every joint, all at their offsets, one joint sliding along x by 0.5 a frame."""
+    head, motion = text.split("MOTION\n")
+    places, lines = [], head.split("\n")
+    for number, line in enumerate(lines):
+        words = line.split()
+        if words[:1] == ["JOINT"]:
+            name = words[1]
+        if words[:1] == ["OFFSET"]:
+            offset, at = words[1:], number
+        if words[:2] == ["CHANNELS", "3"]:
+            lines[number] = f"CHANNELS 6 Xposition Yposition Zposition {' '.join(words[2:])}"
+            lines[at] = "OFFSET 0 0 0"  # what the channels say counts
+            places.append((name, [float(value) for value in offset]))
+    count, time, *rows = motion.strip().split("\n")
+    written = []
+    for frame, row in enumerate(rows):
+        values = row.split()
+        new = values[:6]
+        for joint, (name, (x, y, z)) in enumerate(places):
+            new += [repr(x + 0.5 * frame * (name == moved)), repr(y), repr(z), *values[6 + 3 * joint : 9 + 3 * joint]]
+        written.append(" ".join(new))
+    return "\n".join(lines) + "MOTION\n" + "\n".join([count, time, *written]) + "\n"
+
+
+def test_positions_on_every_joint(tmp_path, data_dir):
+    text = (data_dir / "pybvh" / "cmu_12_01_walk.bvh").read_text()
+    plain, full = read(tmp_path, text), read(tmp_path, with_positions(text))
+    assert full.names == plain.names and "56.44 mm" in full.source
+    np.testing.assert_allclose(full.positions, plain.positions, atol=1e-3)
+    np.testing.assert_array_equal(full.angles["LeftArm"], plain.angles["LeftArm"])
+
+
+def test_a_joint_that_slides_takes_its_children_along(tmp_path):
+    still = read(tmp_path, with_positions(BVH), scale=10.0, up="y")
+    moved = read(tmp_path, with_positions(BVH, "Knee"), scale=10.0, up="y")
+    turn = Rotation.from_euler("ZYX", [10, 20, 30], degrees=True)
+    step = 10.0 * turn.apply([0.5, 0, 0])[[0, 2, 1]] * (1, -1, 1)
+    np.testing.assert_allclose(moved.positions[1] - still.positions[1], [np.zeros(3), step, step], atol=1e-9)
+    np.testing.assert_allclose(moved.positions[0], still.positions[0], atol=1e-9)
+    np.testing.assert_allclose(still.positions, read(tmp_path, scale=10.0, up="y").positions, atol=1e-9)
+
+
+def test_some_position_channels_are_refused(tmp_path):
+    text = BVH.replace("CHANNELS 3 Z", "CHANNELS 4 Xposition Z").replace("30 1 2", "30 0 1 2")
+    with pytest.raises(InputError, match="line 9, CHANNELS: position channels X of 'Knee' .expected X, Y and Z, or none"):
+        read(tmp_path, text)

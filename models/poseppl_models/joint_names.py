@@ -1,0 +1,68 @@
+"""What recordings call the places of our markers, the most fitting name first; ``A+B`` is the mean of several points.
+
+An ASF bone stands for its far end: CMU's ``lradius`` is the upper two thirds of the forearm and ``lwrist``, which only twists
+about the same line, the rest. BVH joints stand for their own place; in CMU's BVH conversions ``Spine1`` and ``Neck``
+coincide, so that ``Spine`` is the middle. MakeHuman's ``__Jaw`` begins at the top of the head.
+
+The conventions, by the left elbow: ASF ``lhumerus``; MotionBuilder, Mixamo and CMU's BVH ``LeftForeArm``; MakeHuman
+``LoArm_L``; Bandai-Namco and Unreal ``LowerArm_L``; Blender ``forearm.L``; Poser and DAZ ``lForeArm``; 3ds Max
+``Bip01_L_Forearm``; SMPL and DeepMimic ``left_elbow``. Names are compared without case, punctuation and namespace where
+none fits as it is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+_SKIN = {
+    "pelvis": ("LASI+RASI+LPSI+RPSI", "L.ASIS+R.ASIS+L.PSIS+R.PSIS", "LHip+RHip"),
+    "chest": ("T10+STRN",),
+    "neck": ("C7+CLAV", "C7+L_Sternum+R_Sternum", "R.Clavicle+L.Clavicle"),
+    "skull": ("C7+CLAV+LFHD+RFHD+LBHD+RBHD",),
+    "crown": ("LFHD+RFHD+LBHD+RBHD",),
+}
+"""Skin markers whose mean lies near each of ours, centimetres off, which the residual tells: Plug-in Gait and two sets of
+OpenSim; and OpenPose's joints."""
+
+_SKIN_OF_SIDE = {
+    "shoulder": ("{S}SHO", "{S}_Shoulder", "{S}.Shoulder"),
+    "elbow": ("{S}ELB", "{S}_elbow_lat+{S}_elbow_med", "{S}.Elbow"),
+    "wrist": ("{S}WRA+{S}WRB", "{S}_wrist_radius+{S}_wrist_ulna", "{S}.Wrist"),
+    "hip": (
+        "{S}ASI+{S}ASI+{S}PSI+{S}PSI+{S}THI",
+        "{S}_HJC",
+        "{S}Hip",
+        "{S}.ASIS+{S}.ASIS+{S}.PSIS+{S}.PSIS+{S}.TH1",
+    ),
+    "knee": ("{S}KNE", "{S}_knee+{S}_mknee", "{S}_knee", "{S}.Knee"),
+    "ankle": ("{S}ANK", "{S}_ankle+{S}_mankle", "{S}_ankle", "{S}.Ankle"),
+}
+
+_CENTRAL = {
+    "pelvis": ("root", "Hips", "hip", "pelvis"),
+    "chest": ("upperback", "Chest", "Spine", "Spine2", "chest", "Bip01_Spine1", "spine_02"),
+    "neck": ("thorax", "Neck", "neck", "neck_01", "Bip01_Neck"),
+    "skull": ("upperneck", "Head", "skull", "Bip01_Head"),
+    "crown": ("head_end", "head", "HeadEnd", "Head_end", "HeadTop", "HeadTop_End", "__Jaw", "crown", "Bip01_Head_end"),
+}
+
+_OF_SIDE = {  # the far end of an ASF bone; the starts of the others
+    "shoulder": ("{s}clavicle", "{Left}Arm", "UpArm_{S}", "UpperArm_{S}", "upper_arm.{S}", "{s}Shldr", "Bip01_{S}_UpperArm"),
+    "elbow": ("{s}humerus", "{Left}ForeArm", "LoArm_{S}", "LowerArm_{S}", "forearm.{S}", "{s}ForeArm", "Bip01_{S}_Forearm"),
+    "wrist": ("{s}wrist", "{Left}Hand", "Hand_{S}", "hand.{S}", "{s}Hand", "Bip01_{S}_Hand"),
+    "hip": ("{s}hipjoint", "{Left}UpLeg", "UpLeg_{S}", "UpperLeg_{S}", "thigh.{S}", "{s}Thigh", "Bip01_{S}_Thigh"),
+    "knee": ("{s}femur", "{Left}Leg", "LoLeg_{S}", "LowerLeg_{S}", "shin.{S}", "calf_{s}", "{s}Shin", "Bip01_{S}_Calf"),
+    "ankle": ("{s}tibia", "{Left}Foot", "Foot_{S}", "foot.{S}", "{s}Foot", "Bip01_{S}_Foot"),
+}
+
+
+def _sided(marker: str, side: str, left: str) -> tuple[str, ...]:
+    patterns = (*_OF_SIDE[marker], f"{left}_{marker}", f"{marker}_{side}", *_SKIN_OF_SIDE[marker])
+    return tuple(pattern.format(s=side, S=side.upper(), Left=left.capitalize()) for pattern in patterns)
+
+
+ALIASES: Mapping[str, tuple[str, ...]] = {
+    **{marker: (*names, *_SKIN[marker]) for marker, names in _CENTRAL.items()},
+    **{f"{marker}_{side}": _sided(marker, side, left) for side, left in (("l", "left"), ("r", "right")) for marker in _OF_SIDE},
+}
+"""The names of each of the 17 markers."""
