@@ -33,6 +33,8 @@ from poseppl.tracking.placing import camera_names, cameras_around
 from poseppl.tracking.scene import Scene, noise_of
 
 NOISE = 0.003
+KALMAN = TrackSettings(filter="extended-kalman")
+"""The quickest filter on masks."""
 
 
 class Case(NamedTuple):
@@ -118,9 +120,9 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
         "keypoints, noise 0.003": Case(False, partial(points, NOISE), markers=reference),
         "keypoints, noise 0.008": Case(True, partial(points, 0.008), markers=reference),
         "keypoints, another person in two cameras": Case(False, partial(points, 0.008, other=(2, 3)), markers=reference),
-        "masks of the walk": Case(True, partial(masked_walk, count)),
-        "masks of two people": Case(False, partial(masked_walk, count, other=1000.0)),
-        "masks that change to another person": Case(False, partial(masked_walk, count, other=1000.0, since=count // 2)),
+        "masks of the walk": Case(True, partial(masked_walk, count), KALMAN),
+        "masks of two people": Case(False, partial(masked_walk, count, other=1000.0), KALMAN),
+        "masks that change to another person": Case(False, partial(masked_walk, count, other=1000.0, since=count // 2), KALMAN),
     }
 
 
