@@ -22,7 +22,7 @@ def parts_of_run(run: Run) -> dict[str, Any]:
         run: The run.
 
     Returns:
-        ``state``, ``extras``, ``sample_stats``, ``summary`` and ``num_particles``.
+        ``state``, ``extras``, ``sample_stats``, ``summary``, ``num_particles`` and ``predictive``.
     """
     stats: dict[str, Any] = run.info._asdict()
     stats.pop("ancestors")
@@ -32,7 +32,8 @@ def parts_of_run(run: Run) -> dict[str, Any]:
     if weighted:
         stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
         stats["unique_ancestors"] = run.unique_ancestors
-    return _parts(run.outputs, stats, particles.shape[0] if weighted else None)
+    parts = _parts(run.outputs, stats, particles.shape[0] if weighted else None)
+    return parts | {"predictive": None if run.prediction is None else run.prediction._asdict()}
 
 
 def result_of_run(

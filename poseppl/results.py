@@ -15,6 +15,9 @@ group              variables
 ``body``           ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
 ``inputs``         what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof), the
                    standard deviations of the random walk's step to each frame, mm and radians
+``predictive``     each frame's data against their prediction, see :class:`poseppl.predictive.Prediction`: ``transform``,
+                   ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry), ``chi_square`` and
+                   ``chi_square_transform`` (frame,)
 ``diagnostics``    added by :func:`poseppl.diagnostics.diagnose`
 =================  =============================================================================================
 
@@ -87,6 +90,7 @@ def build_result(
     edges: ArrayLike | None = None,
     root: str | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
+    predictive: Mapping[str, ArrayLike] | None = None,
     frames: ArrayLike | None = None,
     rate: float | None = None,
     num_particles: int | None = None,
@@ -108,6 +112,7 @@ def build_result(
         edges: (edge, 2) indices into the markers.
         root: The marker that relative errors are measured from.
         inputs: What else the model was given, by name, so that a smoother finds it again.
+        predictive: Predictive checks, (frame, entry) or (frame,) each.
         frames: (frame,) frame numbers; 0, 1, ... if None.
         rate: Frames a second.
         num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
@@ -146,6 +151,11 @@ def build_result(
         steps = {name: arrays.pop(name) for name in ("step_scale",) if name in arrays}
         groups["inputs"] = _checked({name: (("frame", "dof"), values) for name, values in steps.items()}, known).assign(
             {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
+        )
+    if predictive is not None:
+        checks = {name: np.asarray(values) for name, values in predictive.items()}
+        groups["predictive"] = _checked(
+            {name: (("frame", "entry")[: values.ndim], values) for name, values in checks.items()}, known
         )
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})

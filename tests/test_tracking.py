@@ -93,6 +93,7 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     arm = walking_subject("poseppl_models.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
     tree = track(scene, TrackSettings(filter="particle", options={"particles": 300}, max_draws=20))
+    assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.points[0].size)
     assert list(tree["posterior"]["dof"].values) == ["shoulder_r.Z", "shoulder_r.Y", "shoulder_r.X", "elbow_r.X"]
     clamped = scene.body.tree.marker_names.index("pelvis")
     np.testing.assert_allclose(tree["summary/markers_mean"][:, clamped], arm.markers[:, clamped], atol=0.05)

@@ -23,9 +23,12 @@ from poseppl.diagnostics.marker_errors import OverRuns as OverRuns
 from poseppl.diagnostics.marker_errors import marker_errors as marker_errors
 from poseppl.diagnostics.marker_errors import over_runs as over_runs
 from poseppl.diagnostics.marker_errors import virtual_markers as virtual_markers
+from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures
+from poseppl.diagnostics.predictive import predictive_figures as predictive_figures
 from poseppl.diagnostics.survival import effective_number as effective_number
 from poseppl.diagnostics.survival import survival as survival
 from poseppl.diagnostics.survival import unique_ancestors as unique_ancestors
 from poseppl.diagnostics.verdicts import Verdict as Verdict
+from poseppl.diagnostics.verdicts import check_predictions as check_predictions
 from poseppl.diagnostics.verdicts import frame_ranges as frame_ranges
 from poseppl.diagnostics.verdicts import verdicts as verdicts

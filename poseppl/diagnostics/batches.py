@@ -46,6 +46,20 @@ def mean_interval(values: ArrayLike) -> Interval:
     return Interval(float(series.mean()), error, reach)
 
 
+def ratio_interval(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
+    """Estimate a ratio of two means over the same frames.
+
+    Args:
+        numerator: a, (frame,).
+        denominator: b, (frame,), of positive mean; else all is NaN.
+    """
+    a, b = np.asarray(numerator, np.float64), np.asarray(denominator, np.float64)
+    if len(b) == 0 or b.sum() <= 0:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    estimate = a.mean() / b.mean()
+    return Interval(float(estimate), *_error((a - estimate * b) / b.mean()))
+
+
 def log_ratio(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
     """Estimate the logarithm of a ratio of two means over the same frames, with the error of paired frames.
 

@@ -65,7 +65,8 @@ def guided_filter(
         ess_threshold: Resample when ESS <= threshold * N: 1 at every frame, 0 never.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.particle.ParticleState`.
+        The filter; its state is :class:`~poseppl.filters.particle.ParticleState`. `Info.ess` of the auxiliary filter is the
+        lesser of its two stages': that of the weights that ancestors were chosen by, and that of the particles' own.
 
     Raises:
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
@@ -97,8 +98,9 @@ def guided_filter(
         observation: Observation,
         inputs: Any,
         num_gradient: int,
+        first_stage: jax.Array | float,
     ) -> tuple[ParticleState, Info]:
-        """Weights from log p(x | x') - log q(x) (N,) and the likelihood."""
+        """Weights from log p(x | x') - log q(x) (N,) and the likelihood; the ESS of the ancestors' choice bounds theirs."""
         log_likelihood = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles)
         updated = normalise(ancestry.log_weights + log_ratio + log_likelihood)
         # after impossible data the particles count as draws of the prediction, by their importance without the likelihood
@@ -106,7 +108,7 @@ def guided_filter(
         log_weights = jnp.where(updated.degenerate, predicted.log_weights, updated.log_weights)
         info = Info(
             log_evidence=updated.log_mean + jnp.log(jnp.asarray(num_particles, log_weights.dtype)),
-            ess=jnp.where(updated.degenerate, jnp.maximum(predicted.ess, 1.0), updated.ess),
+            ess=jnp.minimum(first_stage, jnp.where(updated.degenerate, jnp.maximum(predicted.ess, 1.0), updated.ess)),
             ancestors=ancestry.ancestors,
             acceptance=jnp.ones((), log_weights.dtype),
             divergences=jnp.zeros((), jnp.int32),
@@ -126,7 +128,8 @@ def guided_filter(
             particles, log_proposal = draw_program(propose_initial(model, proposal, observation, inputs), rng_key)
         log_ratio = jax.vmap(lambda x: model.log_initial(x, inputs))(particles) - log_proposal
         uniform = Ancestry(adaptive.everyone(), jnp.full(num_particles, -jnp.log(num_particles), particles.dtype))
-        return weigh(particles, log_ratio, uniform, observation, inputs, num_particles if proposal is None else 0)
+        num_gradient = num_particles if proposal is None else 0
+        return weigh(particles, log_ratio, uniform, observation, inputs, num_gradient, num_particles)
 
     def step(
         rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
@@ -140,6 +143,9 @@ def guided_filter(
         previous = state.particles[ancestry.ancestors]
         particles, log_proposal = outlook.draw(key_predict, ancestry.ancestors)
         log_prior = jax.vmap(lambda x, before: model.log_transition(x, before, inputs))(particles, previous)
-        return weigh(particles, log_prior - log_proposal, ancestry, observation, inputs, outlook.num_gradient)
+        chosen = auxiliary & (staged.ess <= ess_threshold * num_particles)
+        first_stage = jnp.where(chosen, staged.ess, num_particles)
+        log_ratio = log_prior - log_proposal
+        return weigh(particles, log_ratio, ancestry, observation, inputs, outlook.num_gradient, first_stage)
 
     return Filter(init, step)

@@ -19,8 +19,9 @@ from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.filters.registry import build_filter
 from poseppl.outcome import parts_of_run, timing_of_run
+from poseppl.predictive import predictive_checks
 from poseppl.results import Names, Truth, build_result
-from poseppl.run import Progress, Run, RunError, run_filter
+from poseppl.run import Progress, Run, RunError, frame_inputs, run_filter
 from poseppl.tracking.first_frames import first_frames
 from poseppl.tracking.problem import Problem, pose_problem
 from poseppl.tracking.scene import Scene
@@ -111,12 +112,14 @@ def track(
     built, options = build_filter(settings.filter, problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
+    obstacle = problem.model.prediction_obstacle(frame_inputs(problem.inputs, 0))
     described = {
         "model": settings.model,
         "model source": source_of_model(settings.model),
         "filter": settings.filter,
         "settings": {**options, **params, "max_draws": max_draws},
         "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
+        "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),
     }
     told = {**described, "seed": settings.seed, "devices": settings.devices}
@@ -129,6 +132,7 @@ def track(
             problem.inputs,
             num_frames=len(scene.points),
             collect=problem.collector(max_draws),
+            predict=None if obstacle else predictive_checks(problem.model),
             chunk=settings.chunk,
             progress=progress,
             checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),

@@ -13,6 +13,7 @@ from law_problems import problem, replicate, z_scores
 from oracles.kalman import kalman_filter
 from oracles.quadrature import moments_on_grid
 from poseppl_models.growth import growth
+from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.filters import guided_filter, particle_filter
 from poseppl.filters.local_proposal import local_proposal
@@ -139,3 +140,19 @@ def test_after_an_impossible_frame_particles_are_weighted_draws_of_the_predictio
     assert (increments[:, 1] == -np.inf).all()
     assert np.abs(z_scores(means, exact.means)).max() < 5
     assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
+
+
+def test_the_auxiliary_filter_reports_the_lesser_ess_of_its_stages():
+    """On a linear model the second stage has equal weights, and the first all that there is to lose."""
+    model = linear_gaussian(12, R=0.01 * np.eye(12)).compile()
+    filter = guided_filter(model, 200, auxiliary=True)
+    data = model.observe({"y": np.random.default_rng(0).normal(size=(2, 12))})
+    first, second = (jax.tree.map(lambda leaf, t=t: leaf[t], data) for t in (0, 1))
+    state, info = filter.init(jax.random.key(0), first)
+    assert info.ess == pytest.approx(200, rel=1e-3)
+    _, info = filter.step(jax.random.key(1), state, second)
+    A = 0.9 * np.eye(12) + 0.1 * np.eye(12, k=1)
+    residuals = second.values["y"] - np.asarray(state.particles) @ A.T
+    weights = np.exp(-0.5 * np.square(residuals).sum(axis=1) / 0.26)
+    weights /= weights.sum()
+    assert info.ess == pytest.approx(1 / np.square(weights).sum(), rel=1e-2) and info.ess < 190

@@ -17,6 +17,7 @@ from poseppl.distributions import SilhouetteSeen
 from poseppl.errors import InputError
 from poseppl.geometry import marker_positions
 from poseppl.io import VideoWarning
+from poseppl.results import provenance
 from poseppl.run import frame_inputs
 from poseppl.tracking import TrackSettings, track
 from poseppl.tracking.silhouette_problem import silhouette_problem
@@ -236,5 +237,7 @@ def test_a_moving_body_is_followed():
     states = [pose() + t * np.r_[20.0, 0.0, 0.0, 0.02 * np.ones(25)] for t in range(6)]
     scene = with_truth(scene_of(*states), *states)
     tree = track(scene, TrackSettings())
+    assert "predictive" not in tree.children
+    assert "Silhouettes of site 'silhouette' are a heuristic" in provenance(tree)["predictive checks"]
     error = np.linalg.norm(tree["summary"].dataset["markers_mean"].values - scene.scene.markers, axis=-1)
     assert error.mean() < 40.0

@@ -15,6 +15,8 @@ from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
 from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.particles import degeneracy
+from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions
+from poseppl.diagnostics.verdicts.predictive import prediction
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.steps import estimated_steps
@@ -37,6 +39,7 @@ CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     mixing,
     agreement,
     rejection,
+    prediction,
     coverage,
     missing,
 )

@@ -8,6 +8,9 @@ import xarray as xr
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, statistic, where
 from poseppl.results import is_weighted
 
+LOW_SHARE = 0.1
+"""Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""
+
 
 def degeneracy(tree: xr.DataTree) -> list[Verdict]:
     """What weighted particles suffer from."""
@@ -22,7 +25,7 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
             worst = f"{np.nanmin(effective):.1f}"
             text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
             advice = "the particles miss the posterior; raise --particles, or use --filter assumed-density"
-            found.append(Verdict(ERROR, f"{text}: {advice}."))
+            found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
     if unique is not None:
         few = unique < min(ESS_LOW, number)

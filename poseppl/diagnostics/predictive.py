@@ -1,0 +1,112 @@
+r"""What predictive checks say of a filter: how much larger its errors are than it claims, judged without a truth.
+
+An innovation z = y - E[y | past] has the error e of the predicted state in it and the noise of the data. The filter claims that
+e has the variance P (``state_variance``) and the noise R (``noise_variance``); let rho be the true variance of e over P, and
+G = P / (P + R) the gain. With standardised innovations z / sqrt(P + R), two moments tell rho:
+
+* their square:       E[z_t^2] = 1 + G (rho - 1),
+* their products:     E[z_t z_(t-1)] ~ G (1 - G) (rho - 1),
+
+the second because a filter whose gain is right leaves nothing in its innovations that the next frame repeats (Mehra 1970,
+doi:10.1109/TAC.1970.1099422), while one that trusts itself too much takes too little of an error away. The first knows rho
+where the state is less certain than the data, the second also where the noise hides it. Both are estimated over all
+entries and frames, with standard errors by batches of frames, and joined by inverse variance. Innovations are cut off at
+four standard deviations, so that a few gross errors do not decide.
+
+Intervals of 90 % of a Gaussian posterior whose true variance is rho times the claimed one cover 2 Phi(1.645 / sqrt(rho)) - 1.
+
+>>> round(implied_coverage(1.0), 3), round(implied_coverage(1.65), 2)
+(0.9, 0.8)
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.diagnostics.batches import Interval, ratio_interval
+from poseppl.predictive import Prediction
+
+_CUT = 4.0
+"""Standard deviations at which an innovation is cut off."""
+_OUTER = 0.1
+"""Probability of the outer tails."""
+
+
+class PredictiveFigures(NamedTuple):
+    """What a sequence says.
+
+    Attributes:
+        inflation: rho, the variance of the state's errors over the claimed one; 1 is right.
+        by_squares: rho by the innovations' squares alone.
+        by_products: rho by the products of neighbouring innovations alone.
+        outer: Share of the data in the outer 10 % of their predictive distributions.
+        high: Share of the data above their predictive median.
+        chi_square: Innovation chi-square over its expectation, averaged over the frames.
+    """
+
+    inflation: Interval
+    by_squares: Interval
+    by_products: Interval
+    outer: Interval
+    high: Interval
+    chi_square: Interval
+
+
+def predictive_figures(prediction: Prediction) -> PredictiveFigures:
+    """Sum the predictive checks of a sequence up.
+
+    Args:
+        prediction: With a leading T.
+    """
+    transform, innovation, state, noise, chi_square, _ = (np.asarray(leaf, np.float64) for leaf in prediction)
+    total = np.where(state + noise > 0, state + noise, np.nan)
+    gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
+    squares = _ratio(white**2 - 1, gain)
+    # a product belongs to the later frame; the gain is that of the earlier one, which should have taken the error away
+    products = _ratio(white[1:] * white[:-1], (gain * (1 - gain))[:-1])
+    return PredictiveFigures(
+        inflation=_one_more(_joined(squares, products)),
+        by_squares=_one_more(squares),
+        by_products=_one_more(products),
+        outer=_mean(np.abs(transform - 0.5) > (1 - _OUTER) / 2, transform),
+        high=_mean(transform > 0.5, transform),
+        chi_square=_mean(chi_square[:, None], chi_square[:, None]),
+    )
+
+
+def implied_coverage(inflation: float) -> float:
+    """Coverage of 90 % intervals of a Gaussian whose true variance is so many times the claimed one."""
+    return float(2 * norm.cdf(norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
+
+
+def _mean(values: Any, known: Floats) -> Interval:
+    """Mean over (frame, entry) where something is known."""
+    return _ratio(np.asarray(values, np.float64), np.where(np.isfinite(known), 1.0, np.nan))
+
+
+def _one_more(interval: Interval) -> Interval:
+    return interval._replace(estimate=interval.estimate + 1)
+
+
+def _joined(first: Interval, second: Interval) -> Interval:
+    """Two estimates by inverse variance; one of them where the other is unknown."""
+    known = [found for found in (first, second) if np.isfinite(found.estimate) and found.standard_error > 0]
+    if not known:
+        return first
+    errors = np.array([found.standard_error for found in known])
+    weights = errors**-2 / np.sum(errors**-2)
+    reaches = np.array([found.half_width for found in known])
+    error, reach = (float(np.sqrt(np.square(weights * part).sum())) for part in (errors, reaches))
+    return Interval(float(weights @ [found.estimate for found in known]), error, reach)
+
+
+def _ratio(numerator: Floats, denominator: Floats) -> Interval:
+    """Sum over sum of (frame, entry), what is not finite left out."""
+    known = np.isfinite(numerator) & np.isfinite(denominator)
+    above, below = (np.where(known, values, 0.0).sum(axis=1) for values in (numerator, denominator))
+    frames = known.any(axis=1)
+    return ratio_interval(above[frames], below[frames])

@@ -1,0 +1,76 @@
+"""Whether the data come as the filter expected them, which needs no truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
+from poseppl.predictive import Prediction
+from poseppl.results import provenance
+
+INFLATION_HIGH = 1.4
+"""Variance of errors over the claimed one, from which intervals are called too narrow: 90 % intervals cover 84 % then."""
+INFLATION_LOW = 0.5
+BIAS_HIGH = 0.25
+"""Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
+
+
+def prediction(tree: xr.DataTree) -> list[Verdict]:
+    """One-step-ahead predictions against the data that came; nothing where the result has none."""
+    told = provenance(tree).get("predictive checks")
+    if told is not None:
+        return [Verdict(INFO, f"Predictive checks are {told}.")]
+    if "predictive" not in tree.children:
+        return []
+    data = tree["predictive"].dataset
+    return check_predictions(Prediction(*(data[name].values for name in Prediction._fields)))
+
+
+def check_predictions(prediction: Prediction) -> list[Verdict]:
+    """Judge the predictive checks of a run, `run.prediction` of :func:`poseppl.run.run_filter`.
+
+    Args:
+        prediction: With a leading T.
+
+    Returns:
+        Findings; none where the predictions hold, or where there are too few frames to tell.
+    """
+    figures = predictive_figures(prediction)
+    found, _, reach = figures.inflation
+    if not np.isfinite(reach):
+        return []
+    if found > INFLATION_HIGH and found - reach > 1 and _may_exceed(figures):
+        share = implied_coverage(found)
+        advice = "over-confident: use more particles or chains or another filter, or widen the model's noise or transition"
+        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {advice.capitalize()}.")]
+    biased = abs(figures.high.estimate - 0.5) > BIAS_HIGH + figures.high.half_width
+    if biased:
+        side = "above" if figures.high.estimate > 0.5 else "below"
+        share = max(figures.high.estimate, 1 - figures.high.estimate)
+        return [
+            Verdict(WARNING, f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased.")
+        ]
+    if found + reach < INFLATION_LOW:
+        return [
+            Verdict(
+                WARNING, f"{_words(figures)}. Under-confident: the model's noise or transition is wider than the data need."
+            )
+        ]
+    return []
+
+
+def _may_exceed(figures: PredictiveFigures) -> bool:
+    """Whether the innovations' sizes allow what their products say: smooth motion alone makes neighbours alike, too."""
+    found, _, reach = figures.by_squares
+    return not found + reach < INFLATION_HIGH
+
+
+def _words(figures: PredictiveFigures) -> str:
+    found, error, _ = figures.inflation
+    outer = 100 * figures.outer.estimate
+    return (
+        f"The data say that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance that the filter "
+        f"claims ({outer:.0f} % of the data in the outer 10 % of their predictions)"
+    )

@@ -1,0 +1,112 @@
+"""Verdicts of predictive checks, on scalar Kalman filters that are right, over-confident, or of the wrong model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
+from poseppl.diagnostics.predictive import implied_coverage
+from poseppl.predictive import Prediction
+from poseppl.results import Names, build_result
+
+FRAMES, ENTRIES = 300, 8
+PRECISE, NOISY = 0.05, 4.0
+"""Variances of the noise, that of a step being 0.25."""
+
+
+def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float = 1.0) -> Prediction:
+    """Predictions of data (T, k), each entry a random walk seen with noise; the posterior's variance is cut to `narrow`."""
+    mean, variance, innovations, claimed = np.zeros(data.shape[1]), 1.0, [], []
+    for row in data:
+        innovations.append(row - mean)
+        claimed.append(np.full(len(mean), variance))
+        gain = variance / (variance + noise)
+        mean, variance = mean + gain * (row - mean), narrow * (1 - gain) * variance + step
+    z, state = np.array(innovations), np.array(claimed)
+    white = z / np.sqrt(state + noise)
+    squares = (white**2).sum(axis=1)
+    return Prediction(norm.cdf(white), z, state, np.full_like(z, noise), squares / data.shape[1], norm.cdf(squares))
+
+
+def walks(noise: float, seed: int, steps: np.ndarray | None = None) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    moves = 0.5 * rng.standard_normal((FRAMES, ENTRIES)) if steps is None else steps
+    moves[0] = rng.standard_normal(ENTRIES)
+    return moves.cumsum(axis=0) + np.sqrt(noise) * rng.standard_normal((FRAMES, ENTRIES))
+
+
+@pytest.mark.parametrize("noise", [PRECISE, NOISY])
+def test_a_filter_that_is_right_is_let_be(noise: float) -> None:
+    found = [kalman(walks(noise, seed), noise) for seed in range(30)]
+    assert [check_predictions(prediction) for prediction in found] == [[]] * 30
+    # the estimate is near 1, and its error is what it is said to be
+    inflations = [predictive_figures(prediction).inflation for prediction in found]
+    scores = np.array([(each.estimate - 1) / each.standard_error for each in inflations])
+    assert abs(np.mean([each.estimate for each in inflations]) - 1) < 0.05
+    assert 0.5 < np.square(scores).mean() < 2.0  # chi-square of 30: 1 +- 0.26, with errors from 17 batches
+
+
+@pytest.mark.parametrize("noise", [PRECISE, NOISY])
+def test_a_quarter_of_the_covariance_is_an_error(noise: float) -> None:
+    for seed in range(10):
+        (found,) = check_predictions(kalman(walks(noise, seed), noise, step=0.25 * 0.25, narrow=0.25))
+        assert found.severity == "error" and "Over-confident" in found.text
+
+
+def test_noise_that_hides_the_state_does_not_hide_over_confidence() -> None:
+    """The sizes of the innovations hardly tell, their likeness to the frame before does."""
+    figures = predictive_figures(kalman(walks(NOISY, 0), NOISY, step=0.15, narrow=0.9))
+    assert figures.outer.estimate < 0.13
+    assert figures.by_products.estimate - figures.by_products.half_width > 1.4
+    assert figures.by_squares.estimate - figures.by_squares.half_width < 1.4
+    # both estimate the same ratio
+    gap = figures.by_products.estimate - figures.by_squares.estimate
+    assert abs(gap) < 4 * np.hypot(figures.by_products.standard_error, figures.by_squares.standard_error)
+
+
+def test_smooth_motion_within_wide_steps_is_no_error() -> None:
+    """Steps that repeat themselves make innovations alike; where they are as small as was said, the filter is not to blame."""
+    rng = np.random.default_rng(3)
+    steps = np.zeros((FRAMES, ENTRIES))
+    for t in range(1, FRAMES):
+        steps[t] = 0.95 * steps[t - 1] + 0.4 * np.sqrt(1 - 0.95**2) * rng.standard_normal(ENTRIES)
+    prediction = kalman(walks(PRECISE, 3, steps), PRECISE)
+    assert predictive_figures(prediction).by_products.estimate > 2
+    assert all(found.severity != "error" for found in check_predictions(prediction))
+
+
+def test_bias_and_width_are_warnings() -> None:
+    rising = walks(
+        PRECISE, 1, np.full((FRAMES, ENTRIES), 0.4) + 0.1 * np.random.default_rng(1).standard_normal((FRAMES, ENTRIES))
+    )
+    (bias,) = check_predictions(kalman(rising, PRECISE))
+    assert bias.severity == "warning" and "above the predicted median" in bias.text
+    (wide,) = check_predictions(kalman(walks(PRECISE, 2), PRECISE, step=2.0))
+    assert wide.severity == "warning" and "Under-confident" in wide.text
+
+
+def test_too_little_to_tell_is_left_untold() -> None:
+    wrong = kalman(walks(PRECISE, 0), PRECISE, step=0.01, narrow=0.25)
+    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong))) == []
+    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong))
+    assert check_predictions(unseen) == []
+    hidden = Prediction(*(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong))
+    assert [found.severity for found in check_predictions(hidden)] == ["error"]
+
+
+def test_a_result_is_judged_by_its_predictions() -> None:
+    draws = np.random.default_rng(0).standard_normal((4, 50, FRAMES, 1))
+    wrong = kalman(walks(NOISY, 0), NOISY, step=0.05, narrow=0.25)
+    for prediction, severity in ((wrong, "error"), (kalman(walks(NOISY, 0), NOISY), "info")):
+        tree = build_result(state=draws, names=Names(("x",)), predictive=prediction._asdict())
+        assert tree["predictive/transform"].dims == ("frame", "entry") and tree["predictive/chi_square"].dims == ("frame",)
+        assert verdicts(tree)[0].severity == severity
+    unpredictable = build_result(state=draws, names=Names(("x",)), attrs={"predictive checks": "not available: a factor"})
+    assert "Predictive checks are not available: a factor." in [found.text for found in verdicts(unpredictable)]
+
+
+def test_coverage_that_an_inflation_implies() -> None:
+    assert implied_coverage(1.0) == pytest.approx(0.9)
+    assert implied_coverage(4.0) == pytest.approx(2 * norm.cdf(1.6449 / 2) - 1, abs=1e-4)
