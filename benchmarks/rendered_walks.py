@@ -7,10 +7,11 @@
         [--output rendered-walks]
 
 Silhouettes are found in the videos, whose empty rooms are known, or taken from the renderer (--true-masks); each run starts
-around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is 15
-mm). Errors are mean distances of posterior means of the joints from the truth, mm, and the same after the pelvis is moved onto
-its own; coverage is that of 90 % intervals of the joints' coordinates; seconds a frame are without compilation. Mean and
-standard deviation over runs, which differ in their seed. Runs that OUTPUT/runs.csv holds are not made again.
+around the truth. At 30 frames a second the person goes 40 mm a frame, which is what the random walk is told (the default is
+15 mm a frame at that rate). Errors are mean distances of posterior means of the joints from the truth, mm, and the same after
+the pelvis is moved onto its own; coverage is that of 90 % intervals of the joints' coordinates; seconds a frame are without
+compilation. Mean and standard deviation over runs, which differ in their seed. Runs that OUTPUT/runs.csv holds are not made
+again.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, sett
 
 def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:
     """Error, relative error, coverage, seconds a frame, and of compilation."""
-    tree = track(seen, TrackSettings(filter=name, seed=seed, sigma_position=40.0))
+    tree = track(seen, TrackSettings(filter=name, seed=seed, sigma_position=40.0 * 30.0**0.5))
     numbers, known = measure_run(tree), provenance(tree)
     found = (
         numbers.joint_error,

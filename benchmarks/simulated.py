@@ -14,6 +14,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.simulation import simulate
 
 SIGMA_POSITION, SIGMA_ANGLE = 7.5, 0.075
+"""Of a step, mm and radians."""
 START_POSITION, START_ANGLE = 15.0, 0.15
 NOISE = 0.003
 
@@ -31,9 +32,10 @@ def build_problem() -> Problem:
     body = full_body()
     camera = paper_camera((0.0, -5000.0, 1000.0))
     noise = jnp.full((1, len(body.tree.marker_names)), NOISE)
-    scale = jnp.concatenate([jnp.full(3, START_POSITION), jnp.full(body.tree.dimension - 3, START_ANGLE)])
-    inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), scale)
-    model = body.program.compile(inputs=inputs, params={"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE})
+    spreads = ((START_POSITION, START_ANGLE), (SIGMA_POSITION, SIGMA_ANGLE))
+    scales = (jnp.where(jnp.arange(body.tree.dimension) < 3, position, angle) for position, angle in spreads)
+    inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), *scales)
+    model = body.program.compile(inputs=inputs)
     return Problem(body, model, inputs)
 
 

@@ -74,17 +74,14 @@ def ours(problem: Problem, history: History, inputs: Any, kernel: Any, draws: in
 
 def numpyro_model(problem: Problem, inputs: BodyInputs) -> Callable[[jax.Array], None]:
     """The same model with NumPyro's scan over the frames."""
-    tree, params = problem.body.tree, problem.model.params
-    spread = jnp.array(
-        [params["sigma_position"] if axis in ("tx", "ty", "tz") else params["sigma_angle"] for _, axis in tree.coordinates]
-    )
+    tree = problem.body.tree
 
     def model(points: jax.Array) -> None:
         def see(x: jax.Array, seen: jax.Array) -> None:
             numpyro.sample("points", ProjectedMarkers(tree, inputs.cameras, x, inputs.noise).to_event(3), obs=seen)
 
         def step(x: jax.Array, seen: jax.Array) -> tuple[jax.Array, None]:
-            x = numpyro.sample("x", dist.Normal(x, spread).to_event(1))
+            x = numpyro.sample("x", dist.Normal(x, inputs.step_scale).to_event(1))
             see(x, seen)
             return x, None
 

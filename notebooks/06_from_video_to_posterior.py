@@ -114,7 +114,7 @@ print(f"half of the points are within {np.median(off):.1f} px of the true edge, 
 # mask its residuals.
 
 # %%
-params = {**body.params, "sigma_position": 40.0}  # the person comes 40 mm further in a frame
+params = {**body.params, "sigma_position": 40.0 * 30**0.5}  # the person comes 40 mm further in a frame, 30 times a second
 problem = silhouette_problem(seen, params)
 tracker, collect = kalman_filter(problem.model), problem.collector(200)
 

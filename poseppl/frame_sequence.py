@@ -57,6 +57,11 @@ class FrameSequence(NamedTuple):
     constant: list[Any]
     num_frames: int
 
+    def stacked_inputs(self) -> Any:
+        """The inputs of all frames as JAX arrays, each with a leading T, what is constant repeated."""
+        repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.num_frames, *jnp.shape(leaf))), self.constant)
+        return self.layout.join([jnp.asarray(leaf) for leaf in self.varying], repeated)
+
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
         observation, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))

@@ -81,8 +81,7 @@ def run_smoother(
     history = jax.tree.map(jnp.asarray, history)
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, inputs, num_frames)
-    stacked = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *jnp.shape(leaf))), sequence.constant)
-    whole = sequence.layout.join([jnp.asarray(leaf) for leaf in sequence.varying], stacked)
+    whole = sequence.stacked_inputs()
     data = mask_failed(jax.tree.map(jnp.asarray, sequence.observations), history.failed)
     key_smooth, key_collect = jax.random.split(rng_key)
     started = time.perf_counter()

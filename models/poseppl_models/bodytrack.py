@@ -43,7 +43,7 @@ class ImageInputs(NamedTuple):
         inside_error: 1 where the background is, 0 on the foreground, padded: (C, H + 1, W).
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
-        step_scale: Standard deviations of the random walk (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,).
     """
 
     cameras: Cameras

@@ -38,7 +38,7 @@ class ImageInputs(NamedTuple):
         evidence: What the likelihood wants to know of the images, a pytree with leaves (C, ...).
         start: Mean of the first state (d,): mm and radians.
         start_scale: Its standard deviations (d,).
-        step_scale: Standard deviations of the random walk (d,), a frame.
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,).
     """
 
     cameras: Cameras

@@ -63,8 +63,7 @@ def subject_options(command: Command) -> Command:
                 metavar="HZ",
                 type=float,
                 default=None,
-                help="Frames a second, where the file does not tell. [default: 120 for .amc and "
-                "exponential maps, 30 for the built-in walk]",
+                help="Frames a second, where the file does not tell. [default: 120 for .amc and exponential maps, else 30]",
             ),
             click.option(
                 "--scale",

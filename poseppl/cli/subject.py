@@ -16,24 +16,31 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
     model = options["model"] or DEFAULT_MODEL
     if options["scale"] is not None and not 0 < options["scale"] < 1e6:
         raise InputError(f"{options['scale']:g}", field="--scale", expected="a positive number of millimetres")
-    if options["rate"] is not None and not 0 < options["rate"] < 1e6:
-        raise InputError(f"{options['rate']:g}", field="--rate", expected="a positive number of frames a second")
+    rate = given_rate(options)
     if recording is None:
         for name in ("skeleton", "scale", "up", "names", "lengths"):
             if options[name] is not None:
                 raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
-        return walking_subject(model, frames=options["frames"], rate=options["rate"])
+        return walking_subject(model, frames=options["frames"], rate=rate)
     return recorded_subject(
         recording,
         options["skeleton"],
         model=model,
         frames=options["frames"],
-        rate=options["rate"],
+        rate=rate,
         scale=options["scale"],
         up=options["up"],
         names=options["names"],
         lengths=options["lengths"],
     )
+
+
+def given_rate(options: dict[str, Any]) -> float | None:
+    """Frames a second, where the options tell."""
+    rate: float | None = options["rate"]
+    if rate is not None and not 0 < rate < 1e6:
+        raise InputError(f"{rate:g}", field="--rate", expected="a positive number of frames a second")
+    return rate
 
 
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:

@@ -138,10 +138,24 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--survival", metavar="FRACTION", type=float, help="annealed: fraction of particles that outlives a layer. [default: 0.5]"
 )
 @click.option(
-    "--sigma-position", metavar="MM", type=float, help="Random walk of translations, mm a frame. [default: the body's, 15]"
+    "--sigma-position",
+    metavar="MM",
+    type=float,
+    help="Random walk of translations: standard deviation of a second's motion, mm; of a step, times the root of its time. "
+    "[default: the body's, 82: 15 a frame at 30 Hz]",
 )
 @click.option(
-    "--sigma-angle", metavar="RAD", type=float, help="Random walk of angles, radians a frame. [default: the body's, 0.15]"
+    "--sigma-angle",
+    metavar="RAD",
+    type=float,
+    help="Random walk of angles: the same in radians. [default: the body's, 0.82: 0.15 a frame at 30 Hz]",
+)
+@click.option(
+    "--walk",
+    type=click.Choice(["fixed", "learned"]),
+    default="fixed",
+    show_default=True,
+    help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under.",
 )
 @click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise and of the filter.")
 @click.option(
@@ -236,11 +250,13 @@ def _run(
     recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], progress: Any
 ) -> tuple[Any, str | None]:
     """The result, and why it ends before its scene does, if it does."""
+    from poseppl.cli.subject import given_rate
     from poseppl.filters.registry import check_settings
     from poseppl.io import read_cameras
     from poseppl.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.tracking.subjects import DEFAULT_MODEL
     from poseppl.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
+    from poseppl.tracking.walk import ASSUMED_RATE
 
     model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
@@ -248,7 +264,7 @@ def _run(
         filter=options["filter_name"],
         options={name: options[name] for name in _FILTER_OPTIONS},
         on_failure=options["on_failure"],
-        **{name: options[name] for name in ("sigma_position", "sigma_angle", "seed", "max_draws", "devices")},
+        **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "seed", "max_draws", "devices")},
     )
     check_settings(settings.filter, settings.options)
     progress.stage("reading")
@@ -262,19 +278,21 @@ def _run(
             model=model,
             frames=options["frames"],
             noise=options["noise"],
-            rate=options["rate"],
+            rate=given_rate(options),
             stature=options["stature"],
             lengths=options["lengths"],
         )
     else:
         scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
-    frames = getattr(scene, "scene", scene).frames
-    progress.stage("compiling", total=len(frames))
+    seen = getattr(scene, "scene", scene)
+    if seen.rate is None:
+        progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
+    progress.stage("compiling", total=len(seen.frames))
     try:
         return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"]), None
     except TrackStopped as stopped:
         done = stopped.result["posterior"].sizes["frame"]
-        return stopped.result, f"{stopped}; the frames before it, {done} of {len(frames)}, are"
+        return stopped.result, f"{stopped}; the frames before it, {done} of {len(seen.frames)}, are"
 
 
 def _seed(seed: int) -> int:

@@ -115,18 +115,20 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
         return
     if others:
         raise click.UsageError("give --video, a RECORDING or --observations, not two of them")
-    for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise", "rate"):
+    for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise"):
         if options[name] is not None:
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --video")
 
 
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
+    from poseppl.cli.subject import given_rate
     from poseppl.io import VideoWarning
     from poseppl.tracking.silhouette_scene import SilhouetteSettings
     from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
     from poseppl.vision import BackgroundSettings
 
+    rate = given_rate(options)
     start, stop = _frames(options["frames"])
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
@@ -151,6 +153,8 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             on_failure=options["on_failure"],
             advance=progress.advance,
         )
+    if rate is not None:
+        scene = scene._replace(scene=scene.scene._replace(rate=rate))
     for warning in told:
         progress.note(str(warning.message))
     return scene

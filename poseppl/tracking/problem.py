@@ -48,16 +48,16 @@ class Problem(NamedTuple):
     @property
     def num_cameras(self) -> int:
         """C."""
-        seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
-        return int(seen.cameras.value.centre.shape[0])
+        return int(body_inputs(self.inputs).cameras.value.centre.shape[0])
 
     def collector(self, max_draws: int) -> Collect:
         """Collector of draws, with the markers and their projections beside them."""
 
         def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
             values = self.model.extras(x, inputs)
-            seen: BodyInputs = inputs.inputs if isinstance(inputs, Clamped) else inputs
-            return {**values, "points": project(seen.cameras, values["markers"])} if "markers" in values else values
+            return (
+                {**values, "points": project(body_inputs(inputs).cameras, values["markers"])} if "markers" in values else values
+            )
 
         return collect_draws(self.model, max_draws=max_draws, extras=extras)
 
@@ -67,13 +67,24 @@ class Problem(NamedTuple):
         Args:
             frames: Which frames of what changes from frame to frame.
         """
-        seen = self.inputs.inputs if isinstance(self.inputs, Clamped) else self.inputs
+        seen = body_inputs(self.inputs)
         noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise[frames]
         record = {"noise": noise, "start": seen.start.value, "start_scale": seen.start_scale.value}
         record["step_scale"] = seen.step_scale[frames, list(self.body.free_coordinates)]
         if isinstance(self.inputs, Clamped):
             record["states"] = self.inputs.values[frames]
         return {name: np.asarray(values) for name, values in record.items()}
+
+
+def body_inputs(inputs: Any) -> Any:
+    """The inputs of the body's own programs, whether or not some of its joints are clamped."""
+    return inputs.inputs if isinstance(inputs, Clamped) else inputs
+
+
+def with_steps(inputs: Any, step_scale: Any) -> Any:
+    """The same inputs with other steps of the random walk."""
+    changed = body_inputs(inputs)._replace(step_scale=step_scale)
+    return inputs._replace(inputs=changed) if isinstance(inputs, Clamped) else changed
 
 
 def pose_problem(scene: Scene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:

@@ -34,7 +34,7 @@ class Scene(NamedTuple):
         points: (T, C, K, 2) image points; NaN where a marker was not seen.
         noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
         frames: (T,) frame numbers.
-        rate: Frames a second; None where unknown.
+        rate: Frames a second, of frames whose numbers are as far apart as most; None where unknown.
         source: Where it came from.
         states: (T, d) the true states; None where unknown.
         markers: (T, K, 3) mm, true places; None where unknown.
@@ -131,7 +131,7 @@ def scene_of_observations(
         frames: Range "start:stop:step" of the file's frames, counted from 0; all if None.
         noise: Standard deviation as a fraction of the focal length; the body's own if None. Where the file tells a
             confidence, it is divided by the root of that, and points below 0.05 count as not seen.
-        rate: Frames a second.
+        rate: Frames a second of the file; None where unknown.
         stature: Of the person, mm: the segment lengths of the standard subject in proportion.
         lengths: A TOML file of segment lengths, mm, that are known.
 
@@ -149,7 +149,8 @@ def scene_of_observations(
     points, index = observed.points, np.arange(len(observed.points))
     if frames is not None:
         counter = np.repeat(index.astype(float)[:, None, None], 3, axis=2)
-        index = slice_frames(Motion(("i",), counter, (), None, 1.0, "z", str(path)), frames).positions[:, 0, 0].astype(int)
+        part = slice_frames(Motion(("i",), counter, (), None, rate or 0.0, "z", str(path)), frames)
+        index, rate = part.positions[:, 0, 0].astype(int), part.rate or None
     points, confidence = points[index], None if observed.confidence is None else observed.confidence[index]
     if confidence is not None:
         points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)

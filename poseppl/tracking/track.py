@@ -29,6 +29,7 @@ from poseppl.tracking.silhouette_overlap import silhouette_record, silhouette_st
 from poseppl.tracking.silhouette_problem import silhouette_problem
 from poseppl.tracking.silhouette_scene import SilhouetteScene
 from poseppl.tracking.subjects import DEFAULT_MODEL
+from poseppl.tracking.walk_learning import learn_walk
 
 _ROOM = 2**28
 """Bytes of the draws that are kept, unless told otherwise."""
@@ -42,8 +43,10 @@ class TrackSettings(NamedTuple):
         model: Name of the body's builder, for the record.
         filter: Name of the filter.
         options: Settings of the filter; absent ones, or None, are its defaults.
-        sigma_position: Random walk of translations, mm a frame; the body's own if None.
-        sigma_angle: Random walk of angles, radians a frame; the body's own if None.
+        sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
+        sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
+        walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
+            the fixed ones; see :mod:`poseppl.tracking.walk_learning`.
         seed: Of the filter.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
@@ -56,6 +59,7 @@ class TrackSettings(NamedTuple):
     options: Mapping[str, Any] = {}
     sigma_position: float | None = None
     sigma_angle: float | None = None
+    walk: Literal["fixed", "learned"] = "fixed"
     seed: int = 0
     max_draws: int | None = None
     chunk: int | None = None
@@ -96,7 +100,7 @@ def track(
         The result, with diagnostics.
 
     Raises:
-        InputError: A setting is out of range.
+        InputError: A setting is out of range, or the body's walk cannot be learned.
         TrackStopped: The run cannot go on; holds the result of the frames before.
         RunError: It cannot go on from the first frame.
         CheckpointError: The folder holds another run.
@@ -109,6 +113,8 @@ def track(
     scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
     params = walk_params(scene.body, settings)
     problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)
+    if settings.walk == "learned":
+        problem = learn_walk(problem)
     built, options = build_filter(settings.filter, problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
@@ -117,7 +123,7 @@ def track(
         "model": settings.model,
         "model source": source_of_model(settings.model),
         "filter": settings.filter,
-        "settings": {**options, **params, "max_draws": max_draws},
+        "settings": {**options, **params, "walk": settings.walk, "max_draws": max_draws},
         "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
         "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),

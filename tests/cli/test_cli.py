@@ -18,7 +18,7 @@ from poseppl.cli import main
 from poseppl.cli.smooth import METHODS
 from poseppl.cli.track import FILTERS as NAMES
 from poseppl.filters.registry import FILTERS
-from poseppl.results import load_result
+from poseppl.results import load_result, provenance
 from poseppl.smoothers.registry import SMOOTHERS
 
 SMALL = ["--filter", "particle", "--particles", "200", "--frames", "0:4", "--max-draws", "20"]
@@ -62,6 +62,28 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
+
+
+def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", *SMALL, "-q", "--rate", "60", "--sigma-position", "30", "--sigma-angle", "0.3"]) == 0
+    tree = load_result("poseppl-walk.nc")
+    steps = tree["inputs/step_scale"].values * 60**0.5
+    assert steps[:, 0] == pytest.approx(30.0) and steps[:, -1] == pytest.approx(0.3)
+    assert main(["track", *SMALL, "-q", "--rate", "60", "--walk", "learned"]) == 0
+    learned = load_result("poseppl-walk.nc")
+    assert provenance(learned)["settings"]["walk"] == "learned"
+    assert len(set(learned["inputs/step_scale"].values[1].tolist())) > 5
+    Path("seen").mkdir()
+    assert main(["simulate", "--frames", "0:3", "-o", "seen", "-q"]) == 0
+    files = ["--observations", "seen/poseppl-walk.csv", "--camera", "seen/poseppl-walk.toml", "-o", "seen.nc"]
+    capsys.readouterr()
+    assert main(["track", *files, *SMALL[:4], "-q"]) == 0
+    assert "30 are assumed (--rate)" in capsys.readouterr().err
+    assert main(["track", *files, *SMALL[:4], "-q", "--rate", "120"]) == 0
+    assert not capsys.readouterr().err
+    halved = load_result("seen.nc")["inputs/step_scale"].values
+    assert halved[:, 0] == pytest.approx(7.5) and halved[:, -1] == pytest.approx(0.075)
+    refused(capsys, ["track", *files, "--rate", "0"], "--rate")
 
 
 def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,8 +5,15 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 
+from poseppl.errors import InputError
+from poseppl.geometry import marker_positions
+from poseppl.io import write_observations
+from poseppl.linearisation import Gaussian
+from poseppl.program import StateSpaceModel
 from poseppl.run import frame_inputs
 from poseppl.tracking import (
     TrackSettings,
@@ -14,10 +21,14 @@ from poseppl.tracking import (
     place_cameras,
     pose_problem,
     problem_of_result,
+    scene_of_observations,
     track,
     walking_subject,
 )
+from poseppl.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
+from poseppl.tracking.scene import observations_of_scene
 from poseppl.tracking.walk import SIGMA_ANGLE, SIGMA_POSITION, step_scales, time_steps
+from poseppl.tracking.walk_learning import Expansion, expected_steps, learn_walk
 
 ARM = "poseppl_models.choo_fleet:arm"
 
@@ -80,3 +91,88 @@ def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> 
     problem = problem_of_result(tree)
     np.testing.assert_allclose(problem.record()["step_scale"], expected, rtol=1e-6)
     np.testing.assert_allclose(variance_of_a_second(problem), 4 * expected**2, rtol=1e-5)
+
+
+def test_learned_scales_are_those_of_the_motion() -> None:
+    """A body that walks at random is found to do so, by the scales that it was given; scales of others differ."""
+    rng, frames, seconds = np.random.default_rng(0), 160, 1 / 60
+    scene = scene_of(60.0, f"0:{frames}")
+    body = scene.body
+    sigma = {"shoulder_r": 0.4, "elbow_r": 1.6}
+    free = list(body.free_coordinates)
+    scales = np.array([sigma[body.tree.coordinates[index][0]] for index in free])
+    states = np.tile(body.rest, (frames, 1))
+    states[1:, free] += np.cumsum(rng.normal(size=(frames - 1, 4)) * scales * np.sqrt(seconds), axis=0)
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
+    subject = walking_subject(ARM, frames=f"0:{frames}", rate=60.0)._replace(states=states, markers=markers)
+    seen = observe_motion(subject, cameras_around(subject, count=2), ("a", "b"), noise=3e-4)
+    learned = learn_walk(pose_problem(seen)).record()["step_scale"] / np.sqrt(seconds)
+    # steps that were seen almost without noise: a standard deviation has a relative error of 1 / sqrt(2 n), n steps of a group
+    count = np.where(scales == 0.4, 3, 1) * (frames - 1)
+    np.testing.assert_allclose(learned / scales, 1.0, atol=float(5 / np.sqrt(2 * count.min())))
+    assert np.all(np.abs(learned[0] / scales - 1) < 5 / np.sqrt(2 * count))
+    assert np.all(np.abs(SIGMA_ANGLE / scales - 1) > 5 / np.sqrt(2 * count))
+
+
+def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
+    """Expected squares of steps against the joint Gaussian of a whole trajectory, by its precision matrix."""
+    rng, frames, d = np.random.default_rng(1), 5, 2
+    steps = rng.uniform(0.5, 2.0, (frames, d))
+    roots = rng.normal(size=(frames, d, d))
+    roots[2] = 0.0  # a frame without data
+    information, vector = roots @ roots.swapaxes(1, 2), rng.normal(size=(frames, d))
+    first = Gaussian(jnp.asarray([1.0, -1.0]), jnp.asarray([[2.0, 0.3], [0.3, 1.0]]))
+    precision, right = np.zeros((frames * d, frames * d)), (vector * (np.arange(frames) != 2)[:, None]).copy()
+    for t in range(frames):
+        at, before = slice(t * d, t * d + d), slice(t * d - d, t * d)
+        precision[at, at] += information[t]
+        if t == 0:
+            precision[at, at] += np.linalg.inv(first.covariance)
+            right[0] += np.linalg.solve(first.covariance, first.mean)
+            continue
+        inverse = np.diag(steps[t] ** -2.0)
+        for one, other, sign in ((at, at, 1), (before, before, 1), (at, before, -1), (before, at, -1)):
+            precision[one, other] += sign * inverse
+    covariance = np.linalg.inv(precision)
+    mean = (covariance @ right.ravel()).reshape(frames, d)
+    difference = np.eye(frames * d)[d:] - np.eye(frames * d)[:-d]
+    expected = np.diff(mean, axis=0) ** 2 + np.diag(difference @ covariance @ difference.T).reshape(frames - 1, d)
+    given = Expansion(jnp.asarray(vector * (np.arange(frames) != 2)[:, None]), jnp.asarray(information))
+    means, squares = expected_steps(first, given, jnp.asarray(steps))
+    np.testing.assert_allclose(means, mean, rtol=2e-4, atol=1e-5)
+    np.testing.assert_allclose(squares, expected, rtol=2e-4)
+
+
+def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
+    scene = scene_of(120.0, "0:20")
+    settings = TrackSettings(ARM, "extended-kalman", {"particles": 20}, walk="learned")
+    tree = track(scene, settings)
+    recorded = tree["inputs/step_scale"].values
+    expected = learn_walk(pose_problem(scene)).record()["step_scale"]
+    np.testing.assert_allclose(recorded, expected, rtol=1e-5)
+    assert np.all(recorded < 0.9 * SIGMA_ANGLE / np.sqrt(120.0))  # a walk's arm swings less than the prior thinks
+    np.testing.assert_array_equal(problem_of_result(tree).record()["step_scale"], recorded)
+
+
+def test_a_transition_that_is_no_random_walk_is_refused() -> None:
+    scene = scene_of(30.0, "0:3", "poseppl_models.choo_fleet:full_body")
+
+    def transition(params, state, inputs):
+        for name, value in state.items():
+            numpyro.sample(name, dist.Normal(0.9 * value, 0.1))
+
+    program = scene.body.program
+    body = scene.body._replace(program=StateSpaceModel(program.initial, transition, program.observation))
+    with pytest.raises(InputError, match="--walk: the walk of this body cannot be learned: its transition is not the random"):
+        learn_walk(pose_problem(scene._replace(body=body)))
+
+
+def test_the_rate_of_observations_is_that_of_the_frames_that_are_taken(tmp_path) -> None:
+    subject = walking_subject(frames="0:7", rate=60.0)
+    records = records_of_cameras(place_cameras(subject.markers[:, 0], 0.0), 1500.0, (1920, 1080))
+    scene = observe_motion(subject, cameras_of_records(records), ("camera",))
+    write_observations(tmp_path / "points.csv", observations_of_scene(scene))
+    for rate, seconds in ((60.0, 2 / 60), (None, 1 / 30)):
+        again = scene_of_observations(tmp_path / "points.csv", records, frames="0:7:2", rate=rate)
+        assert again.rate == (30.0 if rate else None)
+        np.testing.assert_allclose(time_steps(again.frames, again.rate), seconds)
