@@ -153,6 +153,20 @@ def to_rgb(image: Image) -> Image:
     return converted
 
 
+def check_name(path: str | PathLike[str]) -> str:
+    """Check that OpenCV can open a file by its name: one that is not UTF-8 ends the process.
+
+    Raises:
+        InputError: The name is none for OpenCV.
+    """
+    name = str(path)
+    try:
+        name.encode("utf-8")
+    except UnicodeError as error:
+        raise InputError("the name is not UTF-8, and OpenCV takes no other", file=path, expected="another name") from error
+    return name
+
+
 def check_image(image: Image, camera: str | None = None, frame: int | None = None) -> Image:
     """Check that an array is an image.
 

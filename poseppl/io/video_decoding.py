@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
-from poseppl.io.opencv import Image, check_pixels, opencv, place, to_rgb
+from poseppl.io.opencv import Image, check_name, check_pixels, opencv, place, to_rgb
 
 MAX_VIDEO_BYTES = 2**44
 GAP = 1.75
 """Frame intervals between time stamps from which a frame counts as left out; between even stamps there is 1."""
+_FORMATS = ",".join(
+    ["mov", "mp4", "m4v", "matroska", "webm", "avi", "mpeg", "mpegts", "mpegvideo", "flv", "asf", "ogg", "mxf", "dv", "gif"]
+    + ["nut", "ivf", "h264", "hevc", "mjpeg", "yuv4mpegpipe"]
+)
+"""FFmpeg's names of files that hold their pictures; playlists and the like name other files and servers."""
 
 
 class VideoFacts(NamedTuple):
@@ -91,7 +97,8 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts, variable_r
 @contextmanager
 def _capture(path: str, camera: str) -> Iterator[Any]:
     cv2 = opencv()
-    capture = cv2.VideoCapture(path)
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", f"format_whitelist;{_FORMATS}")
+    capture = cv2.VideoCapture(check_name(path))
     try:
         if not capture.isOpened():
             raise InputError("cannot be decoded", file=path, field=place(camera, None), expected=_expected(path))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io.files import atomic_path
-from poseppl.io.opencv import Image, check_image, opencv
+from poseppl.io.opencv import Image, check_image, check_name, opencv
 
 SUFFIXES = (".mp4", ".avi", ".mkv")
 
@@ -75,7 +75,7 @@ class VideoWriter:
             problem = f"images of {width} x {height} pixels"
             raise InputError(problem, file=self._path, expected="an even width and height; crop or pad by one pixel")
         code = opencv().VideoWriter.fourcc(*self._codec)
-        if not self._writer.open(str(self._temporary), code, float(self._rate), (width, height)):
+        if not self._writer.open(check_name(self._temporary), code, float(self._rate), (width, height)):
             raise PosepplError(f"{self._path}: this OpenCV cannot encode {self._codec!r} into it; try codec='mp4v'")
         self._size = (width, height)
 

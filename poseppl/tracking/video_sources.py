@@ -119,6 +119,10 @@ def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -
         raise InputError("no scene", file=folder, expected="a folder of poseppl simulate --video, with Calib.toml")
     records = tuple(record for record in read_cameras(place / "Calib.toml") if not cameras or record.name in cameras)
     check_names(records, list(cameras) or [record.name for record in records])
+    for record in records:
+        if Path(record.name).name != record.name:
+            expected = "the name of a file in the scene's folder"
+            raise InputError(f"a camera called {record.name[:80]!r}", file=place / "Calib.toml", expected=expected)
     videos = tuple(open_video(place / f"{record.name}.mp4", record.name) for record in records)
     empty = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
     hidden = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -173,13 +172,3 @@ CLIP = """{"Loop": "wrap", "Frames": [
  [0.5, 1, 1, 0, 0.70710678, 0, 0.70710678, 0, 0.70710678, 0, 0, 0.70710678, -1.57079633],
  [0, 2, 1, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0]
 ]}"""
-
-
-def damaged_copies(data: bytes, count: int) -> Iterator[bytes]:
-    """Copies of a file with a few wrong bytes, or cut off, the same ones in every run."""
-    rng = np.random.default_rng(7)
-    for number in range(count):
-        changed = np.frombuffer(data, np.uint8).copy()
-        where = rng.integers(0, len(data), rng.integers(1, 40))
-        changed[where] = rng.integers(0, 256, len(where))
-        yield changed[: rng.integers(1, len(data)) if number % 4 == 0 else None].tobytes()

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 
-from recording_samples import damaged_copies
+from damage import damaged_copies
 
 from poseppl.errors import InputError
 from poseppl.io import open_masks, read_masks

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from recording_samples import damaged_copies
+from damage import damaged_copies
 from synthetic import synthetic_result
 
 from poseppl.cli import main

@@ -1,14 +1,16 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_samples import damaged_copies
+from damage import damaged_copies
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io import open_video, read_image, write_image, write_video
@@ -270,3 +272,28 @@ def test_damaged_pictures_are_refused_or_read(tmp_path):
             (tmp_path / name).write_bytes(damaged)
             with contextlib.suppress(InputError):
                 assert read_image(tmp_path / name).ndim == 3
+
+
+LISTS = ("ffconcat version 1.0\nfile 'elsewhere/other.mp4'\n", "#EXTM3U\n#EXTINF:1,\nelsewhere/other.mp4\n")
+"""Of FFmpeg and of HLS."""
+
+
+@pytest.mark.parametrize("head", LISTS)
+@pytest.mark.parametrize("suffix", [".mp4", ".m3u8", ".ffconcat"])
+def test_lists_of_other_files_are_no_videos(tmp_path, monkeypatch, head, suffix):
+    monkeypatch.chdir(tmp_path)
+    Path("elsewhere").mkdir()
+    write_video("elsewhere/other.mp4", [np.full((64, 64, 3), 200, np.uint8)] * 3, 25.0)
+    assert open_video("elsewhere/other.mp4").num_frames == 3
+    Path(f"list{suffix}").write_text(head)
+    with pytest.raises(InputError, match="cannot be decoded"):
+        open_video(f"list{suffix}")
+
+
+def test_a_video_whose_name_is_no_text(tmp_path):
+    name = tmp_path / os.fsdecode(b"a\xff.mp4")
+    name.write_bytes(b"not read")
+    with pytest.raises(InputError, match="not UTF-8"):
+        open_video(name)
+    with pytest.raises(InputError, match="not UTF-8"):
+        write_video(name, clip(3), 25.0)

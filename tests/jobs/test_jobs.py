@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from damage import damaged_copies
 from job_samples import Draw, draw, wrong
 
 from poseppl.errors import InputError
@@ -101,6 +102,20 @@ def test_files_of_other_jobs_are_left_alone(tmp_path):
     with pytest.raises(InputError, match="holds a result of job_samples.draw"):
         run(JOBS[:1], tmp_path, function=wrong)
     assert path.exists()
+
+
+def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
+    wanted, _ = run(JOBS[:1], tmp_path)
+    path = tmp_path / f"{JOBS[0].key}.npz"
+    told = 0
+    for damaged in damaged_copies(path.read_bytes(), 100):
+        path.write_bytes(damaged)
+        found, listener = run(JOBS[:1], tmp_path)
+        for name, values in wanted[JOBS[0].key].items():
+            np.testing.assert_array_equal(found[JOBS[0].key][name], values)
+        assert all("computed anew" in note for note in listener.notes)
+        told += len(listener.notes)
+    assert told > 80
 
 
 def test_what_is_recorded(tmp_path):

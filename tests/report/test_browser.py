@@ -9,6 +9,7 @@ import browser
 import numpy as np
 import pytest
 from browser import errors, open_page, picture_of
+from hostile import HOSTILE, telling
 from synthetic import synthetic_result
 
 from poseppl.cli import main
@@ -76,6 +77,18 @@ def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, argume
     open_page(driver, tmp_path / "report.html")
     assert driver.execute_script("return document.getElementById('space').data.length") == 3 + ("weighted" not in arguments)
     assert errors(driver) == []
+
+
+def test_no_script_of_a_result_runs(driver: Any, tmp_path: Path) -> None:
+    write_report(telling(HOSTILE), tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
+    driver.execute_script(_MOVE, 3)
+    assert driver.execute_script("return typeof hacked") == "undefined"
+    assert errors(driver) == []
+    driver.execute_script("document.body.insertAdjacentHTML('beforeend', arguments[0])", HOSTILE[0])
+    driver.execute_async_script("setTimeout(arguments[0], 300)")
+    assert driver.execute_script("return typeof hacked") == "undefined"  # not even if it were not escaped
+    assert any("Content Security Policy" in message for message in errors(driver))
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import cv2
 from silhouette_rooms import RECORDS, SIZE, body, masks_of, pose
 
 from poseppl.errors import InputError
-from poseppl.io import VideoWarning, open_video
+from poseppl.io import VideoWarning, open_video, write_cameras
 from poseppl.tracking.silhouette_scene import silhouette_scene
-from poseppl.tracking.video_sources import VideoSources, see_silhouettes
+from poseppl.tracking.video_sources import VideoSources, see_silhouettes, sources_of_scene
 
 FRAMES = 3
 MASKS = [masks_of(pose(seed)) for seed in range(FRAMES)]
@@ -52,6 +52,13 @@ def test_masks_that_do_not_fit_are_told():
     square = {"left": np.ones((FRAMES, 90, 90))}
     with pytest.raises(InputError, match="camera left: the mask has 90 x 90 pixels.*240 x 180"):
         see_silhouettes(sources(truth() | square))
+
+
+@pytest.mark.parametrize("name", ["../left", "a/b"])
+def test_a_scene_names_no_file_outside_of_its_folder(tmp_path, name):
+    write_cameras(tmp_path / "Calib.toml", [RECORDS[0]._replace(name=name)])
+    with pytest.raises(InputError, match="Calib.toml: a camera called"):
+        sources_of_scene(tmp_path)
 
 
 def test_fewer_masks_than_frames_end_the_run_or_stop_it():

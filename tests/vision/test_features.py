@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from damage import damaged_copies
 
 from poseppl.errors import InputError
 from poseppl.io import open_video, read_image
@@ -135,6 +136,19 @@ def test_features_are_kept(tmp_path, monkeypatch):
         assert read_features(broken, SETTINGS) is not None
     # Asked for alone, a frame is what it is in the whole run: the frame before is read for its flow.
     equal(first[4], next(video_features(video, SETTINGS, plate=PLATE, start=4)))
+
+
+def test_features_damaged_anywhere_are_taken_again(tmp_path):
+    kept = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, previous=frame(4))
+    write_features(tmp_path / "a.npz", kept)
+    data, refused = (tmp_path / "a.npz").read_bytes(), 0
+    for damaged in damaged_copies(data, 500):
+        (tmp_path / "a.npz").write_bytes(damaged)
+        found = read_features(tmp_path / "a.npz", SETTINGS)
+        refused += found is None
+        if found is not None:
+            equal(kept, found)
+    assert refused > 400
 
 
 def test_what_changes_the_key():

@@ -1,0 +1,48 @@
+"""A result may come from anybody: whatever its texts are, the pages are built of the same elements."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+import pytest
+from hostile import HOSTILE, telling
+
+from poseppl.diagnostics import compare
+from poseppl.report import comparison_html, report_html, shell
+
+HARMLESS = tuple(f"name {number} " for number in range(len(HOSTILE)))
+
+
+class Elements(HTMLParser):
+    """Tags and names of attributes, in their order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, ...]] = []
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, *(name for name, _ in attributes)))
+
+    def handle_comment(self, data: str) -> None:
+        self.found.append(("comment", data))
+
+
+def elements(page: str) -> list[tuple[str, ...]]:
+    parser = Elements()
+    parser.feed(page)
+    parser.close()
+    return parser.found
+
+
+def compared(texts: tuple[str, ...]) -> str:
+    return comparison_html(compare({texts[0]: telling(texts), texts[1]: telling(texts)}))
+
+
+@pytest.mark.parametrize("page", [lambda texts: report_html(telling(texts)), compared], ids=["report", "comparison"])
+def test_texts_of_a_result_are_texts_on_its_page(page, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, hostile = elements(page(HARMLESS)), elements(page(HOSTILE))
+    assert hostile == plain and len(plain) > 100
+    assert {tag for tag, *_ in plain} & {"script", "style", "table", "option"}
+    monkeypatch.setattr(shell, "escape", lambda text: text)  # what would be noticed
+    monkeypatch.setattr(shell, "_json", lambda value: str(value))
+    assert elements(page(HOSTILE)) != plain
