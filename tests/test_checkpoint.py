@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from damage import deflated, unbalanced
 from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.checkpoint import Checkpoint, CheckpointError
@@ -142,7 +143,7 @@ def test_ctrl_c_leaves_a_valid_checkpoint(tmp_path: Path) -> None:
     assert_same(resumed, go(None))
 
 
-@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "other shapes"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "other shapes", "unbalanced", "deflated"])
 def test_a_damaged_part_is_computed_anew(tmp_path: Path, damage: str) -> None:
     go(tmp_path / "run")
     part = tmp_path / "run" / "part-000005-000009.npz"
@@ -152,7 +153,8 @@ def test_a_damaged_part_is_computed_anew(tmp_path: Path, damage: str) -> None:
     else:
         middle = len(data) // 3
         flipped = data[:middle] + bytes(255 - byte for byte in data[middle : middle + 40]) + data[middle + 40 :]
-        part.write_bytes({"truncated": data[: len(data) // 2], "flipped": flipped, "empty": b""}[damage])
+        broken = {"truncated": data[: len(data) // 2], "flipped": flipped, "empty": b""}
+        part.write_bytes({**broken, "unbalanced": unbalanced(data), "deflated": deflated(data)}[damage])
     (tmp_path / "run" / ".part-000009-000013.0123456789ab.tmp.npz").write_bytes(b"left behind")
     told = Notes()
     resumed = go(tmp_path / "run", resume=True, progress=told)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from damage import damaged_copies
+from damage import damaged_copies, deflated, unbalanced
 from job_samples import Draw, draw, wrong
 
 from poseppl.errors import InputError
@@ -108,7 +108,8 @@ def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
     wanted, _ = run(JOBS[:1], tmp_path)
     path = tmp_path / f"{JOBS[0].key}.npz"
     told = 0
-    for damaged in damaged_copies(path.read_bytes(), 100):
+    data = path.read_bytes()
+    for damaged in [unbalanced(data), deflated(data), *damaged_copies(data, 100)]:
         path.write_bytes(damaged)
         found, listener = run(JOBS[:1], tmp_path)
         for name, values in wanted[JOBS[0].key].items():

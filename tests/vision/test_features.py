@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from damage import damaged_copies
+from damage import damaged_copies, unbalanced
 
 from poseppl.errors import InputError
 from poseppl.io import open_video, read_image
@@ -142,7 +142,7 @@ def test_features_damaged_anywhere_are_taken_again(tmp_path):
     kept = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, previous=frame(4))
     write_features(tmp_path / "a.npz", kept)
     data, refused = (tmp_path / "a.npz").read_bytes(), 0
-    for damaged in damaged_copies(data, 500):
+    for damaged in [unbalanced(data), *damaged_copies(data, 500)]:
         (tmp_path / "a.npz").write_bytes(damaged)
         found = read_features(tmp_path / "a.npz", SETTINGS)
         refused += found is None
