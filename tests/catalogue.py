@@ -116,6 +116,12 @@ FILTERS: list[FilterRow] = [
         lambda model: assumed_density_filter(model, 60, num_starts=4, num_components=1),
     ),
     FilterRow(
+        "assumed-density-default",
+        assumed_density_filter,
+        assumed_density_filter,
+        num_replicates=40,
+    ),
+    FilterRow(
         "window",
         window_filter,
         lambda model: window_filter(model, 60, num_starts=4),

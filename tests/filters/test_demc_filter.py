@@ -23,6 +23,16 @@ def likelihood_moments():
     return inverse @ y, inverse @ posed.matrices.R @ inverse.T
 
 
+def test_ancestors_are_those_of_the_selection():
+    """As published, particles are selected by the last frame's weights: here one has them all."""
+    posed = problem()
+    particles = jax.random.normal(jax.random.key(1), (20, 2))
+    state = DEMCState(particles, jnp.full(20, -jnp.inf).at[7].set(0.0), particles[7], jnp.zeros(2))
+    step = jax.jit(demc_filter(posed.model, 20, num_layers=1).step)
+    _, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    np.testing.assert_array_equal(info.ancestors, 7)
+
+
 def test_many_layers_lead_to_the_likelihood_not_to_the_posterior():
     posed = problem()
     init = demc_filter(posed.model, 100, num_layers=40, noise_follows="nothing").init

@@ -81,7 +81,7 @@ def run(filter_, rng_key, observations, inputs):
     key_init, key_steps = jax.random.split(rng_key)
     state, info = filter_.init(key_init, frame(observations, 0), frame(inputs, 0))
     later = jax.tree.map(lambda a: a[1:], (observations, inputs))
-    keys = jax.random.split(key_steps, inputs.shape[0] - 1)
+    keys = jax.random.split(key_steps, len(jax.tree.leaves(observations)[0]) - 1)
 
     def advance(state, item):
         state, info = filter_.step(item[0], state, *item[1])
@@ -109,13 +109,20 @@ def replicate(filter_, posed, num_replicates, centres=None, seed=0):
     The centres are the exact filtered means unless given; about them, second moments are free of a run's error in the mean.
     """
     centres = jnp.asarray(posed.exact.means if centres is None else centres)
+    keys = jax.random.split(jax.random.key(seed), num_replicates)
+    found = runs_of(filter_)(keys, posed.observations, posed.inputs, centres)
+    return tuple(np.asarray(a, float) for a in found)
 
-    def one(rng_key):
-        states, infos = run(filter_, rng_key, posed.observations, posed.inputs)
+
+@cache
+def runs_of(filter_):
+    """The jitted function behind `replicate`, one for each filter: other data of the same shape need no compilation."""
+
+    def one(rng_key, observations, inputs, centres):
+        states, infos = run(filter_, rng_key, observations, inputs)
         return *moments(states, centres), infos.log_evidence
 
-    keys = jax.random.split(jax.random.key(seed), num_replicates)
-    return tuple(np.asarray(a, float) for a in jax.jit(lambda keys: jax.lax.map(one, keys))(keys))
+    return jax.jit(lambda keys, *posed: jax.lax.map(lambda key: one(key, *posed), keys))
 
 
 def z_scores(samples, exact):

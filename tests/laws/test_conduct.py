@@ -73,6 +73,41 @@ def test_info_is_within_its_range(row):
         assert (np.asarray(info.ancestors) >= 0).all()
 
 
+EVALUATIONS = {
+    "particle": (2000, 0),
+    "particle-adaptive": (1000, 0),
+    "particle-residual": (1000, 0),
+    "particle-multinomial": (1000, 0),
+    "guided": (500, 500),
+    "auxiliary": (500, 500),
+    "kalman": (1, 1),
+    "unscented": (1, 1),
+    "hmc": (20, 20 * (1 + 40 * 8)),  # proposals; for each chain its start, and 40 updates of 8 leapfrog steps
+    "assumed-density": (4 * (5 * 5 + 1) + 60 * 4, None),  # 4 climbers try 5 damped steps 5 times; 4 candidates a chain
+    "annealed": (200 * 5, 0),
+    "demc": (200 * (1 + 3), 0),
+    "demc-posterior": (300 * (1 + 5), 0),
+}
+"""Likelihoods and gradients of a frame, where they do not depend on the data; None where trajectories have random lengths."""
+
+
+@pytest.mark.parametrize("name", EVALUATIONS)
+def test_evaluations_are_counted(name):
+    posed, row = problem(), next(row for row in FILTERS if row.name == name)
+    likelihoods, gradients = EVALUATIONS[name]
+    for _, info in go_through(row, posed.observations, posed.inputs):
+        assert int(info.num_likelihood) == likelihoods
+        assert gradients is None or int(info.num_gradient) == gradients
+
+
+@pytest.mark.parametrize("name", ["particle", "particle-adaptive", "guided", "annealed", "demc"])
+def test_ess_is_that_of_the_weights(name):
+    posed, row = problem(), next(row for row in FILTERS if row.name == name)
+    for state, info in go_through(row, posed.observations, posed.inputs):
+        weights = np.exp(np.asarray(state.log_weights, float))
+        np.testing.assert_allclose(info.ess, weights.sum() ** 2 / (weights**2).sum(), rtol=1e-3)
+
+
 @every_filter
 def test_no_key_is_used_twice(row):
     posed = problem()

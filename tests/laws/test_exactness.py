@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from catalogue import FILTERS, row_id
 from law_problems import MASKED, problem, replicate, z_scores
+from oracles.kalman import kalman_filter
 
 every_filter = pytest.mark.parametrize("row", FILTERS, ids=row_id)
 sampling_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.posterior], ids=row_id)
@@ -23,8 +24,13 @@ REPLICATES = 40
 
 
 @cache
+def built(row):
+    return row.build(POSED.model)
+
+
+@cache
 def replicates(row):
-    return replicate(row.build(POSED.model), POSED, row.num_replicates)
+    return replicate(built(row), POSED, row.num_replicates)
 
 
 @cache
@@ -47,6 +53,20 @@ def test_means_and_covariances_are_kalmans(row):
     means, seconds = scores(row)
     assert np.abs(means).max() < 5
     assert np.abs(seconds).max() < 5
+
+
+@consistent_filters
+def test_after_an_impossible_frame_all_is_as_if_nothing_had_been_seen_in_it(row):
+    """What comes after is Kalman's without the data of that frame."""
+    values = POSED.observations.values["y"].at[1].set(1e30)
+    mask = np.array(POSED.observations.mask["y"])
+    mask[1] = False
+    exact = kalman_filter(POSED.matrices, POSED.observations.values["y"], mask, np.asarray(POSED.inputs))
+    impossible = POSED._replace(observations=POSED.observations._replace(values={"y": values}))
+    means, seconds, increments = replicate(built(row), impossible, REPLICATES, exact.means)
+    assert (increments[:, 1] == -np.inf).all()
+    assert np.abs(z_scores(means, exact.means)).max() < 5
+    assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
 
 
 @every_filter

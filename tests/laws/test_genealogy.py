@@ -26,22 +26,24 @@ def drifting():
 
 
 def distances(row, shift=0):
-    """Distances (3, N) of the particles of frames 1 to 3 from where their ancestors lead to, and the ancestors (4, N)."""
+    """Distances (3, N) of the particles of frames 1 to 3 from where their ancestors lead to, and the infos (4, ...)."""
     matrices, model, observations = drifting()
     built = row.build(model)
     states, infos = jax.jit(lambda key: run(built, key, observations, jnp.zeros(4)))(jax.random.key(0))
     particles, ancestors = np.asarray(states.particles), np.asarray(infos.ancestors)
     previous = np.take_along_axis(particles[:-1], np.roll(ancestors[1:], shift, 1)[..., None], 1)
-    return np.linalg.norm(particles[1:] - previous @ matrices.A.T, axis=-1), np.asarray(ancestors)
+    return np.linalg.norm(particles[1:] - previous @ matrices.A.T, axis=-1), infos
 
 
 @genealogical_filters
 def test_a_state_is_where_its_ancestor_leads_to(row):
-    found, ancestors = distances(row)
+    found, infos = distances(row)
     # each of some thousand distances is Rayleigh's: beyond six spreads once in 10^8
     assert found.max() < 6 * SPREAD
-    fewest = min(len(np.unique(row)) for row in ancestors[1:])
-    assert fewest < 0.8 * ancestors.shape[1], "the law says nothing of a filter that does not resample"
+    fewest = min(len(np.unique(ancestors)) for ancestors in infos.ancestors[1:])
+    assert fewest < 0.8 * infos.ancestors.shape[1], "the law says nothing of a filter that does not resample"
+    if row.name in ("tempered", "tempered-waste-free"):  # the frame without data takes one temperature
+        assert infos.num_likelihood[1] >= 2 * infos.num_likelihood[0], "nor of one that does not temper"
 
 
 def test_ancestors_of_a_neighbour_are_noticed():

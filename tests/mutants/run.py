@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from mutant import ROOT, Mutant, apply, copy_tree, read_mutants
 
-TIME_LIMIT = 300.0
+TIME_LIMIT = 600.0
 NOTICED, MISSED, EXCUSED, BROKEN = "noticed", "MISSED", "excused", "BROKEN"
 
 
@@ -86,7 +86,7 @@ def try_mutant(mutant: Mutant) -> Outcome:
 
 
 def run_tests(folder: Path, tests: Sequence[str]) -> tuple[int, str]:
-    """Run tests of a copy of the sources up to the first failure: pytest's status, 1 where time ran out, and what it says."""
+    """Run tests of a copy of the sources up to the first failure: pytest's status, 124 where time ran out, and what it says."""
     paths = [str(folder), str(folder / "models"), *filter(None, [os.environ.get("PYTHONPATH")])]
     data = os.environ.get("POSEPPL_DATA", str(ROOT.parent / "shared" / "data"))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "POSEPPL_DATA": data}
@@ -96,7 +96,7 @@ def run_tests(folder: Path, tests: Sequence[str]) -> tuple[int, str]:
             command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
         )
     except subprocess.TimeoutExpired:
-        return 1, "out of time"
+        return 124, f"out of time after {TIME_LIMIT:.0f} s"
     skipped = " skipped" in done.stdout and " passed" not in done.stdout and done.returncode == 0
     return (5, "the tests are skipped here") if skipped else (done.returncode, done.stdout + done.stderr)
 

@@ -1,0 +1,110 @@
+"""Laws on models of another kind: counts of a positive rate, against a grid, and a state of which a part is known."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+import scipy.stats
+from catalogue import FILTERS
+from law_problems import Problem, replicate, z_scores
+from oracles.grid import grid_filter_smoother
+from oracles.kalman import KalmanResult, kalman_filter
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+
+from poseppl.program import Clamped, StateSpaceModel
+
+ROWS = {row.name: row for row in FILTERS}
+COUNTS = np.array([3.0, 9.0, np.nan, 1.0])
+REPLICATES = 40
+
+
+def observation(params, state, inputs):
+    rate = state["rate"] if "rate" in state else jnp.exp(state["level"])
+    numpyro.sample("count", dist.Poisson(rate))
+
+
+def positive():
+    """The rate itself is the state: its chart is the logarithm."""
+
+    def initial(params, inputs):
+        numpyro.sample("rate", dist.LogNormal(1.0, 0.8))
+
+    def transition(params, state, inputs):
+        numpyro.sample("rate", dist.LogNormal(0.9 * jnp.log(state["rate"]), 0.5))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+def real():
+    """The same in logarithms, for proposals that want a real state."""
+
+    def initial(params, inputs):
+        numpyro.sample("level", dist.Normal(1.0, 0.8))
+
+    def transition(params, state, inputs):
+        numpyro.sample("level", dist.Normal(0.9 * state["level"], 0.5))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+def counted(program):
+    """The problem of the counts, its exact answer from a grid over the logarithm of the rate."""
+    grid = np.linspace(-5.0, 7.0, 1201)
+    log_transition = scipy.stats.norm(0.9 * grid[:, None], 0.5).logpdf(grid)
+    rate, seen = np.exp(grid), np.isfinite(COUNTS)
+    log_likelihoods = np.where(seen[:, None], scipy.stats.poisson(rate).logpmf(np.nan_to_num(COUNTS)[:, None]), 0.0)
+    filtered, _, evidence = grid_filter_smoother(
+        grid, scipy.stats.norm(1.0, 0.8).logpdf(grid), lambda t: log_transition, log_likelihoods
+    )
+    means = filtered @ grid
+    variances = (filtered * (grid - means[:, None]) ** 2).sum(1)
+    exact = KalmanResult(means[:, None], variances[:, None, None], None, None, evidence)
+    model = program().compile()
+    return Problem(None, model, model.observe({"count": COUNTS}), jnp.zeros(len(COUNTS)), exact)
+
+
+def check(row, posed, *, evidence=True):
+    means, seconds, increments = replicate(row.build(posed.model), posed, REPLICATES)
+    assert np.abs(z_scores(means, posed.exact.means)).max() < 5
+    assert np.abs(z_scores(seconds, posed.exact.covariances)).max() < 5
+    if evidence:
+        ratios = np.exp(increments - posed.exact.log_evidence)
+        assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(REPLICATES) + 1e-4).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "program"), [("particle", positive), ("tempered", positive), ("demc-posterior", positive), ("auxiliary", real)]
+)
+def test_counts_of_a_positive_rate(name, program):
+    check(ROWS[name], counted(program))
+
+
+def clamped():
+    """Three coordinates, of which the last is known at every frame and pushes the others: Kalman's inputs."""
+    A = np.array([[0.9, 0.2, 0.5], [-0.1, 0.8, -0.4], [0.0, 0.0, 0.7]])
+    matrices = linear_gaussian_matrices(3, A=A, H=[[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    known = np.array([0.5, -2.0, 1.5, 3.0])
+    ys = np.array([[0.4, 0.1], [0.2, -0.8], [np.nan, np.nan], [1.0, 2.0]])
+    before = np.concatenate([[0.0], known[:-1]])[:, None]
+    free = linear_gaussian_matrices(2, A=A[:2, :2], H=matrices.H[:, :2], B=A[:2, 2:])
+    exact = kalman_filter(free, np.nan_to_num(ys), np.isfinite(ys), before)
+    full = linear_gaussian_model(matrices).compile()
+    trajectory = np.concatenate([np.zeros((4, 2)), known[:, None]], 1)
+    inputs = Clamped.of_trajectory(jnp.asarray(trajectory, jnp.float32), None)
+    return Problem(free, full.clamp([0, 1]), full.observe({"y": ys}), inputs, exact)
+
+
+@pytest.mark.parametrize("name", ["particle", "tempered", "auxiliary", "assumed-density-default"])
+def test_a_part_of_the_state_that_is_known(name):
+    check(ROWS[name], clamped(), evidence=name in ("particle", "tempered"))
+
+
+def test_known_values_of_the_wrong_frame_are_noticed():
+    posed = clamped()
+    late = posed._replace(inputs=jax.tree.map(lambda leaf: jnp.roll(leaf, 1, axis=0), posed.inputs))
+    means, _, _ = replicate(ROWS["particle"].build(posed.model), late, REPLICATES)
+    assert np.abs(z_scores(means, posed.exact.means)).max() > 20
