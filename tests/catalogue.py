@@ -47,6 +47,7 @@ class FilterRow(NamedTuple):
         consistent: Whether means and variances converge to the exact ones at every frame, with more particles or draws.
         num_replicates: Independent runs that the statistical laws make, at least 40.
         posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
+        evidence_error: Relative error of a frame's evidence that comes from its approximation, at most.
         genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
     """
 
@@ -57,6 +58,7 @@ class FilterRow(NamedTuple):
     consistent: bool = True
     num_replicates: int = 200
     posterior: bool = True
+    evidence_error: float = 1e-4
     genealogy: bool = False
 
 
@@ -120,6 +122,7 @@ FILTERS: list[FilterRow] = [
         assumed_density_filter,
         assumed_density_filter,
         num_replicates=40,
+        evidence_error=0.06,  # Laplace's approximation of three Gaussians that overlap
     ),
     FilterRow(
         "window",

@@ -63,7 +63,8 @@ def test_after_an_impossible_frame_all_is_as_if_nothing_had_been_seen_in_it(row)
     mask[1] = False
     exact = kalman_filter(POSED.matrices, POSED.observations.values["y"], mask, np.asarray(POSED.inputs))
     impossible = POSED._replace(observations=POSED.observations._replace(values={"y": values}))
-    means, seconds, increments = replicate(built(row), impossible, REPLICATES, exact.means)
+    found = replicate(built(row), impossible, row.num_replicates, exact.means)  # as many as above: the program is compiled
+    means, seconds, increments = (part[:REPLICATES] for part in found)
     assert (increments[:, 1] == -np.inf).all()
     assert np.abs(z_scores(means, exact.means)).max() < 5
     assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
@@ -71,8 +72,11 @@ def test_after_an_impossible_frame_all_is_as_if_nothing_had_been_seen_in_it(row)
 
 @every_filter
 def test_frame_without_data_has_no_evidence(row):
-    rounding = 1e-5  # a sum of some terms in float32; Laplace's approximation comes to 4e-7
-    np.testing.assert_allclose(replicates(row)[2][:, MASKED], 0.0, atol=rounding)
+    increments = replicates(row)[2][:, MASKED]
+    if row.evidence_error > 1e-3:
+        assert abs(np.exp(increments).mean() - 1) < row.evidence_error
+    else:  # a sum of some terms in float32; Laplace's approximation comes to 4e-7
+        np.testing.assert_allclose(increments, 0.0, atol=1e-5)
 
 
 def evidence_ratios(increments):
@@ -80,22 +84,22 @@ def evidence_ratios(increments):
     return np.exp(increments - POSED.exact.log_evidence)
 
 
-def check_evidence(ratios):
-    """Means over runs are 1, within five standard errors and the rounding of sums in float32."""
+def check_evidence(ratios, approximation=1e-4):
+    """Means over runs are 1, within five standard errors and the error of an approximation, or of rounding in float32."""
     error = ratios.std(0, ddof=1) / np.sqrt(len(ratios))
-    assert (np.abs(ratios.mean(0) - 1) < 5 * error + 1e-4).all()
+    assert (np.abs(ratios.mean(0) - 1) < 5 * error + approximation).all()
     assert (error < 0.05).all()
 
 
 @every_filter
 def test_evidence_of_the_first_frame_is_the_closed_form(row):
-    check_evidence(evidence_ratios(replicates(row)[2])[:, :1])
+    check_evidence(evidence_ratios(replicates(row)[2])[:, :1], row.evidence_error)
 
 
 @sampling_filters
 def test_evidence_of_every_frame_is_kalmans(row):
     """Whether the mean of likelihoods, a product over temperatures, or Laplace's sum over modes."""
-    check_evidence(evidence_ratios(replicates(row)[2]))
+    check_evidence(evidence_ratios(replicates(row)[2]), row.evidence_error)
 
 
 def test_evidence_of_the_best_particle_is_noticed():

@@ -98,7 +98,7 @@ def clamped():
     return Problem(free, full.clamp([0, 1]), full.observe({"y": ys}), inputs, exact)
 
 
-@pytest.mark.parametrize("name", ["particle", "tempered", "auxiliary", "assumed-density-default"])
+@pytest.mark.parametrize("name", ["particle", "tempered", "auxiliary", "assumed-density"])
 def test_a_part_of_the_state_that_is_known(name):
     check(ROWS[name], clamped(), evidence=name in ("particle", "tempered"))
 
