@@ -25,7 +25,7 @@ from poseppl.diagnostics.calibration import coverage
 from poseppl.diagnostics.contest import TIE, contests, is_disqualified
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
-from poseppl.diagnostics.same_data import Data, data_of, difference
+from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
 from poseppl.errors import InputError
 from poseppl.results import provenance
 
@@ -34,7 +34,7 @@ _BY_FRAME = ("rejection", "evaluations", "joint_error", "joint_error_relative")
 
 
 def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLike[str]] | None = None) -> xr.DataTree:
-    """Compare runs of any filters or smoothers on the same data.
+    """Compare runs of any filters or smoothers on the same data, or of other cameras that saw the same truth.
 
     Args:
         runs: Results by name, read one after another, so that a mapping that loads them need not hold them all.
@@ -52,7 +52,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.contest.contests`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`.
 
-        The attributes ``frames`` and ``provenance`` hold, as JSON, how many frames there are and what each run was.
+        The attributes ``frames`` and ``provenance`` hold, as JSON, how many frames there are and what each run was, and
+        ``other_cameras`` which runs saw the truth through other cameras than the first one.
 
     Raises:
         InputError: Fewer than two runs, or runs of different data.
@@ -62,13 +63,14 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
     if TIE in runs or "" in runs:
         raise InputError(f"a run is called {TIE!r}" if TIE in runs else "a run has no name", expected="another name")
     first: tuple[str, Data] | None = None
-    parts, known = [], {}
+    parts, known, seen_otherwise = [], {}, []
     for name, tree in runs.items():
         data = data_of(tree)
         if first is None:
             first = name, data
         else:
             _check(name, data, *first, files or {})
+            seen_otherwise += [name] if other_cameras(first[1], data) else []
         parts.append(figures_of_run(tree))
         known[name] = provenance(tree)
     figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
@@ -82,7 +84,11 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         "variance": variance_against_time(figures),
     }
     result = xr.DataTree.from_dict(groups)
-    result.attrs = {"frames": figures.sizes["frame"], "provenance": json.dumps(known)}
+    result.attrs = {
+        "frames": figures.sizes["frame"],
+        "provenance": json.dumps(known),
+        "other_cameras": json.dumps(seen_otherwise),
+    }
     return result
 
 

@@ -28,12 +28,14 @@ class Data(NamedTuple):
         dofs: Names of the degrees of freedom.
         observed: The data by name, (frame, ...) each, NaN where missing.
         truth: The truth by name, (frame, ...) each; empty where it is not known.
+        cameras: Names and calibration of the cameras, by name; empty where there are none.
     """
 
     frames: NDArray[np.int64]
     dofs: tuple[str, ...]
     observed: dict[str, NDArray[Any]]
     truth: dict[str, NDArray[Any]]
+    cameras: dict[str, NDArray[Any]]
 
 
 def data_of(tree: xr.DataTree) -> Data:
@@ -45,13 +47,13 @@ def data_of(tree: xr.DataTree) -> Data:
     posterior = tree["posterior"].dataset
     frames = np.asarray(posterior["frame"].values, np.int64)
     dofs = tuple(str(name) for name in posterior["dof"].values)
-    return Data(frames, dofs, _arrays(tree, "observed_data"), _arrays(tree, "truth"))
+    return Data(frames, dofs, _arrays(tree, "observed_data"), _arrays(tree, "truth"), _cameras(tree))
 
 
 def difference(first: Data, second: Data) -> str | None:
     """Say in what the second differs from the first.
 
-    A truth that only one of them knows is no difference.
+    A truth that only one of them knows is no difference. Runs that saw one truth through other cameras are of the same data.
 
     Args:
         first: Data of one result.
@@ -64,10 +66,8 @@ def difference(first: Data, second: Data) -> str | None:
         return _different_dofs(first.dofs, second.dofs)
     if not np.array_equal(first.frames, second.frames):
         return f"{frame_ranges(second.frames.tolist())}, but {frame_ranges(first.frames.tolist())}"
-    if set(first.observed) != set(second.observed):
-        return f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
-    for name, values in first.observed.items():
-        problem = _different_values(f"observed {name}", values, second.observed[name], first.frames)
+    if not other_cameras(first, second):
+        problem = _different_observed(first, second)
         if problem:
             return problem
     for name in first.truth.keys() & second.truth.keys():
@@ -75,6 +75,31 @@ def difference(first: Data, second: Data) -> str | None:
         if problem:
             return problem
     return None
+
+
+def other_cameras(first: Data, second: Data) -> bool:
+    """Whether two runs saw something whose truth both know through cameras that differ in number, name or calibration."""
+    if not (first.cameras and second.cameras and first.truth.keys() & second.truth.keys()):
+        return False
+    names = first.cameras.keys() & second.cameras.keys()
+    return not all(np.array_equal(first.cameras[name], second.cameras[name]) for name in names)
+
+
+def _different_observed(first: Data, second: Data) -> str | None:
+    if set(first.observed) != set(second.observed):
+        return f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
+    for name, values in first.observed.items():
+        problem = _different_values(f"observed {name}", values, second.observed[name], first.frames)
+        if problem:
+            return problem
+    return None
+
+
+def _cameras(tree: xr.DataTree) -> dict[str, NDArray[Any]]:
+    if "camera" not in tree.children:
+        return {}
+    dataset = tree["camera"].dataset
+    return {str(name): values.values for name, values in dataset.variables.items()}
 
 
 def _arrays(tree: xr.DataTree, group: str) -> dict[str, NDArray[Any]]:

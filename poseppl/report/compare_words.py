@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import xarray as xr
 
@@ -44,7 +46,7 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
     Returns:
         Who wins, then what is wrong with single runs.
     """
-    return [*_winners(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
+    return [*_winners(tree), *_other_cameras(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
 
 
 def words(names: list[str]) -> str:
@@ -76,6 +78,16 @@ def _winners(tree: xr.DataTree) -> list[Verdict]:
     if not texts:
         texts.append("Nobody wins: fewer than two runs have figures that can be held against each other.")
     return [Verdict(INFO, text) for text in texts]
+
+
+def _other_cameras(tree: xr.DataTree) -> list[Verdict]:
+    """The runs that had other data of the same truth."""
+    names = json.loads(tree.attrs.get("other_cameras", "[]"))
+    if not names:
+        return []
+    first = tree["figures"]["run"].values[0]
+    text = f"Other cameras than those of {first} saw the same motion: {words(names)}."
+    return [Verdict(INFO, f"{text} Errors and coverage compare; effective draws are of different posteriors.")]
 
 
 def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:

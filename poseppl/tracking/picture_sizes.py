@@ -15,12 +15,15 @@ from poseppl.io.synchronised import VideoWarning
 Image = NDArray[np.uint8]
 _CUT = 0.02
 """Share of a picture's width or height that an encoder may cut off."""
+_BLOCK = 16
+"""Side in px of the blocks that an encoder pads to."""
 
 
 def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
     """The record of a camera whose pictures have another width and height, px, than its calibration says.
 
-    Pictures that lack a few of the last columns or rows, which encoders cut off, are taken as they are: a ``VideoWarning``.
+    Pictures that lack a few of the last columns or rows, which encoders cut off, or have a few more, which encoders pad to
+    whole blocks, are taken as they are: a ``VideoWarning``.
 
     Raises:
         InputError: They differ by more.
@@ -28,10 +31,11 @@ def fit_size(record: CameraRecord, size: tuple[int, int]) -> CameraRecord:
     if size == record.size:
         return record
     told = f"the pictures have {size[0]} x {size[1]} pixels, the calibration {record.size[0]} x {record.size[1]}"
-    if not all((1 - _CUT) * whole <= side <= whole for side, whole in zip(size, record.size, strict=True)):
+    if not all((1 - _CUT) * whole <= side < whole + _BLOCK for side, whole in zip(size, record.size, strict=True)):
         expected = "pictures of the calibrated size; scale the videos, or the calibration's size and matrix"
         raise InputError(told, field=f"camera {record.name}", expected=expected)
-    warnings.warn(f"camera {record.name}: {told}; the last columns or rows are taken to be cut off", VideoWarning, stacklevel=3)
+    how = "padding" if any(side > whole for side, whole in zip(size, record.size, strict=True)) else "cut off"
+    warnings.warn(f"camera {record.name}: {told}; the last columns or rows are taken to be {how}", VideoWarning, stacklevel=3)
     return record._replace(size=size)
 
 

@@ -14,6 +14,7 @@ from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.batches import CONFIDENCE, log_ratio, mean_interval
 from poseppl.diagnostics.contest import LEAST_COVERAGE, TIE, hold_contest
 from poseppl.errors import InputError
+from poseppl.report.compare_words import findings
 
 DATA = scene()
 
@@ -242,6 +243,28 @@ def test_runs_of_other_data_are_refused(what: str, problem: str) -> None:
     with pytest.raises(InputError, match="b.nc: a run of other data: ") as caught:
         compare({"a": run_on(DATA), "b": changed(what)}, files={"a": "a.nc", "b": "b.nc"})
     assert problem in str(caught.value) and "in a.nc" in str(caught.value)
+
+
+def seen_by(count: int, what: str = "") -> xr.DataTree:
+    """A run whose points come from so many cameras."""
+    data = DATA | ({"state": DATA["state"] + 1.0} if what == "truth" else {})
+    tree = run_on(data, with_truth=what != "no truth")
+    names = [f"camera_{number}" for number in range(count)]
+    points = np.repeat(DATA["points"], count, axis=1)
+    tree["observed_data"] = xr.DataTree(xr.Dataset({"points": (("frame", "camera", "marker", "xy"), points)}))
+    tree["camera"] = xr.DataTree(xr.Dataset({"focal": ("camera", np.ones(count))}, coords={"camera": names}))
+    return tree
+
+
+def test_other_cameras_on_the_same_truth_are_compared() -> None:
+    comparison = compare({"one": seen_by(1), "two": seen_by(2), "again": seen_by(1)})
+    assert json.loads(comparison.attrs["other_cameras"]) == ["two"]
+    assert np.isfinite(comparison["summary/error_all"].values).all()
+    told = [found.text for found in findings(comparison)]
+    assert any("Other cameras than those of one saw the same motion: two. Errors and coverage compare" in text for text in told)
+    for what, problem in (("truth", "other true state"), ("no truth", "observed points of shape")):
+        with pytest.raises(InputError, match=problem):
+            compare({"one": seen_by(1), "two": seen_by(2, what)})
 
 
 def test_points_that_a_text_file_rounded_are_the_same() -> None:
