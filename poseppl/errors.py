@@ -31,4 +31,5 @@ class InputError(PosepplError):
     ) -> None:
         where = [str(part) for part in (file, f"line {line}" if line else None, field) if part is not None]
         message = f"{', '.join(where)}: {problem}" if where else problem
-        super().__init__(f"{message} (expected {expected})" if expected else message)
+        told = f"{message} (expected {expected})" if expected else message
+        super().__init__("".join(letter if letter.isprintable() else "?" for letter in told))

@@ -46,7 +46,7 @@ def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
         PosepplError: ezc3d is not installed.
     """
     layout = check_layout(path)
-    points, texts = _run_worker(path)
+    points, texts = _run_worker(path, layout.turned)
     labels = _labels(texts)
     if points.ndim != 3 or points.shape[1:] != (layout.points, layout.frames) or len(labels) < layout.points:
         problem = f"{len(labels)} labels for data of shape {points.shape}"
@@ -66,14 +66,17 @@ def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
     return to_z_up(Motion(names, markers, (), None, layout.rate, up or _up(path, texts), str(path)))
 
 
-def _run_worker(path: str | PathLike[str]) -> tuple[NDArray[np.float64], _Texts]:
+def _run_worker(path: str | PathLike[str], turned: bytes | None) -> tuple[NDArray[np.float64], _Texts]:
     if importlib.util.find_spec("ezc3d") is None:
         raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
     with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
-        target = Path(folder) / "points.npz"
+        target, source = Path(folder) / "points.npz", Path(path).resolve()
+        if turned is not None:
+            source = Path(folder) / "turned.c3d"
+            source.write_bytes(turned)
         # One thread: the threads of a linear algebra library reserve more memory than the limit on a large machine.
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, "-P", c3d_worker.__file__, str(Path(path).resolve()), str(target)]
+        command = [sys.executable, "-P", c3d_worker.__file__, str(source), str(target)]
         try:
             done = subprocess.run(command, env=environment, capture_output=True, timeout=WORKER_SECONDS, check=False)
         except subprocess.TimeoutExpired as error:

@@ -14,9 +14,9 @@ from os import PathLike
 from typing import NamedTuple
 
 from poseppl.errors import InputError
+from poseppl.io.c3d_byte_order import BLOCK, to_intel
 from poseppl.io.files import check_file
 
-BLOCK = 512
 MAX_BYTES = 256 * 2**20
 MAX_VALUES = 40_000_000
 MAX_POINTS = 10_000
@@ -39,19 +39,21 @@ class Layout(NamedTuple):
         points: Points in a frame.
         frames: Frames.
         rate: Frames a second.
+        turned: The whole file in Intel's byte order, where it has another; else None.
     """
 
     parameters: dict[tuple[str, str], Parameter]
     points: int
     frames: int
     rate: float
+    turned: bytes | None
 
 
 def check_layout(path: str | PathLike[str]) -> Layout:
     """Check that the parts of a C3D file are where it says and fit into it.
 
     Args:
-        path: The .c3d file, of Intel byte order.
+        path: The .c3d file, of Intel, DEC or MIPS byte order.
 
     Returns:
         What it holds.
@@ -60,7 +62,8 @@ def check_layout(path: str | PathLike[str]) -> Layout:
         InputError: The file is no C3D, is truncated, contradicts itself or uses a part of the format that is not supported.
     """
     source = check_file(path, max_bytes=MAX_BYTES)
-    data = source.read_bytes()
+    stored = source.read_bytes()
+    data = to_intel(path, stored)
     if len(data) < 2 * BLOCK or data[1] != 0x50:
         raise InputError("the first block is no C3D header", file=path, expected="a C3D file")
     parameters = _parameters(path, data)
@@ -80,17 +83,14 @@ def check_layout(path: str | PathLike[str]) -> Layout:
         raise InputError(f"{scale:g}", file=path, field="POINT:SCALE", expected="not 0")
     frames = _frames(path, words, parameters)
     _check_data(path, words, parameters, len(data), points, frames, 4 if scale < 0 else 2)
-    return Layout(parameters, points, frames, rate)
+    return Layout(parameters, points, frames, rate, None if data is stored else data)
 
 
 def _parameters(path: str | PathLike[str], data: bytes) -> dict[tuple[str, str], Parameter]:
     start = (data[0] - 1) * BLOCK
     if data[0] < 2 or start + 4 > len(data):
         raise InputError(f"parameters in block {data[0]}", file=path, field="header", expected="a block of the file")
-    blocks, processor = data[start + 2], data[start + 3]
-    if processor != 84:
-        name = {85: "DEC", 86: "MIPS"}.get(processor, f"unknown ({processor})")
-        raise InputError(f"byte order {name}", file=path, field="processor", expected="Intel; export the file anew")
+    blocks = data[start + 2]
     end = start + blocks * BLOCK
     if blocks == 0 or end > len(data):
         raise InputError(f"{blocks} parameter blocks", file=path, field="parameters", expected="as many as the file holds")

@@ -85,7 +85,7 @@ def _other_cameras(tree: xr.DataTree) -> list[Verdict]:
     names = json.loads(tree.attrs.get("other_cameras", "[]"))
     if not names:
         return []
-    first = tree["figures"]["run"].values[0]
+    first = tree["figures"].dataset["run"].values[0]
     text = f"Other cameras than those of {first} saw the same motion: {words(names)}."
     return [Verdict(INFO, f"{text} Errors and coverage compare; effective draws are of different posteriors.")]
 

@@ -115,20 +115,31 @@ def c3d_bytes(
     vertical: str = "+Z",
     rate: float = 100.0,
     angles: tuple[str, ...] = (),
+    order: str = "intel",
+    scale: float = -1.0,
 ) -> bytes:
-    """A C3D file of (T, K, 3) points, NaN where unseen, after the format's manual."""
+    """A C3D file of (T, K, 3) points, NaN where unseen, after the manual; whole numbers where ``scale`` is positive."""
     frames, count = points.shape[:2]
+    ends = ">" if order == "mips" else "<"
+
+    def real(*values: float) -> bytes:
+        if order == "dec":  # VAX: four times as large in IEEE's form, the halves exchanged
+            return (np.array(values) * 4).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+        return np.array(values, ends + "f4").tobytes()
+
+    def whole(*values: int) -> bytes:
+        return np.array(values, ends + "i2").tobytes()
 
     def text(values: list[str]) -> tuple[int, tuple[int, ...], bytes]:
         width = max(map(len, values))
         return -1, (width, len(values)), "".join(value.ljust(width) for value in values).encode()
 
     values = {
-        "USED": (2, (), struct.pack("<H", count)),
-        "FRAMES": (2, (), struct.pack("<H", frames)),
-        "SCALE": (4, (), struct.pack("<f", -1.0)),
-        "RATE": (4, (), struct.pack("<f", rate)),
-        "DATA_START": (2, (), struct.pack("<H", 4)),
+        "USED": (2, (), whole(count)),
+        "FRAMES": (2, (), whole(frames)),
+        "SCALE": (4, (), real(scale)),
+        "RATE": (4, (), real(rate)),
+        "DATA_START": (2, (), whole(4)),
         "UNITS": text([units]),
         "X_SCREEN": text(["+X"]),
         "Y_SCREEN": text([vertical]),
@@ -136,15 +147,17 @@ def c3d_bytes(
     }
     if angles:
         values["ANGLES"] = text(list(angles))
-    section = struct.pack("<bb5shB", 5, -1, b"POINT", 3, 0)
+    section = struct.pack("<bb5s", 5, -1, b"POINT") + whole(3) + b"\0"
     for name, (kind, dimensions, data) in values.items():
         body = struct.pack("<bB", kind, len(dimensions)) + bytes(dimensions) + data + b"\0"
-        section += struct.pack("<bb", len(name), 1) + name.encode() + struct.pack("<h", len(body) + 2) + body
-    section = (bytes([1, 80, 2, 84]) + section).ljust(1024, b"\0")
-    header = bytes([2, 80]) + struct.pack("<5HfHHf", count, 0, 1, frames, 0, -1.0, 4, 0, rate)
+        section += struct.pack("<bb", len(name), 1) + name.encode() + whole(len(body) + 2) + body
+    section = (bytes([1, 80, 2, {"intel": 84, "dec": 85, "mips": 86}[order]]) + section).ljust(1024, b"\0")
+    header = bytes([2, 80]) + whole(count, 0, 1, frames, 0) + real(scale) + whole(4, 0) + real(rate)
     seen = np.isfinite(points).all(axis=-1)
     data = np.concatenate([np.nan_to_num(points), np.where(seen, 0.0, -1.0)[..., None]], axis=-1)
-    return header.ljust(512, b"\0") + section + data.astype("<f4").tobytes().ljust(512, b"\0")
+    data[..., :3] /= scale if scale > 0 else 1.0
+    stored = whole(*np.rint(data).astype(int).ravel()) if scale > 0 else real(*data.ravel())
+    return header.ljust(512, b"\0") + section + stored.ljust(512, b"\0")
 
 
 TRC = (

@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import importlib.util
+import struct
 
 import numpy as np
 import pytest
-from recording_samples import c3d_bytes
+from recording_samples import c3d_bytes, damaged_copies
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io import c3d, c3d_worker
 from poseppl.io.c3d import read_c3d
+from poseppl.io.c3d_byte_order import DEC, _floats
+from poseppl.io.c3d_layout import check_layout
 
 POINTS = np.random.default_rng(0).normal(0.0, 300.0, (6, 4, 3)).astype(np.float32).astype(np.float64)
 LABELS = ["LASI", "RASI", "*1", "LHipAngles"]
@@ -61,7 +64,7 @@ def test_malformed_dance_is_refused(data_dir):
         (lambda data: b"\x02\x51" + data[2:], "no C3D header"),
         (lambda data: b"\x00" + data[1:], "parameters in block 0"),
         (lambda data: data[:2] + b"\x05" + data[3:], "the header has 5 points"),
-        (lambda data: data[:515] + b"\x55" + data[516:], "byte order DEC"),
+        (lambda data: data[:515] + b"\x57" + data[516:], "byte order 87"),
         (lambda data: data.replace(b"POINT", b"PAINT"), "POINT:USED: the parameter is missing"),
         (lambda data: data.replace(b"mm", b"ft"), "unit 'ft'"),
     ],
@@ -111,3 +114,38 @@ def test_missing_extra_is_named(tmp_path, monkeypatch):
 def test_lengths_come_out_in_mm(tmp_path, unit, per_mm):
     motion = read(tmp_path, c3d_bytes(POINTS * per_mm, list("ABCD"), units=unit))
     np.testing.assert_allclose(motion.positions, POINTS, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize("order", ["dec", "mips"])
+@pytest.mark.parametrize("scale", [-1.0, 0.25])
+def test_other_byte_orders_read_alike(tmp_path, order, scale):
+    """Numbers as VAX and big-endian machines wrote them, floating-point and whole."""
+    points = np.random.default_rng(0).normal(0, 300, (5, 3, 3))
+    points[2, 1] = np.nan
+    labels = ["LASI", "RASI", "SACR"]
+    for name in ("intel", order):
+        (tmp_path / f"{name}.c3d").write_bytes(c3d_bytes(points, labels, order=name, scale=scale, rate=59.94))
+    expected, found = (read_c3d(tmp_path / f"{name}.c3d") for name in ("intel", order))
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    np.testing.assert_allclose(found.positions, points, atol=1e-3 if scale < 0 else 0.13)
+    assert found.names == expected.names and found.rate == expected.rate == pytest.approx(59.94)
+
+
+def test_numbers_of_a_vax():
+    # from the VAX Architecture reference: 1.0 is 0x00004080, -6.25 is 0x0000C1C8 as little-endian words
+    numbers = struct.pack("<3I", 0x00004080, 0x0000C1C8, 0)
+    assert struct.unpack("<3f", _floats(numbers, DEC)) == (1.0, -6.25, 0.0)
+
+
+def test_damaged_files_of_other_orders_are_refused(tmp_path):
+    refused = 0
+    for order in ("dec", "mips"):
+        data = c3d_bytes(np.zeros((3, 2, 3)), ["A", "B"], order=order)
+        for damaged in damaged_copies(data, 150):
+            (tmp_path / "damaged.c3d").write_bytes(damaged)
+            try:
+                check_layout(tmp_path / "damaged.c3d")
+            except InputError as error:
+                refused += 1
+                assert len(str(error).splitlines()) == 1
+    assert refused > 150
