@@ -5,7 +5,8 @@ import struct
 
 import numpy as np
 import pytest
-from recording_samples import c3d_bytes, damaged_copies
+from damage import damaged_copies
+from recording_samples import c3d_bytes
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io import c3d, c3d_worker
