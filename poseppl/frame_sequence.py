@@ -15,6 +15,7 @@ import numpy as np
 
 from poseppl.checks import check_at_least
 from poseppl.program import Observation
+from poseppl.program.observation import check_is_observation
 
 
 class Constant(NamedTuple):
@@ -78,8 +79,9 @@ def frame_sequence(observations: Observation, inputs: Any, num_frames: int | Non
     """Check that everything has T rows, and separate what varies from what does not.
 
     Raises:
-        ValueError: An array does not have T rows.
+        ValueError: The data are no Observation, or an array does not have T rows.
     """
+    check_is_observation(observations)
     layout, varying, constant = _split_inputs(inputs)
     if num_frames is None:
         leaves = jax.tree.leaves(observations)

@@ -35,12 +35,15 @@ from poseppl.frame_sequence import frame_inputs as frame_inputs
 from poseppl.frame_sequence import frame_sequence
 from poseppl.predictive import Predict, Prediction
 from poseppl.program import Observation
+from poseppl.program.observation import check_is_observation
 
 _LOGGER = logging.getLogger("poseppl")
 _LONGEST = 64
 """Frames in one call at most, where their number adapts."""
 _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
+_COLLAPSED, _MANY = 2, 10
+"""A filter of at least so many particles has collapsed where fewer than two are effective."""
 _PATIENCE = 0.25
 """Seconds of a call up to which the next one takes twice as many frames."""
 
@@ -131,7 +134,8 @@ def run_filter(
         What was kept, and how it went.
 
     Raises:
-        ValueError: An array does not have T rows.
+        ValueError: The data are no Observation, an array does not have T rows, or the inputs are not those that the model was
+            compiled for.
         RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice; it holds the run so far.
         CheckpointError: The checkpoint belongs to another run, or another process is at it.
     """
@@ -179,7 +183,22 @@ def run_filter(
                 progress.advance(stop - start)
             if stop == num_frames:
                 break
-    return _assemble(kept, state, numbers, (compiled - started, time.perf_counter() - compiled), resumed)
+    run = _assemble(kept, state, numbers, (compiled - started, time.perf_counter() - compiled), resumed)
+    _tell_collapse(run, numbers, note)
+    return run
+
+
+def _tell_collapse(run: Run, numbers: list[int], note: Callable[[str], None]) -> None:
+    """Tell at which frames hardly a particle has weight."""
+    count = run.state.particles.shape[0]
+    low = np.flatnonzero((run.info.ess < _COLLAPSED) & ~run.info.failed)
+    if run.state.particles.ndim != 2 or count < _MANY or not low.size:
+        return
+    others = f" and {low.size - 1} other frames" if low.size > 1 else ""
+    note(
+        f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
+        "rests on one particle (take more, or a filter that looks at the data first, such as the auxiliary or tempered one)"
+    )
 
 
 def _assemble(kept: list[Kept], state: Any, numbers: list[int], seconds: tuple[float, float], resumed: int) -> Run:
@@ -250,7 +269,11 @@ class Online:
 
         Returns:
             The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
+
+        Raises:
+            ValueError: The data are no Observation, or the inputs are not those that the model was compiled for.
         """
+        check_is_observation(observation)
         key, _ = frame_keys(self._rng_key, self.frame)
         if self.frame == 0 and self._filter.before is not None:
             self.state = self._filter.before(observation, inputs)

@@ -75,9 +75,14 @@ def run_smoother(
         collect: What is kept of a frame; see :mod:`poseppl.collect`.
 
     Raises:
-        ValueError: An array does not have T rows.
+        ValueError: The history is no History, the data are no Observation, or an array does not have T rows.
         SmoothingError: The result is not finite.
     """
+    if not isinstance(history, History):
+        raise ValueError(
+            f"The history is a {type(history).__name__}. Expected what the filter left: the outputs of run_filter(..., "
+            "collect=collect_history), with all particles, weights and ancestors."
+        )
     history = jax.tree.map(jnp.asarray, history)
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, inputs, num_frames)

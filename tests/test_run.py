@@ -284,3 +284,14 @@ def test_the_time_of_the_frames_holds_no_compilation(build: Any) -> None:
         for frames in (5, 70):
             run_filter(filter, jax.random.key(1), toy(frames)[1], collect=collect)
         assert len(traced) == times
+
+
+@pytest.mark.parametrize(("noise", "collapses"), [(1e-4, True), (1.0, False)])
+def test_a_filter_that_collapses_is_told(noise: float, collapses: bool) -> None:
+    model = linear_gaussian(2, R=noise**2 * np.eye(2)).compile()
+    told = Told()
+    observations = model.observe({"y": np.sin(np.arange(6)[:, None] + np.arange(2))})
+    run = run_filter(particle_filter(model, 100), jax.random.key(0), observations, collect=collect_draws(model), progress=told)
+    assert bool((run.info.ess < 2).any()) == collapses
+    assert len(told.notes) == collapses
+    assert not collapses or "fewer than 2 of 100 particles are effective" in told.notes[0]

@@ -47,7 +47,7 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
         log_weights = jnp.where(updated.degenerate, log_prior, updated.log_weights)
         info = Info(
             log_evidence=updated.log_mean + jnp.log(jnp.asarray(count, log_weights.dtype)),
-            ess=jnp.where(updated.degenerate, normalise(log_prior).ess, updated.ess),
+            ess=jnp.asarray(count, log_weights.dtype),  # nothing is drawn
             ancestors=jnp.arange(count, dtype=jnp.int32),
             acceptance=jnp.ones((), log_weights.dtype),
             divergences=jnp.zeros((), jnp.int32),

@@ -213,6 +213,9 @@ def _rotation(path: str | PathLike[str], field: str, value: object) -> _Floats:
         if np.linalg.det(rotation) < 0:
             raise InputError("a reflection", file=path, field=field, expected="a right-handed rotation")
         return rotation
+    if matrix and not np.any(_numbers(path, field, value, 1)):
+        expected = "a 3 x 3 matrix of orthonormal rows, or one rotation vector"
+        raise InputError("zeros are no rotation matrix", file=path, field=field, expected=expected)
     vector = _numbers(path, field, value, 1)
     if vector.shape != (3,) or np.linalg.norm(vector) > 100.0:
         raise InputError("not a rotation", file=path, field=field, expected="a rotation vector or a 3 x 3 matrix")

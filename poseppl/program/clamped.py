@@ -80,6 +80,10 @@ class ClampedModel(CompiledModel):
         """The same model with other params."""
         return _clamped(self.full.with_params(params), self.free)
 
+    @property
+    def _constant_noise(self) -> dict[str, Any]:
+        return self.full._constant_noise
+
     def fill(self, x: jax.Array, values: jax.Array) -> jax.Array:
         """The full state (d_full,): free entries from `x`, the others from `values`; slices only, no scatter."""
         place = {index: position for position, index in enumerate(self.free)}

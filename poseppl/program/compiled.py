@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from poseppl.program import chart
 from poseppl.program.chart import Site
 from poseppl.program.execution import Seed, draw, log_density, trace_program
+from poseppl.program.explanation import check_inputs
 from poseppl.program.gaussian import (
     flat_observation,
     moments_obstacle,
@@ -23,6 +24,7 @@ from poseppl.program.gaussian import (
 )
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
+from poseppl.program.resolution import constant_noise, tell_rounding
 from poseppl.program.schema import Declared
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class CompiledModel:
         num_keys: How many PRNG keys a draw from each program takes, by the program's name.
         params: What the programs get as `params`; may hold tracers.
         unbound: Whether params are still to be set by `with_params`.
+        input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
     """
 
     programs: StateSpaceModel
@@ -54,6 +57,7 @@ class CompiledModel:
     num_keys: dict[str, int]
     params: Any = None
     unbound: bool = False
+    input_shapes: Any = None
 
     @property
     def dimension(self) -> int:
@@ -74,6 +78,11 @@ class CompiledModel:
             raise ValueError("The model has a parameters program, and params are not set: use with_params(params).")
         return self.params
 
+    def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
+        """What a program is called with, at a flat state (d,) if it takes one."""
+        check_inputs(self.input_shapes, inputs)
+        return self._bound(), *(() if x is None else (chart.to_sites(self.sites, x),)), inputs
+
     # Charts
 
     def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
@@ -92,27 +101,27 @@ class CompiledModel:
 
     def sample_initial(self, rng_key: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at the first frame."""
-        return self.to_flat(draw(self.programs.initial, (self._bound(), inputs), rng_key, self.num_keys["initial"]))
+        return self.to_flat(draw(self.programs.initial, self._arguments(inputs), rng_key, self.num_keys["initial"]))
 
     def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state at the first frame, a scalar."""
-        arguments = (self._bound(), inputs)
+        arguments = self._arguments(inputs)
         return log_density(self.programs.initial, arguments, chart.to_sites(self.sites, x)) + chart.log_det(self.sites, x)
 
     def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+        arguments = self._arguments(inputs, x_previous)
         return self.to_flat(draw(self.programs.transition, arguments, rng_key, self.num_keys["transition"]))
 
     def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state `x` given `x_previous`, a scalar."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x_previous), inputs)
+        arguments = self._arguments(inputs, x_previous)
         log_prob = log_density(self.programs.transition, arguments, chart.to_sites(self.sites, x))
         return log_prob + chart.log_det(self.sites, x)
 
     def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Draw the data sites of a frame by name; factors draw nothing."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        arguments = self._arguments(inputs, x)
         return draw(self.programs.observation, arguments, rng_key, self.num_keys["observation"])
 
     def draw_data(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> DrawnData:
@@ -134,17 +143,17 @@ class CompiledModel:
         return found[0]
 
     def _drawn_trace(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs) -> Any:
-        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        arguments = self._arguments(inputs, x)
         return trace_program(self.programs.observation, arguments, seed=Seed(rng_key, self.num_keys["observation"]))
 
     def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        arguments = self._arguments(inputs, x)
         return log_density(self.programs.observation, arguments, observation.values, observation.mask)
 
     def extras(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """The `numpyro.deterministic` sites of the observation program at `x`, by name."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        arguments = self._arguments(inputs, x)
         trace = trace_program(self.programs.observation, arguments)
         return {name: jnp.asarray(site["value"]) for name, site in trace.items() if site["type"] == "deterministic"}
 
@@ -174,7 +183,7 @@ class CompiledModel:
         Raises:
             ValueError: A site is not over the real line, depends on another site, or has no moments.
         """
-        return self._moments("initial", (self._bound(), inputs))
+        return self._moments("initial", self._arguments(inputs))
 
     def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
         """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
@@ -182,7 +191,7 @@ class CompiledModel:
         Raises:
             ValueError: A site is not over the real line, depends on another site of its frame, or has no moments.
         """
-        return self._moments("transition", (self._bound(), chart.to_sites(self.sites, x_previous), inputs))
+        return self._moments("transition", self._arguments(inputs, x_previous))
 
     def _moments(self, which: str, arguments: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
         program = getattr(self.programs, which)
@@ -219,7 +228,7 @@ class CompiledModel:
 
     def _feasible_trace(self, x: jax.Array, inputs: Inputs) -> Any:
         """Trace of the observation program with some data that it could produce."""
-        arguments = (self._bound(), chart.to_sites(self.sites, x), inputs)
+        arguments = self._arguments(inputs, x)
         values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
         return trace_program(self.programs.observation, arguments, values=values)
 
@@ -231,7 +240,7 @@ class CompiledModel:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite."""
 
         def trace_of(state: jax.Array) -> Any:
-            arguments = (self._bound(), chart.to_sites(self.sites, state), inputs)
+            arguments = self._arguments(inputs, state)
             return trace_program(self.programs.observation, arguments, values=observation.values)
 
         return observation_information(trace_of, observation.mask, x)
@@ -260,8 +269,20 @@ class CompiledModel:
     def observe(
         self, values: Mapping[str, Any], mask: Mapping[str, Any] | None = None, frames: int | None = None
     ) -> Observation:
-        """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`."""
-        return observe(self.observation_sites, values, mask, frames)
+        """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`.
+
+        Data that are rounded by more than a quarter of their noise are told in a warning of the logger "poseppl".
+        """
+        observation = observe(self.observation_sites, values, mask, frames)
+        tell_rounding(observation, self._constant_noise)
+        return observation
+
+    @cached_property
+    def _constant_noise(self) -> dict[str, Any]:
+        """Standard deviations of data sites, where they are known before a run."""
+        if self.unbound or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self.params)):
+            return {}
+        return constant_noise(self._feasible_trace, self.dimension, self.input_shapes)
 
     def unobserved(self) -> Observation:
         """One frame of data of which nothing was seen: everything masked, over safe values."""

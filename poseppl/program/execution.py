@@ -23,6 +23,8 @@ from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.distributions.distribution import Unit
 
+from poseppl.program.explanation import refuse
+
 Program = Callable[..., Any]
 Trace = dict[str, dict[str, Any]]
 
@@ -69,11 +71,27 @@ class Seed(handlers.seed):  # type: ignore[misc]
             return
         if msg["value"] is not None or msg["kwargs"]["rng_key"] is not None:
             return
+        if self.keys is None:
+            _check_has_density(msg)
         self.count += 1
         if self.keys is None:
             super().process_message(msg)
         else:
             msg["kwargs"]["rng_key"] = self.keys[self.count - 1]
+
+
+def _check_has_density(msg: Mapping[str, Any]) -> None:
+    """Refuse draws that no density goes with, or the reverse."""
+    if msg["type"] == "prng_key":
+        raise refuse(
+            "asks for numpyro.prng_key(): what it draws with a key of its own is no site, and its density would leave it "
+            "out. Sample it with numpyro.sample."
+        )
+    if msg["type"] == "sample" and isinstance(unwrap(msg["fn"]), dist.ImproperUniform):
+        raise refuse(
+            f"samples {msg['name']!r} from ImproperUniform, from which nothing can be drawn. Use a proper distribution, such "
+            "as a wide Normal, or Uniform between bounds."
+        )
 
 
 def trace_program(

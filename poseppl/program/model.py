@@ -58,4 +58,11 @@ class StateSpaceModel(NamedTuple):
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
         num_keys |= {"initial": initial.num_keys, "transition": transition.num_keys, "observation": observation.num_keys}
-        return CompiledModel(self, sites, observation.sites, num_keys, params, unbound)
+        shapes = jax.eval_shape(lambda leaves: leaves, inputs)
+        return CompiledModel(self, sites, observation.sites, num_keys, params, unbound, shapes)
+
+    def __getattr__(self, name: str) -> Any:
+        """Say what to do where a model is used that is not compiled."""
+        if name in vars(CompiledModel) or name in CompiledModel.__dataclass_fields__:
+            raise AttributeError(f"The model has no {name!r} before it is compiled: use model.compile(inputs, params).")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.program.execution import base_support
-from poseppl.program.schema import Declared, suggestion
+from poseppl.program.explanation import suggestion
+from poseppl.program.schema import Declared
 
 
 class Observation(NamedTuple):
@@ -27,6 +28,19 @@ class Observation(NamedTuple):
 
     values: dict[str, jax.Array]
     mask: dict[str, jax.Array]
+
+
+def check_is_observation(data: Any) -> None:
+    """Refuse data that did not go through `observe`.
+
+    Raises:
+        ValueError: They are something else than an Observation.
+    """
+    if not isinstance(data, Observation):
+        raise ValueError(
+            f"The data are a {type(data).__name__}. Expected an Observation, which tells what is missing: "
+            "model.observe({site: values}), with NaN where nothing was seen."
+        )
 
 
 def observe(

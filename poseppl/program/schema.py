@@ -7,9 +7,7 @@ with what the initial program declares. Every error names the site, what was fou
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +17,7 @@ import numpy as np
 from poseppl.program.chart import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Seed, base_support, is_factor, trace_program
+from poseppl.program.explanation import explained, suggestion
 
 
 class Declared(NamedTuple):
@@ -55,7 +54,8 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
         state: Names of the state's sites, to suggest in messages.
 
     Raises:
-        ValueError: A name used twice, a `numpyro.param` site, or a name looked up that does not exist.
+        ValueError: A name used twice, a `numpyro.param` site, a name looked up that does not exist, draws that are no site,
+            an improper distribution, or arguments that the program cannot use.
     """
     leaves, tree = jax.tree.flatten(arguments)
     traced = [isinstance(a, jax.Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
@@ -76,7 +76,7 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
         return bounds
 
     arrays = [leaf for leaf, is_traced in zip(leaves, traced, strict=True) if is_traced]
-    with _explained(which, state):
+    with explained(which, state, arguments):
         closed, shapes = jax.make_jaxpr(run, return_shape=True)(jax.random.key(0), arrays)
     for name, site in found.items():
         if site["type"] == "param":
@@ -97,23 +97,6 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     return Declaration(sites, factors, deterministic, counts[0])
 
 
-@contextmanager
-def _explained(which: str, state: Iterable[str]) -> Iterator[None]:
-    """Say in terms of the model what went wrong inside a program."""
-    try:
-        yield
-    except KeyError as error:
-        key = str(error.args[0]) if error.args else ""
-        hint = suggestion(key, state)
-        raise ValueError(
-            f"The {which} program looks up {key!r}, which nothing provides{hint}. State sites: {list(state)}."
-        ) from error
-    except AssertionError as error:
-        if "unique names" not in str(error):
-            raise
-        raise ValueError(f"The {which} program: {error}. Give every site its own name.") from error
-
-
 def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed: dict[str, bool]) -> dict[str, Any]:
     """Supports with concrete bounds, for the sites whose bounds depend on nothing."""
     if all(tree.num_leaves == 0 for tree in trees.values()):
@@ -125,12 +108,6 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
         name: jax.tree.unflatten(tree, [np.asarray(b) for b in bounds[name]]) if fixed[name] else None
         for name, tree in trees.items()
     }
-
-
-def suggestion(name: str, candidates: Iterable[str]) -> str:
-    """`: did you mean 'x'?` when a candidate is close, else nothing."""
-    close = difflib.get_close_matches(name, list(candidates), n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def state_layout(initial: Declaration) -> dict[str, Site]:

@@ -107,6 +107,14 @@ def test_bad_toml(tmp_path, old, new, message):
     assert message in str(caught.value) and "rig.toml" in str(caught.value)
 
 
+def test_a_rotation_matrix_of_zeros_is_no_rotation(tmp_path):
+    rotation = "rotation = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]"
+    toml = "\n".join(rotation if line.startswith("rotation") else line for line in TOML.splitlines())
+    assert toml != TOML
+    with pytest.raises(InputError, match="camera.front.rotation: zeros are no rotation matrix"):
+        read(tmp_path, toml)
+
+
 def test_fisheye_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"cam_0\.fisheye"):
         read(tmp_path, ANIPOSE.replace("fisheye = false", "fisheye = true"))
