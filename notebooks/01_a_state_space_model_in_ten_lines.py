@@ -32,14 +32,12 @@ from collections.abc import Callable
 
 import arviz_stats
 import jax
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
-from matplotlib.figure import Figure
 
 import poseppl
-from poseppl.report import plot_inefficiency, plot_state
+from poseppl.report import new_picture, plot_inefficiency, plot_state
 
 STEP, STIFFNESS = 0.1, 4.0  # seconds, and the square of the angular frequency
 
@@ -235,7 +233,7 @@ plot_inefficiency(chains)
 # from chains (dashed) over Kalman's (solid), with the hole in grey.
 
 # %%
-picture = Figure(figsize=(9, 3.2), layout="constrained")
+picture = new_picture(9, 3.2)
 axes = picture.add_subplot()
 axes.axvspan(hidden.start - 0.5, hidden.stop - 0.5, color="0.93")
 swarm, walked = (tree["summary/state_quantile"].sel(dof="position", quantile=[0.05, 0.95]) for tree in (result, chains))

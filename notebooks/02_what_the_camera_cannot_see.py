@@ -29,14 +29,12 @@ import tempfile
 
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
-from matplotlib.figure import Figure
 
 import poseppl
 from poseppl.body import BodyInputs
 from poseppl.geometry import project
-from poseppl.report import plot_error, plot_overlay, plot_pose3d
+from poseppl.report import new_picture, plot_error, plot_overlay, plot_pose3d
 from poseppl.resampling import systematic
 from poseppl.tracking import TrackSettings, measure_run, observe_motion, place_cameras, track, walking_subject
 
@@ -114,7 +112,7 @@ for (upper, fore), members in groups.items():
 print("the truth                            {:+4.0f} {:+4.0f} mm".format(*true_depths))
 
 # %%
-picture = Figure(figsize=(9, 4), layout="constrained")
+picture = new_picture(9, 4)
 left, right = picture.subplots(1, 2)
 image = np.asarray(project(cameras, jnp.asarray(markers)))[FRONT]
 for colour, ((upper, fore), members) in zip(("tab:blue", "tab:orange", "tab:green", "tab:red"), groups.items(), strict=True):
@@ -208,7 +206,7 @@ def draw_fork(axes, tree, title):
     axes.set(xlabel="frame", title=title)
 
 
-picture = Figure(figsize=(6, 3), layout="constrained")
+picture = new_picture(6, 3)
 axes = picture.add_subplot()
 draw_fork(axes, seen_by_one, "left wrist behind elbow (mm), one camera")
 axes.legend(frameon=False)
@@ -244,12 +242,12 @@ print(f"mean joint error {numbers_two.joint_error:.0f} mm; 90 % intervals hold {
 plot_pose3d(seen_by_two, frame=12)
 
 # %%
-picture = Figure(figsize=(6, 3), layout="constrained")
+picture = new_picture(6, 3)
 draw_fork(picture.add_subplot(), seen_by_two, "left wrist behind elbow (mm), two cameras")
 picture
 
 # %%
-picture = Figure(figsize=(7, 3), layout="constrained")
+picture = new_picture(7, 3)
 axes = picture.add_subplot()
 order = np.argsort(np.median(along, 0))
 rows = {"one camera, along": along, "one camera, across": across, "two cameras, along": along_two}

@@ -25,13 +25,12 @@
 # %%
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
-from matplotlib.figure import Figure
 from poseppl_models.growth import growth, growth_mean
 
 import poseppl
 from poseppl.filters import kalman_filter, particle_filter
+from poseppl.report import new_picture
 from poseppl.run import run_filter
 from poseppl.smoothers import (
     backward_simulation_smoother,
@@ -140,7 +139,7 @@ for name, smoother in smoothers.items():
 # hesitates between two signs, the smoother has made up its mind.
 
 # %%
-figure = Figure(figsize=(10, 6), layout="constrained")
+figure = new_picture(10, 6)
 for axes, density, what in zip(figure.subplots(2, sharex=True), (filtered, smoothed), ("filter", "smoother"), strict=True):
     axes.pcolormesh(times, grid, np.sqrt(density.T), cmap="Greys")
     axes.plot(times, truth, "k.", markersize=4, label="truth")

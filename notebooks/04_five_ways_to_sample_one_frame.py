@@ -32,13 +32,12 @@
 # %%
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
-from matplotlib.figure import Figure
 from poseppl_models.banana import banana
 
 from poseppl.filters import annealed_filter, demc_filter, hmc_filter, particle_filter, tempered_filter
 from poseppl.kernels import HMCSettings
+from poseppl.report import new_picture
 
 model = banana(curvature=1.0, noise=0.15).compile()
 data = model.observe({"y": 1.0})
@@ -110,7 +109,7 @@ print(f"{'exact':>12} {'':>12} {'':>10} {'':>14} {exact_spread[0]:>12.3f} {log_e
 # end to end.
 
 # %%
-figure = Figure(figsize=(13, 3), layout="constrained")
+figure = new_picture(13, 3)
 for axes, (name, (state, *_)) in zip(figure.subplots(1, 5, sharey=True), kept.items(), strict=True):
     axes.contourf(axis, axis, density.reshape(len(axis), -1).T, cmap="Greys")
     particles, weights = weighted(state)

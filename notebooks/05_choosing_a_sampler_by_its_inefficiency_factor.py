@@ -29,7 +29,6 @@
 # gradients, so that short trajectories get more updates. `tune` runs them and measures what matters.
 
 # %%
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
 
 from poseppl.experiments.choo_fleet import BUILT_IN

@@ -29,9 +29,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot  # noqa: F401  (lets a notebook show figures)
 import numpy as np
-from matplotlib.figure import Figure
 
 from poseppl.filters import kalman_filter
 from poseppl.geometry import project
@@ -39,6 +37,7 @@ from poseppl.io import read_masks
 from poseppl.io.opencv import opencv
 from poseppl.rendering import Truth, build_setting, write_scene
 from poseppl.rendering.packages import load_mujoco
+from poseppl.report import new_picture
 from poseppl.results import QUANTILES
 from poseppl.run import run_filter
 from poseppl.tracking import walking_subject
@@ -73,7 +72,7 @@ masks = {name: read_masks(folder / f"{name}_visible.npz") for name in NAMES}
 shares = [masks[name][0].mean() for name in NAMES]
 print(f"{seen.contour.shape[2]} points on each outline; the person fills {min(shares):.1%} to {max(shares):.1%} of a picture")
 
-picture = Figure(figsize=(9, 5), layout="constrained")
+picture = new_picture(9, 5)
 for column, name in enumerate(NAMES):
     for row, image in enumerate((pictures[name][0], masks[name][0])):
         axes = picture.add_subplot(2, 4, 1 + column + 4 * row, xticks=[], yticks=[])
@@ -146,7 +145,7 @@ print(f"one camera:   mean joint error {error_alone:.0f} mm, 90 % intervals hold
 bodies = np.concatenate([alone.extras["markers"][LAST, 0, :12], together.summary["markers_mean"][LAST:]])
 images = np.asarray(project(seen.scene.cameras, jnp.asarray(bodies, float)))
 pairs = [[body.tree.marker_names.index(end) for end in edge] for edge in body.edges]
-picture = Figure(figsize=(9, 5), layout="constrained")
+picture = new_picture(9, 5)
 for number, name in enumerate(NAMES):
     axes = picture.add_subplot(1, 4, number + 1, xticks=[], yticks=[], title=name)
     axes.imshow(pictures[name][LAST])
@@ -184,7 +183,7 @@ for name, values in rows.items():
     print(f"{name:36} {np.median(values):4.0f} mm at the median joint")
 
 # %%
-picture = Figure(figsize=(7, 3.2), layout="constrained")
+picture = new_picture(7, 3.2)
 axes = picture.add_subplot()
 order = np.argsort(rows["four cameras, across it"])
 for colour, style, (name, values) in zip(("tab:red", "tab:red", "tab:blue", "tab:blue"), "-:-:", rows.items(), strict=True):

@@ -42,7 +42,8 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     coordinate the page tells the inefficiency factor, the effective sample size (ESS), also by second and by evaluation of the
     likelihood or its gradient, rejection, R-hat, and error and coverage where the truth is known; who wins where, and whether
     that is more than chance; and the variance of the mean against time. Runs of one setting with different seeds on the same
-    points count as replicates.
+    points count as replicates. Of the inefficiency factor there are the median over frames and coordinates, and in brackets the
+    mean, which the few that mix badly decide, and which the ESS follows.
     """
     from poseppl.cli.files import check_writable
     from poseppl.diagnostics import compare as compare_runs
@@ -124,13 +125,17 @@ def _columns(comparison: Any) -> tuple[list[str], list[list[str]]]:
 
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
     columns = {
-        "τ": summary["tau_all"],
         "ESS a second": summary["ess_per_second_all"],
         "ESS an evaluation": summary["ess_per_evaluation_all"],
         "joint error, mm": summary["joint_error_all"],
     }
     rows = [
-        [name, *(shown(values.values[index]) for values in columns.values()), covered(summary, index, 0.9)]
+        [
+            name,
+            "{} ({})".format(*(shown(summary[tau].values[index]) for tau in ("tau_median_all", "tau_all"))),
+            *(shown(values.values[index]) for values in columns.values()),
+            covered(summary, index, 0.9),
+        ]
         for index, name in enumerate(figures["run"].values.tolist())
     ]
-    return ["run", *columns, "90 % intervals cover, %"], rows
+    return ["run", "τ (mean)", *columns, "90 % cover, %"], rows

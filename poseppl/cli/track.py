@@ -335,6 +335,7 @@ def summary(tree: Any) -> list[tuple[str, str]]:
         ("  of the coordinates", shown(numbers.coverage_state, "{:.1%}")),
         ("rejection rate", shown(numbers.rejection, "{:.1%}")),
         ("inefficiency factor, median", shown(numbers.tau, "{:.1f}")),
+        ("  mean", shown(numbers.tau_mean, "{:.1f}")),
         ("frames a second", shown(numbers.frames_per_second, "{:.1f}")),
         ("compilation", f"{known['compile_seconds']:.1f} s"),
     ]

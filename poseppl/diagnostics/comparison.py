@@ -47,8 +47,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         * ``summary``: over the frames, by ``run`` and ``dof``: means of ``tau`` and ``error``, the median of
           ``error_over_sd``, harmonic means of ``ess``, ``ess_per_second`` and ``ess_per_evaluation``, the largest ``rhat``,
           and ``coverage`` with ``coverage_se`` by level; the same for all degrees of freedom together with ``_all`` behind
-          the name; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and ``joint_error_relative_all``; and
-          who is ``disqualified`` from the contests of ESS;
+          the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
+          ``joint_error_relative_all``; and who is ``disqualified`` from the contests of ESS;
         * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.contest.contests`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`.
 
@@ -104,6 +104,8 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
         form = _FORMS.get(name, np.nanmean)
         data[name] = (("run", "dof"), _reduced(form, values))
         data[f"{name}_all"] = (("run",), _reduced(form, values.reshape(len(values), -1)))
+    tau = figures["tau"].transpose("run", "dof", "frame").values
+    data["tau_median_all"] = (("run",), _reduced(np.nanmedian, tau.reshape(len(tau), -1)))
     for name in _BY_FRAME:
         data[f"{name}_all"] = (("run",), _reduced(np.nanmean, figures[name].transpose("run", "frame").values))
     inside = figures["inside"].transpose("run", "level", "dof", "frame").values

@@ -11,6 +11,7 @@ from poseppl.report.error import plot_error as plot_error
 from poseppl.report.figures import plot_track as plot_track
 from poseppl.report.html import report_html as report_html
 from poseppl.report.html import write_report as write_report
+from poseppl.report.picture import new_picture as new_picture
 from poseppl.report.picture import save_picture as save_picture
 from poseppl.report.pose import plot_overlay as plot_overlay
 from poseppl.report.pose import plot_pose3d as plot_pose3d

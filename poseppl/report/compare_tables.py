@@ -25,6 +25,7 @@ _JUDGED = {"ess_per_second_all": "ess_per_second", "ess_per_evaluation_all": "es
 _COLUMNS = (
     ("seconds a frame", "seconds", ""),
     ("draws a frame", "draws", "{:,.0f}"),
+    ("τ, median", "tau_median_all", ""),
     ("τ, mean", "tau_all", ""),
     ("ESS", "ess_all", ""),
     ("ESS a second", "ess_per_second_all", ""),

@@ -17,7 +17,8 @@ class Metrics(NamedTuple):
         coverage: Share of the true joint coordinates inside of their central 90 % intervals.
         coverage_state: The same of the state's coordinates.
         rejection: Mean rejection rate of the moves.
-        tau: Median inefficiency factor.
+        tau: Median inefficiency factor over frames and coordinates.
+        tau_mean: Its mean, which a few frames that mix badly decide.
         failed: How many frames' data were impossible.
         frames_per_second: Frames a second, without compilation.
     """
@@ -28,6 +29,7 @@ class Metrics(NamedTuple):
     coverage_state: float | None
     rejection: float | None
     tau: float | None
+    tau_mean: float | None
     failed: int
     frames_per_second: float | None
 
@@ -59,6 +61,7 @@ def measure_run(tree: xr.DataTree) -> Metrics:
         coverage_state=at_ninety("coverage"),
         rejection=mean("rejection_rate"),
         tau=None if np.isnan(tau).all() else float(np.nanmedian(tau)),
+        tau_mean=None if np.isnan(tau).all() else float(np.nanmean(tau)),
         failed=int(tree["sample_stats"].dataset["failed"].values.sum()),
         frames_per_second=done / seconds if seconds > 0 and done > 0 else None,
     )

@@ -84,6 +84,8 @@ def test_summaries_are_means_over_frames(comparison: xr.DataTree) -> None:
     np.testing.assert_allclose(summary["ess_per_second_all"], 2000 / figures["tau"].mean())
     np.testing.assert_allclose(summary["rhat"], figures["rhat"].max("frame"))
     np.testing.assert_allclose(summary["error_over_sd"], figures["error_over_sd"].median("frame"))
+    np.testing.assert_allclose(summary["tau_all"], figures["tau"].mean(("frame", "dof")))
+    np.testing.assert_allclose(summary["tau_median_all"], figures["tau"].median(("frame", "dof")))
     inside = figures["inside"].mean(("frame", "dof"))
     np.testing.assert_allclose(summary["coverage_all"], inside)
     assert (np.abs(summary["coverage_all"] - summary["level"]) < 5 * summary["coverage_se_all"]).all()

@@ -59,7 +59,7 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
 
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
-    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 6
+    assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 7
     assert _row(page, "wrong").count("–") == 2, "rejection and R-hat"
     heat = _data(page, "heat-data")
     assert heat["formula"] == [False, False, True, False]
@@ -106,7 +106,8 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
         np.testing.assert_allclose(drawn, np.reshape(named, (4, 20, 3)).swapaxes(1, 2), rtol=6e-3)
     summary = comparison["summary"].dataset.sel(run="quick")
     cells = _row(comparison_html(comparison), "quick")
-    assert cells[4] == shown(float(summary["tau_all"])) and cells[6] == shown(float(summary["ess_per_second_all"]))
+    assert cells[4:6] == [shown(float(summary[name])) for name in ("tau_median_all", "tau_all")]
+    assert cells[7] == shown(float(summary["ess_per_second_all"]))
 
 
 def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) -> None:
