@@ -91,6 +91,7 @@ def test_the_result_of_chains() -> None:
     run = run_filter(filter, jax.random.key(0), data, collect=keep(model))
     tree = result_of_run(run, model)
     assert tree["posterior/state"].shape == (3, 8, T, 2)
+    np.testing.assert_array_equal(tree["posterior/state"], np.moveaxis(run.outputs.state, 0, 2))
     assert tree["posterior"]["dof"].values.tolist() == ["x[0]", "x[1]"]
     assert "num_particles" not in tree.attrs and "observed_data" not in tree.children
     assert (tree["sample_stats/acceptance_rate"] > 0.3).all()
