@@ -77,7 +77,13 @@ def check(row, posed, *, evidence=True):
 
 
 @pytest.mark.parametrize(
-    ("name", "program"), [("particle", positive), ("tempered", positive), ("demc-posterior", positive), ("auxiliary", real)]
+    ("name", "program"),
+    [
+        ("particle", positive),
+        ("auxiliary", real),
+        pytest.param("tempered", positive, marks=pytest.mark.slow),
+        pytest.param("demc-posterior", positive, marks=pytest.mark.slow),
+    ],
 )
 def test_counts_of_a_positive_rate(name, program):
     check(ROWS[name], counted(program))
@@ -98,7 +104,15 @@ def clamped():
     return Problem(free, full.clamp([0, 1]), full.observe({"y": ys}), inputs, exact)
 
 
-@pytest.mark.parametrize("name", ["particle", "tempered", "auxiliary", "assumed-density"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "particle",
+        pytest.param("auxiliary", marks=pytest.mark.slow),
+        pytest.param("tempered", marks=pytest.mark.slow),
+        pytest.param("assumed-density", marks=pytest.mark.slow),
+    ],
+)
 def test_a_part_of_the_state_that_is_known(name):
     check(ROWS[name], clamped(), evidence=name in ("particle", "tempered"))
 
