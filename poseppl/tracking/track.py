@@ -110,6 +110,8 @@ def track(
         raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
     if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
+    if settings.walk not in ("fixed", "learned"):
+        raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
     scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
     params = walk_params(scene.body, settings)
     problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)

@@ -152,6 +152,8 @@ def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     np.testing.assert_allclose(recorded, expected, rtol=1e-5)
     assert np.all(recorded < 0.9 * SIGMA_ANGLE / np.sqrt(120.0))  # a walk's arm swings less than the prior thinks
     np.testing.assert_array_equal(problem_of_result(tree).record()["step_scale"], recorded)
+    with pytest.raises(InputError, match="--walk"):
+        track(scene, settings._replace(walk="learnt"))
 
 
 def test_a_transition_that_is_no_random_walk_is_refused() -> None:
