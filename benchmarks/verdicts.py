@@ -34,7 +34,6 @@ from poseppl.tracking.scene import Scene, noise_of
 
 NOISE = 0.003
 KALMAN = TrackSettings(filter="extended-kalman")
-"""The quickest filter on masks."""
 
 
 class Case(NamedTuple):
@@ -90,6 +89,7 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
     run = partial(recorded, data / "cmu_amc" / "02_03.amc", data / "cmu_amc" / "02.asf", count)
     jump = partial(recorded, data / "cmu_amc" / "02_04.amc", data / "cmu_amc" / "02.asf", count)
     dance = partial(recorded, data / "deepmimic" / "humanoid3d_dance_a.txt", data / "deepmimic" / "humanoid3d.txt", count)
+    few = min(count, 16)  # frames of masks, which take seconds each
     points, reference = partial(keypoint_scene, data, count), partial(triangulated, data, count)
     return {
         "walk, 1 camera": Case(True, partial(walk, count, cameras=1)),
@@ -120,9 +120,10 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
         "keypoints, noise 0.003": Case(False, partial(points, NOISE), markers=reference),
         "keypoints, noise 0.008": Case(True, partial(points, 0.008), markers=reference),
         "keypoints, another person in two cameras": Case(False, partial(points, 0.008, other=(2, 3)), markers=reference),
-        "masks of the walk": Case(True, partial(masked_walk, count), KALMAN),
-        "masks of two people": Case(False, partial(masked_walk, count, other=1000.0), KALMAN),
-        "masks that change to another person": Case(False, partial(masked_walk, count, other=1000.0, since=count // 2), KALMAN),
+        "masks of the walk": Case(True, partial(masked_walk, few)),
+        "masks of the walk, extended Kalman filter": Case(False, partial(masked_walk, count), KALMAN),
+        "masks of two people": Case(False, partial(masked_walk, few, other=1000.0)),
+        "masks that change to another person": Case(False, partial(masked_walk, few, other=1000.0, since=few // 2)),
     }
 
 

@@ -67,7 +67,7 @@ def residuals_of(tree: xr.DataTree) -> Residuals | None:
     if noise.shape != points.shape[-1 - noise.ndim : -1]:
         return None
     seen = np.isfinite(points)
-    spread = np.broadcast_to(noise[..., None], points.shape)
+    spread = np.broadcast_to(np.where(noise > 0, noise, np.nan)[..., None], points.shape)
     offset = np.where(seen, points - mean, np.nan)
     expected = np.clip(1 - np.square(deviation / spread), _LEAST_SHARE, 1.0)
     return Residuals(offset / spread, np.where(seen, expected, np.nan), offset)
@@ -75,10 +75,9 @@ def residuals_of(tree: xr.DataTree) -> Residuals | None:
 
 def point_residuals(tree: xr.DataTree) -> list[Verdict]:
     """Points farther from the body than noise and posterior allow, or nearer; by camera and marker."""
-    residuals = residuals_of(tree)
-    if residuals is None:
+    residuals, names = residuals_of(tree), tree["posterior"].dataset
+    if residuals is None or not {"camera", "marker"} <= set(names.coords):
         return []
-    names = tree["posterior"].dataset
     cameras, markers = ([str(name) for name in names[axis].values] for axis in ("camera", "marker"))
     return [*_overall(residuals, cameras, markers), *_of_cameras(residuals, cameras), *_of_markers(residuals, markers)]
 
