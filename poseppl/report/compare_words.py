@@ -9,7 +9,7 @@ import xarray as xr
 
 from poseppl.diagnostics.contest import TIE
 from poseppl.diagnostics.run_figures import FORMULA
-from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, WARNING, Verdict
+from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
 
 LEVEL = 0.9
@@ -134,14 +134,14 @@ def _coverage(tree: xr.DataTree) -> list[Verdict]:
 def _agreement(tree: xr.DataTree) -> list[Verdict]:
     """The runs whose chains disagree."""
     figures = tree["figures"].dataset
-    found: dict[str, list[str]] = {ERROR: [], WARNING: []}
+    found = []
     for name, rhat in zip(figures["run"].values, figures["rhat"].values, strict=True):
         known = rhat[np.isfinite(rhat)]
         share = float((known > RHAT_HIGH).mean()) if len(known) else 0.0
-        if share > 0.02:
-            found[ERROR if share > 0.5 else WARNING].append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
+        if share > RHAT_SHARE:
+            found.append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
     start = f"Chains disagree and ESS is rough, R-hat above {RHAT_HIGH} in so many frames and coordinates"
-    return [Verdict(severity, f"{start}: {words(names)}.") for severity, names in found.items() if names]
+    return [Verdict(WARNING, f"{start}: {words(found)}.")] if found else []
 
 
 def _closed_form(tree: xr.DataTree) -> list[Verdict]:

@@ -12,6 +12,7 @@ import xarray as xr
 
 from poseppl.diagnostics.diagnosis import diagnose
 from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
+from poseppl.diagnostics.verdicts.chains import RHAT_SHARE as RHAT_SHARE
 from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.particles import degeneracy
