@@ -45,7 +45,7 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     points count as replicates. Of the inefficiency factor there are the median over frames and coordinates, and in brackets the
     mean, which the few that mix badly decide, and which the ESS follows.
     """
-    from poseppl.cli.files import check_writable
+    from poseppl.cli.files import check_writable, contents_of
     from poseppl.diagnostics import compare as compare_runs
     from poseppl.io import atomic_path
     from poseppl.report import write_comparison, write_comparison_table
@@ -57,8 +57,9 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     if len({path.resolve() for path in targets}) < len(targets):
         raise InputError("two outputs of one name", file=page)
     check_writable(targets, runs.files.values())
-    comparison = compare_runs(runs, files=runs.files)
-    with atomic_path(page) as drawn:
+    with contents_of(*runs.files.values()):
+        comparison = compare_runs(runs, files=runs.files)
+    with contents_of(*runs.files.values()), atomic_path(page) as drawn:
         write_comparison(comparison, drawn)
         if rows is not None:
             write_comparison_table(comparison, rows)

@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from poseppl.errors import InputError
 from poseppl.io import atomic_path
+
+
+@contextmanager
+def contents_of(*results: str | Path) -> Iterator[None]:
+    """Tell the user that a result's contents are not what the block wants, where they are not.
+
+    A result that opens may still lack a variable, or have one of another type or shape.
+
+    Args:
+        results: The files that the block works on.
+
+    Raises:
+        InputError: The block ended in an error that wrong contents bring about.
+    """
+    try:
+        yield
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        reason = (str(error).strip().splitlines() or [""])[0][:120]
+        expected = "a result as poseppl track or smooth wrote it; if it is one, --debug shows where this came up"
+        raise InputError(
+            f"its contents cannot be used: {type(error).__name__}: {reason}",
+            file=", ".join(map(str, results)),
+            expected=expected,
+        ) from error
 
 
 class _Writable(Exception):

@@ -31,7 +31,7 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     RESULT is a file that poseppl track wrote. The report says what was run, gives verdicts in words, and shows inefficiency
     factors, traces, overlays and poses with their uncertainty, and error and coverage where the truth is known.
     """
-    from poseppl.cli.files import check_writable
+    from poseppl.cli.files import check_writable, contents_of
     from poseppl.report import write_report
     from poseppl.results import load_result
 
@@ -40,6 +40,7 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     if target.suffix not in (".html", ".htm"):
         raise InputError("not a name for the report", file=target, field="--output", expected="NAME.html")
     check_writable([target], [result])
-    write_report(tree, target)
+    with contents_of(result):
+        write_report(tree, target)
     if not quiet:
         click.echo(f"{target}")

@@ -79,7 +79,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     smoother?" in the documentation.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
-    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import write_outputs
     from poseppl.cli.track import summary
     from poseppl.results import load_result
@@ -97,7 +97,7 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     check_writable([target, target.with_suffix(".png")], [result])
     progress = ConsoleProgress(options["quiet"])
     start_jax()
-    with progress.running():
+    with contents_of(result), progress.running():
         progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
         smoothed = smooth_result(tree, SmoothSettings(method, settings, **chosen))
         progress.stage("drawing")

@@ -50,7 +50,7 @@ def read_netcdf(path: str | PathLike[str], *, expected: str, max_bytes: int | No
     """
     check_netcdf(path, expected=expected, max_bytes=max_bytes)
     try:
-        with xr.open_datatree(path, engine="h5netcdf") as opened:
+        with xr.open_datatree(path, engine="h5netcdf", phony_dims="access") as opened:
             return opened.load()
     except MemoryError as error:
         raise InputError("it does not fit into memory", file=path) from error

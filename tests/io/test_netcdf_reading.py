@@ -150,3 +150,34 @@ def test_damaged_results_are_refused_or_read(tmp_path: Path, small: bytes) -> No
             refused += 1
             assert "damaged.nc" in str(error) and "unexpected" not in str(error)
     assert refused > 10
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda file: file.__delitem__("summary/state_mean"),
+        lambda file: file.__delitem__("posterior/markers"),
+        lambda file: replace(file, "truth/state", np.full((2, 2), b"x")),
+        lambda file: replace(file, "summary/markers_mean", np.full((3, 2), b"x")),
+        lambda file: replace(file, "sample_stats/log_evidence", np.zeros((2, 2))),
+    ],
+)
+def test_a_result_of_other_contents_is_never_unexpected(
+    tmp_path: Path, small: bytes, capsys: pytest.CaptureFixture[str], change: Callable[[h5py.File], None]
+) -> None:
+    (tmp_path / "odd.nc").write_bytes(small)
+    (tmp_path / "small.nc").write_bytes(small)
+    with h5py.File(tmp_path / "odd.nc", "r+") as file:
+        change(file)
+    for command in ("report", "compare"):
+        others = [str(tmp_path / "small.nc")] if command == "compare" else []
+        status = main([command, *others, str(tmp_path / "odd.nc"), "-o", str(tmp_path / "page.html"), "-q"])
+        message = capsys.readouterr().err
+        assert "unexpected" not in message
+        assert status == 0 or ("odd.nc" in message and len(message.strip().splitlines()) == 1)
+
+
+def replace(file: h5py.File, name: str, values: np.ndarray) -> None:
+    """Put other values in the place of a variable."""
+    del file[name]
+    file[name] = values
