@@ -105,7 +105,6 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
         "one of two cameras turned by 2 degrees": Case(False, partial(turned, count, 2.0)),
         "one of two cameras turned by 0.5 degrees": Case(False, partial(turned, count, 0.5)),
         "one of four cameras turned by 2 degrees": Case(False, partial(turned, count, 2.0, cameras=4)),
-        "one of four cameras turned by 0.5 degrees": Case(False, partial(turned, count, 0.5, cameras=4)),
         "lengths 10 % too long": Case(False, partial(longer, count, 1.1)),
         "lengths 10 % too long, 1 camera": Case(False, partial(longer, count, 1.1, cameras=1)),
         "left and right swapped in a camera": Case(False, partial(swapped, count)),
