@@ -23,6 +23,7 @@ import xarray as xr
 
 from poseppl.diagnostics.calibration import coverage
 from poseppl.diagnostics.contest import TIE, contests, is_disqualified
+from poseppl.diagnostics.evidence import evidence_of_run, evidences
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
@@ -41,7 +42,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         files: Where each was read from, for messages.
 
     Returns:
-        A tree of four groups with the coordinates ``run``, ``frame``, ``dof``, ``level``, ``quantity`` and ``setting``:
+        A tree of groups with the coordinates ``run``, ``frame``, ``dof``, ``level``, ``quantity`` and ``setting``:
 
         * ``figures``: see :mod:`poseppl.diagnostics.run_figures`, with a dimension ``run``;
         * ``summary``: over the frames, by ``run`` and ``dof``: means of ``tau`` and ``error``, the median of
@@ -50,7 +51,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
           the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
           ``joint_error_relative_all``; and who is ``disqualified`` from the contests of ESS;
         * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.contest.contests`;
-        * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`.
+        * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
+        * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`.
 
         The attributes ``frames`` and ``provenance`` hold, as JSON, how many frames there are and what each run was, and
         ``other_cameras`` which runs saw the truth through other cameras than the first one.
@@ -63,7 +65,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
     if TIE in runs or "" in runs:
         raise InputError(f"a run is called {TIE!r}" if TIE in runs else "a run has no name", expected="another name")
     first: tuple[str, Data] | None = None
-    parts, known, seen_otherwise = [], {}, []
+    parts, found, known, seen_otherwise = [], [], {}, []
     for name, tree in runs.items():
         data = data_of(tree)
         if first is None:
@@ -72,6 +74,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
             _check(name, data, *first, files or {})
             seen_otherwise += [name] if other_cameras(first[1], data) else []
         parts.append(figures_of_run(tree))
+        found.append(evidence_of_run(tree))
         known[name] = provenance(tree)
     figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
     summary = summarise(figures)
@@ -82,6 +85,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         "winner": overall,
         "winner_by_dof": each,
         "variance": variance_against_time(figures),
+        "evidence": evidences(found, figures),
     }
     result = xr.DataTree.from_dict(groups)
     result.attrs = {

@@ -37,7 +37,7 @@ def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
         ``seconds_se``, ``variance`` and ``variance_se``, and by ``dof`` ``variance_by_dof`` and ``variance_by_dof_se``.
     """
     reference = np.median(np.square(figures["sd"].values), axis=0)
-    groups = _groups(figures)
+    groups = settings_of_runs(figures)
     spreads = [_spread(figures.isel(run=group), np.where(reference > 0, reference, np.nan)) for group in groups]
     seconds = [figures["seconds"].values[group] for group in groups]
     by_dof = ("setting", "dof")
@@ -55,7 +55,7 @@ def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, coords={"setting": names, "dof": figures["dof"].values})
 
 
-def _groups(figures: xr.Dataset) -> list[list[int]]:
+def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
     """Indices of the runs of each setting; one that does not tell its setting is alone, and a seed counts once."""
     found: dict[str, dict[str, int]] = {}
     for index, (setting, seed) in enumerate(zip(figures["setting"].values, figures["seed"].values, strict=True)):

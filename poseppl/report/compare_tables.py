@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.contest import QUANTITIES, TIE
+from poseppl.diagnostics.evidence import Evidence, evidence_words
 from poseppl.report.tables import Raw, flatten, table
 
 DASH = "–"
@@ -73,9 +74,9 @@ def runs_table(tree: xr.DataTree) -> str:
             value = (figures if column in figures else summary)[column].values[index]
             wins = column in _JUDGED and str(winner["winner"].sel(quantity=_JUDGED[column]).item()) == name
             cells.append(Raw(f"<b>{shown(value, form)}</b>") if wins else shown(value, form))
-        cells += [covered(summary, index, level) for level in (0.5, 0.9)]
+        cells += [*(covered(summary, index, level) for level in (0.5, 0.9)), log_evidence(tree, index)]
         rows.append(cells)
-    return _figures(("run", "kind", *(title for title, _, _ in _COLUMNS), *COVERED), rows)
+    return _figures(("run", "kind", *(title for title, _, _ in _COLUMNS), *COVERED, "log evidence"), rows)
 
 
 def winners_table(tree: xr.DataTree) -> str:
@@ -168,6 +169,12 @@ def _outcome(row: xr.Dataset, chips: dict[str, Raw]) -> Raw:
 
 def _dot(chip: Raw) -> str:
     return chip[: chip.index("</span>") + len("</span>")]
+
+
+def log_evidence(tree: xr.DataTree, index: int) -> str:
+    """Log-evidence of a run and its standard error, a question mark where that is not known."""
+    data = tree["evidence"].dataset.isel(run=index)
+    return evidence_words(Evidence(*(data[name].item() for name in Evidence._fields)))
 
 
 def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage_all") -> str:

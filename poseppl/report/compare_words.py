@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.contest import TIE
+from poseppl.diagnostics.evidence import NONE
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
@@ -46,7 +47,30 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
     Returns:
         Who wins, then what is wrong with single runs.
     """
-    return [*_winners(tree), *_other_cameras(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
+    return [*_winners(tree), *_other_cameras(tree), *_evidence(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
+
+
+def _evidence(tree: xr.DataTree) -> list[Verdict]:
+    """Who explains the data best, and whom that is beyond Monte Carlo noise."""
+    data = tree["evidence"].dataset
+    names, total = data["run"].values.tolist(), data["log_evidence"].values
+    known = np.isfinite(total) & np.isfinite(data["standard_error"].values)
+    found = []
+    if known.sum() > 1:
+        best = int(np.argmax(np.where(known, total, -np.inf)))
+        beyond = data["beyond_noise"].values[best] & known
+        behind = words([names[index] for index in np.flatnonzero(beyond)])
+        level = words([names[index] for index in np.flatnonzero(known & ~beyond) if index != best])
+        parts = [f"above {behind} beyond Monte Carlo noise"] if behind else []
+        parts += [f"no further from {level} than noise allows"] if level else []
+        found.append(Verdict(INFO, f"Log evidence: that of {names[best]} is the largest, {', '.join(parts)}."))
+    unknown = words([names[index] for index in np.flatnonzero(np.isfinite(total) & ~known)])
+    if unknown:
+        found.append(Verdict(INFO, f"Monte Carlo error of the log evidence of {unknown} not known: run three seeds or more."))
+    seekers = words([names[index] for index in np.flatnonzero(data["source"].values == NONE)])
+    if seekers:
+        found.append(Verdict(INFO, f"No evidence from {seekers}: a smoother or a filter that seeks a mode has none."))
+    return found
 
 
 def words(names: list[str]) -> str:
