@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.contest import TIE
-from poseppl.diagnostics.evidence import NONE
+from poseppl.diagnostics.evidence import NONE, Evidence, evidence_words
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
@@ -55,7 +55,12 @@ def _evidence(tree: xr.DataTree) -> list[Verdict]:
     data = tree["evidence"].dataset
     names, total = data["run"].values.tolist(), data["log_evidence"].values
     known = np.isfinite(total) & np.isfinite(data["standard_error"].values)
-    found = []
+    told = (
+        f"{name} {evidence_words(Evidence(*(data[part].values[index].item() for part in Evidence._fields)))}"
+        for index, name in enumerate(names)
+        if np.isfinite(total[index])
+    )
+    found = [Verdict(INFO, f"Log evidence: {text}.") for text in ["; ".join(told)] if text]
     if known.sum() > 1:
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
@@ -63,7 +68,7 @@ def _evidence(tree: xr.DataTree) -> list[Verdict]:
         level = words([names[index] for index in np.flatnonzero(known & ~beyond) if index != best])
         parts = [f"above {behind} beyond Monte Carlo noise"] if behind else []
         parts += [f"no further from {level} than noise allows"] if level else []
-        found.append(Verdict(INFO, f"Log evidence: that of {names[best]} is the largest, {', '.join(parts)}."))
+        found.append(Verdict(INFO, f"The log evidence of {names[best]} is the largest, {', '.join(parts)}."))
     unknown = words([names[index] for index in np.flatnonzero(np.isfinite(total) & ~known)])
     if unknown:
         found.append(Verdict(INFO, f"Monte Carlo error of the log evidence of {unknown} not known: run three seeds or more."))

@@ -65,8 +65,9 @@ def test_differences_beyond_noise_are_told_from_others() -> None:
     assert log_evidence(tree, 0) == f"-10.0 ± {error:.2g}"
     assert tree["evidence/beyond_noise"].values.tolist() == [[False, False, True], [False, False, True], [True, True, False]]
     texts = [found.text for found in findings(tree)]
+    assert f"Log evidence: good -10.0 ± {error:.2g}; near -10.3 ± {error:.2g}; far -20.0 ± {error:.2g}." in texts
     assert (
-        "Log evidence: that of good is the largest, above far beyond Monte Carlo noise, no further from near than noise allows."
+        "The log evidence of good is the largest, above far beyond Monte Carlo noise, no further from near than noise allows."
         in texts
     )
 
