@@ -61,7 +61,7 @@ def _evidence(tree: xr.DataTree) -> list[Verdict]:
         if np.isfinite(total[index])
     )
     found = [Verdict(INFO, f"Log evidence: {text}.") for text in ["; ".join(told)] if text]
-    if known.sum() > 1:
+    if known.sum() > 1 and not _other_cameras(tree):  # evidences of other data are not held against each other
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
         behind = words([names[index] for index in np.flatnonzero(beyond)])
