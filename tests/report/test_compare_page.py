@@ -60,7 +60,7 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
     assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
-    assert _row(page, "wrong").count("–") == 2, "rejection and R-hat"
+    assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
     heat = _data(page, "heat-data")
     assert heat["formula"] == [False, False, True, False]
     tau = next(part for part in heat["quantities"] if part["key"] == "tau")
