@@ -125,7 +125,7 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         (["track", "--model", "nothing"], ["--model"]),
         (["track", "--model", "poseppl_models.choo_fleet:leg"], ["--model", "full_body"]),
         (["track", "absent.bvh"], ["absent.bvh", "no such file"]),
-        (["track", "walk.csv"], ["walk.csv", ".amc or .bvh or .c3d or .txt"]),
+        (["track", "walk.csv"], ["walk.csv", ".amc or .bvh or .c3d or .trc or .txt"]),
         (["track", "-o", "absent/x.nc"], ["absent", "does not exist"]),
         (["track", "-o", "x.txt"], ["--output", "NAME.nc"]),
         (["simulate", "--missing", "1"], ["--missing"]),
