@@ -173,8 +173,8 @@ def remove_strays(folder: Path, stem: str, suffix: str = "", min_age: float = _S
         suffix: Pattern of their suffix.
         min_age: Seconds since they were written to, at least: a writer takes its lock after it has made the file.
     """
-    with suppress(OSError):
-        for stray in folder.glob(f".{stem}.{'[0-9a-f]' * 12}.tmp{suffix}"):
+    for stray in folder.glob(f".{stem}.{'[0-9a-f]' * 12}.tmp{suffix}"):
+        with suppress(OSError):  # its writer lives, or somebody else has removed it
             if time.time() - stray.stat().st_mtime >= min_age:
                 descriptor = take_lock(stray)
                 shutil.rmtree(stray) if stray.is_dir() else stray.unlink(missing_ok=True)
