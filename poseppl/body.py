@@ -127,7 +127,7 @@ def load_builder(name: str) -> Callable[..., Body]:
     builder = getattr(module, attribute, None)
     if not callable(builder):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
-        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known))
+        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known, 25))
     found: Callable[..., Body] = builder
     return found
 

@@ -64,7 +64,7 @@ def _read_with_skeleton(path: str | PathLike[str], suffix: str, skeleton: str | 
         if skeleton is None:
             raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf, or FILE.amc,FILE.asf")
         return read_amc(path, read_asf(skeleton), rate=rate)
-    mimic = read_text(path).lstrip().startswith("{")
+    mimic = not read_text(path).lstrip().startswith(tuple("+-.0123456789"))
     if skeleton is None:
         wanted = "humanoid3d.txt" if mimic else "skeleton.json"
         problem = "a DeepMimic motion needs its character" if mimic else "exponential maps need their skeleton"
