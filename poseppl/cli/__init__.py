@@ -16,7 +16,7 @@ from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
-from poseppl.cli.signals import signal_of, signals_interrupt
+from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
@@ -85,7 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as error:
         _say("interrupted; every file that was written is whole", debug)
-        return 128 + signal_of(error)
+        end_by_signal(number := signal_of(error))
+        return 128 + number
     except PosepplError as error:
         _say(str(error), debug)
     except BrokenPipeError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +41,13 @@ def signal_of(error: BaseException) -> int:
     """The number of the signal that interrupted a command; click raises an error of its own from ours."""
     origin = error if isinstance(error, Terminated) else error.__cause__
     return origin.number if isinstance(origin, Terminated) else int(signal.SIGINT)
+
+
+def end_by_signal(number: int) -> None:
+    """End the process by the signal that asked for it, as its parent expects; Ctrl-C ends a command by its exit status."""
+    if number != signal.SIGINT:
+        sys.stdout.flush()
+        os.kill(os.getpid(), number)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
