@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from poseppl.errors import InputError
 from poseppl.io.files import check_file
-from poseppl.io.image_sequence import images_in, read_images
+from poseppl.io.image_sequence import SUFFIXES, images_in, read_images
 from poseppl.io.opencv import Image, check_image, place, to_rgb
 from poseppl.io.video_decoding import MAX_VIDEO_BYTES, probe, read_video
 
@@ -87,7 +87,7 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
     """Open the pictures of a camera.
 
     Args:
-        source: A video file; a folder of images; a pattern of image files such as ``cam1/*.png``; or images as arrays,
+        source: A video file; an image; a folder or a pattern (``cam1/*.png``) of images; or images as arrays,
             (T, H, W, 3), (T, H, W) or a sequence of them. Image files are taken in the order of the numbers in their names.
         camera: The camera's name, for messages and for reading several together.
         rate: Frames a second; overrides what the file says.
@@ -105,9 +105,9 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
     if not isinstance(source, str | PathLike):
         return _from_arrays(source, camera, rate)
     text = str(source)
-    folder = Path(source).is_dir()
-    if folder or (glob.has_magic(text) and not Path(source).exists()):
-        paths = images_in(source, camera)
+    picture = Path(source).is_file() and Path(source).suffix.lower() in SUFFIXES
+    if picture or Path(source).is_dir() or (glob.has_magic(text) and not Path(source).exists()):
+        paths = [Path(source)] if picture else images_in(source, camera)
         first = next(read_images(paths, camera, 0))
         size, count = (first.shape[1], first.shape[0]), len(paths)
         return Video(

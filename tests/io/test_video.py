@@ -297,3 +297,13 @@ def test_a_video_whose_name_is_no_text(tmp_path):
         open_video(name)
     with pytest.raises(InputError, match="not UTF-8"):
         write_video(name, clip(3), 25.0)
+
+
+def test_a_picture_is_a_video_of_one_frame(tmp_path, capfd):
+    image = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    path = tmp_path / "plate.png"
+    write_image(path, image)
+    video = open_video(path, "cam")
+    assert (video.size, video.num_frames) == ((3, 2), 1)
+    np.testing.assert_array_equal(next(iter(video.images())), image)
+    assert capfd.readouterr() == ("", "")  # nothing of FFmpeg's
