@@ -45,6 +45,8 @@ def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, 
     if not fixed:
         return {}
     values = jax.jit(lambda x, inputs: [deviations(x, inputs)[index] for index in fixed])(x, zeros)
+    if any(isinstance(value, jax.core.Tracer) for value in values):  # a model compiled inside jit: nothing is known yet
+        return {}
     return {names[index]: np.asarray(value) for index, value in zip(fixed, values, strict=True)}
 
 

@@ -98,7 +98,8 @@ def test_edges_have_gradients_and_pull_the_sides_of_parts():
         moved = np.array([(density(x.at[i].add(step)) - density(x.at[i].add(-step))) / (2 * step) for i in range(len(x))])
         np.testing.assert_allclose(found, moved, rtol=1e-3, atol=1e-4 * np.abs(moved).max())  # kinks, as without edges
         both = jax.jit(lambda x: model.observation_moments(x, inputs)[0])(x).reshape(2, -1)
-        alone = jax.jit(lambda x: model.observation_moments(x, inputs._replace(seen=inputs.seen._replace(edges=None)))[0])(x)
+        without, _, plain = program_of(with_truth(scene_of(truth), truth))
+        alone = jax.jit(lambda x: without.observation_moments(x, plain)[0])(x)
         np.testing.assert_allclose(both[:, : alone.size // 2].ravel(), alone, rtol=1e-12)
         beside = both[:, alone.size // 2 :]
         most = 4 * float(np.max(inputs.noise))  # bent by most tanh(. / most), no distance is more than that of the cut
