@@ -6,9 +6,9 @@ of a particle filter has that of its own frames,
     Var log p(z_1..T)  ~  sum over t of  (1 / ESS_t - 1 / N),
 
 the relative variance of each frame's mean weight (delta method), frames taken to err on their own; what a frame's particles
-owe to earlier choices is left out, so that it is somewhat low: by a tenth to a sixth on the two models of the tests. A filter
-of a closed form has none. Chains, tempering and deterministic approximations do not tell theirs: run them with three seeds.
-Filters that seek a mode have no evidence, and neither have smoothers.
+owe to earlier choices is left out, so that it is somewhat low. A filter of a closed form has none. Chains, tempering and
+deterministic approximations do not tell theirs: run them with three seeds. Filters that seek a mode have no evidence, and
+neither have smoothers.
 """
 
 from __future__ import annotations

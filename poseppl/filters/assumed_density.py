@@ -18,7 +18,7 @@ A covariance estimated from n effective draws in d dimensions has too large an i
 (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
 over-confidence: the first term of P is multiplied by that factor, n being estimated from the spread of the chains' means. Where
 steps are small beside what is known, as in a slow random walk, intervals are far too narrow without it
-(benchmarks/inflation.py); where every frame tells much anew, as on the simulated walks of 28 coordinates, it changes nothing.
+(benchmarks/inflation.py).
 
 With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """

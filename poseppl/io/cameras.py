@@ -19,7 +19,6 @@ Brown's model, as in OpenCV.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple
@@ -28,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
-from poseppl.io.files import atomic_path, read_text
+from poseppl.io.files import atomic_path, read_toml
 from poseppl.io.words import LARGEST, LONGEST
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -68,7 +67,7 @@ def read_cameras(path: str | PathLike[str]) -> tuple[CameraRecord, ...]:
     Raises:
         InputError: The file is no TOML, holds no camera, or a field is missing or malformed; the message names the field.
     """
-    document = _parse(path)
+    document = read_toml(path)
     ours = document.get("camera")
     if ours is not None:
         tables = ours if isinstance(ours, dict) else {}
@@ -112,14 +111,6 @@ def _quoted(name: str) -> str:
         return f"\\u{ord(letter):04x}" if ord(letter) < 0x20 or ord(letter) == 0x7F else letter
 
     return '"' + "".join(escape(letter) for letter in name) + '"'
-
-
-def _parse(path: str | PathLike[str]) -> dict[str, Any]:
-    text = read_text(path, max_bytes=2**20)
-    try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise InputError(f"no TOML: {error}", file=path) from error
 
 
 def _scale(path: str | PathLike[str], document: Mapping[str, Any], default: str) -> float:

@@ -14,10 +14,12 @@ import os
 import secrets
 import shutil
 import time
+import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.io.locks import take_lock
@@ -82,6 +84,25 @@ def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> 
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
+    """Read a TOML file of at most 1 MiB.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its table.
+
+    Raises:
+        InputError: The file is missing, too large or no TOML.
+    """
+    text = read_text(path, max_bytes=2**20)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"no TOML: {error}", file=path) from error
 
 
 def _check_target(path: str | PathLike[str], inputs: Iterable[str | PathLike[str]]) -> Path:

@@ -7,11 +7,10 @@ knee_l = "lShin"
 
 from __future__ import annotations
 
-import tomllib
 from os import PathLike
 
 from poseppl.errors import InputError
-from poseppl.io.files import read_text
+from poseppl.io.files import read_toml
 
 MAX_MARKERS = 1000
 
@@ -28,10 +27,7 @@ def read_names(path: str | PathLike[str]) -> dict[str, tuple[str, ...]]:
     Raises:
         InputError: The file is no TOML, empty, or a marker has neither a name nor a list of names.
     """
-    try:
-        table = tomllib.loads(read_text(path, max_bytes=2**20))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"no TOML: {error}", file=path) from error
+    table = read_toml(path)
     if not 0 < len(table) <= MAX_MARKERS:
         raise InputError(f"{len(table)} names", file=path, expected='lines such as knee_l = "LeftLeg"')
     return {marker: _points(path, marker, value) for marker, value in table.items()}

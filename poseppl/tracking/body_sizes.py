@@ -6,13 +6,12 @@ shank = 420.0
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from os import PathLike
 
 from poseppl.body import load_builder
 from poseppl.errors import InputError
-from poseppl.io.files import read_text
+from poseppl.io.files import read_toml
 from poseppl.io.words import finite_numbers
 
 STATURE = 1750.0
@@ -45,10 +44,7 @@ def read_lengths(path: str | PathLike[str], model: str) -> dict[str, float]:
     Raises:
         InputError: The file is no TOML, or holds another name or something that is no length.
     """
-    try:
-        table = tomllib.loads(read_text(path, max_bytes=2**20))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"no TOML: {error}", file=path) from error
+    table = read_toml(path)
     lengths = finite_numbers(table, load_builder(model)(None).lengths, file=path, field="--lengths")
     for name, value in lengths.items():
         if abs(value) > 3000.0:

@@ -57,8 +57,7 @@ def overlap(seen: SilhouetteScene, states: Any) -> Floats:
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
     points = jnp.asarray((grid + 0.5) / scale[:, None, None] - 0.5, float)
     known = seen.person[:, :, rows][:, :, :, columns].reshape(*seen.usable.shape, -1)
-    draw = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
-    ours = np.asarray(draw(body.tree, body.flesh, jnp.asarray(states, float), seen.scene.cameras, points))
+    ours = np.asarray(_drawn(body.tree, body.flesh, jnp.asarray(states, float), seen.scene.cameras, points))
     both, either = (ours & (known == 1)).sum(-1), ((ours & (known >= 0)) | (known == 1)).sum(-1)
     return np.where(seen.usable & (either > 0), both / np.maximum(either, 1), np.nan)
 
@@ -66,6 +65,10 @@ def overlap(seen: SilhouetteScene, states: Any) -> Floats:
 def _covered(tree: KinematicTree, flesh: Flesh, states: jax.Array, cameras: Cameras, points: jax.Array) -> jax.Array:
     """Which points (C, K, 2, 1) the silhouettes of states (d, N) cover, (C, K, N)."""
     return hard_coverage(part_distances(project_parts(cameras, flesh, parts_of(tree, flesh, states)), points))
+
+
+_drawn = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
+"""The same of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""
 
 
 def silhouette_stats(seen: SilhouetteScene, summary: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.diagnostics.batches import log_ratio
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Residuals(NamedTuple):
 
 def residuals_of(tree: xr.DataTree) -> Residuals | None:
     """Residuals of a result; None where it has no points, or does not tell their noise and projections."""
-    points, noise = (_array(tree, *where) for where in (("observed_data", "points"), ("inputs", "noise")))
+    points, noise = (array_of(tree, *where) for where in (("observed_data", "points"), ("inputs", "noise")))
     mean, deviation = _projection(tree)
     if points is None or noise is None or mean is None or points.shape != mean.shape or not np.isfinite(points).any():
         return None
@@ -152,18 +152,12 @@ def _number(value: float) -> str:
     return f"{value:+.3g}"
 
 
-def _array(tree: xr.DataTree, group: str, name: str) -> Floats | None:
-    if group not in tree.children or name not in tree[group].dataset:
-        return None
-    return np.asarray(tree[group].dataset[name].values, np.float64)
-
-
 def _projection(tree: xr.DataTree) -> tuple[Floats | None, Any]:
     """Posterior mean and standard deviation of the projections, over all draws where the summary has them."""
-    mean, deviation = (_array(tree, "summary", f"points_{part}") for part in ("mean", "sd"))
+    mean, deviation = (array_of(tree, "summary", f"points_{part}") for part in ("mean", "sd"))
     if mean is not None and deviation is not None:
         return mean, deviation
-    draws = _array(tree, "posterior", "points")
+    draws = array_of(tree, "posterior", "points")
     if draws is None or draws.ndim != 6:
         return None, None
     return draws.mean(axis=(0, 1)), draws.std(axis=(0, 1))

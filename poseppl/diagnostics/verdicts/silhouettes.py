@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, statistic, where
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
 """Intersection over union of body and silhouettes, mean over a camera's frames: below it there is a warning, an error."""
@@ -44,7 +43,7 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
 
 def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
     """Silhouettes that leap or swell from a frame to the next, as when they change to another person; by camera."""
-    area, centre = _observed(tree, "silhouette_area"), _observed(tree, "silhouette_centre")
+    area, centre = (array_of(tree, "observed_data", f"silhouette_{part}") for part in ("area", "centre"))
     if area is None or centre is None or len(area) < 2:
         return []
     rate = float(tree.attrs.get("rate", np.inf))
@@ -62,9 +61,3 @@ def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
 
 def _cameras(tree: xr.DataTree) -> list[str]:
     return [str(name) for name in tree["camera"].dataset["camera"].values]
-
-
-def _observed(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
-    if "observed_data" not in tree.children or name not in tree["observed_data"].dataset:
-        return None
-    return np.asarray(tree["observed_data"].dataset[name].values, np.float64)

@@ -56,8 +56,13 @@ def where(tree: xr.DataTree, mask: ArrayLike) -> str:
     return frame_ranges(frames[chosen].tolist())
 
 
+def array_of(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64] | None:
+    """A variable of a group; None where the result has none of this name."""
+    if group not in tree.children or name not in tree[group].dataset:
+        return None
+    return np.asarray(tree[group].dataset[name].values, np.float64)
+
+
 def statistic(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
     """One of the sample statistics (frame,); None where the result has none of this name."""
-    if "sample_stats" not in tree.children or name not in tree["sample_stats"].dataset:
-        return None
-    return np.asarray(tree["sample_stats"].dataset[name].values, np.float64)
+    return array_of(tree, "sample_stats", name)
