@@ -25,10 +25,10 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("file", "skeleton", "limit"),
     [
         ("btk_c3d/PiG_Motion3_FF.c3d", None, 6.0),
-        ("opensim_mocap/walking1.trc", None, 6.0),
+        pytest.param("opensim_mocap/walking1.trc", None, 6.0, marks=pytest.mark.slow),
         ("opensim_mocap/motion_capture_walk.trc", None, 10.0),
-        ("pose2sim_balancing/reference/Balancing_for_IK.trc", None, 25.0),
-        ("cmu_expmap/train_walking/walking_1.txt", SKELETON, 8.0),
+        pytest.param("pose2sim_balancing/reference/Balancing_for_IK.trc", None, 25.0, marks=pytest.mark.slow),
+        pytest.param("cmu_expmap/train_walking/walking_1.txt", SKELETON, 8.0, marks=pytest.mark.slow),
     ],
 )
 def test_recordings_are_tracked(data_dir: Path, file: str, skeleton: str | None, limit: float) -> None:
