@@ -138,7 +138,7 @@ def test_a_start_keeps_to_the_turn_of_the_rest(turn: float) -> None:
     cameras = place_cameras(PATH, 0.0, count=2)
     state = np.asarray(WALK.body.rest).copy()
     state[:3] = WALK.states[0, :3]
-    state[WALK.body.tree.coordinate_names.index("pelvis.Z")] += turn
+    state[WALK.body.tree.coordinate_names.index("spine.Z")] += turn
     shown = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(state))))[None]
     start = seek_start(WALK.body, cameras, shown, np.full(shown.shape[1:3], 1e-3))
     again = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(start.mean))))
