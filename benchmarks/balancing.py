@@ -29,17 +29,17 @@ from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.silhouettes import full_body
 from timing import arguments, show
 
-from poseppl.body import Body
 from poseppl.cli.console import start_jax
-from poseppl.geometry.batch_last import batch_last
-from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
-from poseppl.geometry.flesh import flesh_of, parts_of
-from poseppl.io import CameraRecord, read_cameras, read_image
-from poseppl.results import load_result, provenance
-from poseppl.tracking import TrackSettings, track
-from poseppl.tracking.placing import cameras_of_records
-from poseppl.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
-from poseppl.tracking.video_sources import see_silhouettes, sources_of_files
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
+from poseppl.motion.geometry.flesh import flesh_of, parts_of
+from poseppl.motion.io import CameraRecord, read_cameras, read_image
+from poseppl.motion.tracking import TrackSettings, track
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_files
+from poseppl.runs.results import load_result, provenance
 
 STATURE = 1730.0
 """Of the man, mm: from the thighs and shanks of the triangulation."""

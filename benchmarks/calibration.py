@@ -18,14 +18,14 @@ import numpy as np
 from simulated import Problem, build_problem, draw_sequence
 from timing import arguments, show
 
-from poseppl.collect import collect_draws
 from poseppl.diagnostics import coverage, joint_error
 from poseppl.diagnostics.calibration import Coverage, between
 from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle_filter
-from poseppl.geometry import marker_positions
 from poseppl.kernels import HMCSettings
+from poseppl.motion.geometry import marker_positions
 from poseppl.program import CompiledModel
-from poseppl.run import Constant, run_filter
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.run import Constant, run_filter
 
 LEVELS = (0.5, 0.8, 0.9)
 BOUNDS = sorted({round((1 + sign * level) / 2, 6) for level in LEVELS for sign in (-1, 1)})

@@ -15,10 +15,10 @@ import jax
 from timing import arguments, peak_memory, show
 
 from poseppl.filters.registry import FILTERS
-from poseppl.geometry import paper_camera
-from poseppl.results import provenance
+from poseppl.motion.geometry import paper_camera
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
+from poseppl.runs.results import provenance
 from poseppl.smoothers.registry import SMOOTHERS
-from poseppl.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
 
 _FILTER_OF = {"rauch-tung-striebel": "extended-kalman", "genealogy": "particle", "fixed-lag": "particle"}
 

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from timing import interleave, show
 
-from poseppl.io import read_image
-from poseppl.io.opencv import Image, opencv
-from poseppl.vision import (
+from poseppl.motion.io import read_image
+from poseppl.motion.io.opencv import Image, opencv
+from poseppl.motion.vision import (
     Background,
     FeatureSettings,
     background_from_plate,

@@ -25,9 +25,9 @@ from poseppl_models.peursum_likelihood import peursum_score, smooth_peursum_scor
 from poseppl_models.two_way_evidence import two_way_evidence
 from timing import arguments, interleave, show
 
-from poseppl.geometry import Cameras, join_cameras, look_at
-from poseppl.geometry.flesh import parts_of
-from poseppl.geometry.silhouette_bits import body_bits, unpack_bits
+from poseppl.motion.geometry import Cameras, join_cameras, look_at
+from poseppl.motion.geometry.flesh import parts_of
+from poseppl.motion.geometry.silhouette_bits import body_bits, unpack_bits
 
 PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 STRIDE = 4

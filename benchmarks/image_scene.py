@@ -12,14 +12,14 @@ import numpy as np
 from poseppl_models.feature_evidence import two_way_of_features
 from poseppl_models.image_program import ImageInputs
 
-from poseppl.body import load_builder
 from poseppl.cli.simulate import simulate
 from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
-from poseppl.geometry import Cameras
-from poseppl.run import Constant, frame_inputs
-from poseppl.tracking.placing import cameras_of_records
-from poseppl.tracking.video_sources import DEFAULT_MODEL, sources_of_scene
-from poseppl.vision import FeatureSettings, FrameFeatures, video_features
+from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, sources_of_scene
+from poseppl.motion.vision import FeatureSettings, FrameFeatures, video_features
+from poseppl.runs.run import Constant, frame_inputs
 
 STRIDE = 4
 """Pixels between points of the likelihoods' grids."""

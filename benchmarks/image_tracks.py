@@ -14,7 +14,7 @@ from image_systems import Problem
 
 from poseppl.diagnostics import marker_errors, virtual_markers
 from poseppl.filters import Filter
-from poseppl.geometry import marker_positions
+from poseppl.motion.geometry import marker_positions
 
 FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 _BLOCK = 250

@@ -19,8 +19,8 @@ from plain_kinematics import MJX, MuJoCo, plain_log_density
 from poseppl_models.choo_fleet import full_body
 from timing import arguments, interleave, show
 
-from poseppl.distributions import ProjectedMarkers
-from poseppl.geometry import marker_positions, paper_camera
+from poseppl.motion.geometry import marker_positions, paper_camera
+from poseppl.motion.likelihoods import ProjectedMarkers
 
 CENTRE = (0.0, -5000.0, 1000.0)
 NOISE = 0.003

@@ -20,8 +20,8 @@ from timing import arguments, show
 
 from poseppl.filters import kalman_filter
 from poseppl.program import CompiledModel
-from poseppl.run import run_filter
-from poseppl.simulation import simulate
+from poseppl.runs.run import run_filter
+from poseppl.runs.simulation import simulate
 from poseppl.smoothers import (
     MixtureSettings,
     Smoother,

@@ -34,7 +34,7 @@ from poseppl.filters import (
 )
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel, Observation
-from poseppl.simulation import simulate
+from poseppl.runs.simulation import simulate
 from poseppl.smoothers import (
     History,
     MixtureSettings,

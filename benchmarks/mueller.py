@@ -21,7 +21,7 @@ from timing import arguments, show
 
 from poseppl.filters.tempering import Tempering, temper
 from poseppl.kernels import HMC_MOVES, DEMCSettings, HMCSettings, demc_chains, hmc_chains
-from poseppl.resampling import systematic
+from poseppl.particles.resampling import systematic
 
 START, START_SPREAD = jnp.array(MINIMA[1]), 0.05
 BROAD_CENTRE, BROAD_SPREAD = jnp.array([0.0, 0.75]), 0.75

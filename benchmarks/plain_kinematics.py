@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.geometry import KinematicTree
+from poseppl.motion.geometry import KinematicTree
 
 UNIT = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 

@@ -25,16 +25,16 @@ from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl_models.lorenz96 import lorenz96
 from timing import arguments, show
 
-from poseppl.collect import collect_draws
 from poseppl.diagnostics import predictive_figures, verdicts
 from poseppl.filters.registry import build_filter
-from poseppl.outcome import result_of_run
-from poseppl.predictive import Prediction, predictive_checks
+from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, recorded_subject, track, walking_subject
+from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.program import CompiledModel
-from poseppl.run import run_filter
-from poseppl.simulation import simulate
-from poseppl.tracking import TrackSettings, observe_motion, place_cameras, recorded_subject, track, walking_subject
-from poseppl.tracking.placing import camera_names, cameras_around
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.outcome import result_of_run
+from poseppl.runs.predictive import Prediction, predictive_checks
+from poseppl.runs.run import run_filter
+from poseppl.runs.simulation import simulate
 
 FILTERS = ("extended-kalman", "unscented-kalman", "particle", "auxiliary", "tempered", "hmc", "assumed-density")
 BODIES = ("extended-kalman", "particle", "tempered", "hmc", "assumed-density")

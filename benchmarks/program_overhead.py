@@ -17,7 +17,7 @@ import numpy as np
 from simulated import NOISE, SIGMA_ANGLE, SIGMA_POSITION, build_problem, draw_sequence
 from timing import arguments, interleave, show
 
-from poseppl.distributions import projected_log_density
+from poseppl.motion.likelihoods import projected_log_density
 
 Density = Callable[[jax.Array], jax.Array]
 

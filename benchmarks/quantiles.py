@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from timing import arguments, interleave, show
 
-from poseppl.quantiles import sort_rows
+from poseppl.particles.quantiles import sort_rows
 
 COLUMNS = 113
 """States, markers and projections of the 28-DOF body seen by one camera."""

@@ -35,19 +35,19 @@ from timing import arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import joint_error
 from poseppl.diagnostics.calibration import between
-from poseppl.distributions import ProjectedMarkers
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters import assumed_density_filter
-from poseppl.geometry import marker_positions
-from poseppl.io import read_cameras
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.io import read_cameras
+from poseppl.motion.likelihoods import ProjectedMarkers
+from poseppl.motion.tracking import Problem, Scene, observe_motion, pose_problem, recorded_subject
+from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
+from poseppl.motion.tracking.scene import noise_of
+from poseppl.motion.tracking.walk import ASSUMED_RATE
+from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.program import CompiledModel, StateSpaceModel
-from poseppl.results import QUANTILES
-from poseppl.run import Constant, frame_inputs, run_filter
-from poseppl.tracking import Problem, Scene, observe_motion, pose_problem, recorded_subject
-from poseppl.tracking.placing import camera_names, cameras_around, cameras_of_records
-from poseppl.tracking.scene import noise_of
-from poseppl.tracking.walk import ASSUMED_RATE
-from poseppl.tracking.walk_learning import learn_walk
+from poseppl.runs.results import QUANTILES
+from poseppl.runs.run import Constant, frame_inputs, run_filter
 
 BALANCING = "pose2sim_balancing"
 _CMU = {
@@ -168,7 +168,7 @@ def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
 
 
 class MeasuredInputs(NamedTuple):
-    """:class:`poseppl.body.BodyInputs` and the limbs of a person, so that all recordings share one compiled program."""
+    """A body's inputs and the limbs of a person, so that all recordings share one compiled program."""
 
     cameras: Any
     noise: Any

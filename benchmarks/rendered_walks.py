@@ -29,12 +29,12 @@ from timing import arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.io import VideoWarning, open_masks
-from poseppl.results import provenance
-from poseppl.tracking import TrackSettings, measure_run, track
-from poseppl.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings
-from poseppl.tracking.video_sources import see_silhouettes, sources_of_scene
-from poseppl.vision import BackgroundSettings
+from poseppl.motion.io import VideoWarning, open_masks
+from poseppl.motion.tracking import TrackSettings, measure_run, track
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings
+from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
+from poseppl.motion.vision import BackgroundSettings
+from poseppl.runs.results import provenance
 
 NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
 """In the corners of the room; two cameras are neighbours."""

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from poseppl_models.choo_fleet import full_body
 
-from poseppl.body import Body, BodyInputs
-from poseppl.geometry import paper_camera
+from poseppl.motion.bodies.body import Body, BodyInputs
+from poseppl.motion.geometry import paper_camera
 from poseppl.program import CompiledModel, Observation
-from poseppl.simulation import simulate
+from poseppl.runs.simulation import simulate
 
 SIGMA_POSITION, SIGMA_ANGLE = 7.5, 0.075
 """Of a step, mm and radians."""

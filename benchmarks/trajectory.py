@@ -23,15 +23,15 @@ from numpyro.contrib.control_flow import scan
 from numpyro.infer import NUTS
 from timing import arguments, show
 
-from poseppl.body import BodyInputs
-from poseppl.distributions import ProjectedMarkers
 from poseppl.filters import assumed_density_filter
-from poseppl.frame_sequence import frame_inputs
-from poseppl.geometry import paper_camera
-from poseppl.run import run_filter
+from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import paper_camera
+from poseppl.motion.likelihoods import ProjectedMarkers
+from poseppl.motion.tracking import Problem, observe_motion, pose_problem, walking_subject
+from poseppl.runs.frame_sequence import frame_inputs
+from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, collect_history, trajectory_smoother
 from poseppl.smoothers.starts import draw_trajectories
-from poseppl.tracking import Problem, observe_motion, pose_problem, walking_subject
 
 OURS, RIVAL = "poseppl, NUTS", "NumPyro, NUTS with its scan"
 

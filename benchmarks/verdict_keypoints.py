@@ -11,9 +11,9 @@ import numpy as np
 from balancing import STATURE, read_triangulation
 from poseppl_models.choo_fleet import full_body
 
-from poseppl.io import read_cameras
-from poseppl.tracking.placing import cameras_of_records
-from poseppl.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.io import read_cameras
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
 
 _PARTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
 NAMES = {f"{part.lower()}_{side.lower()}": f"{side}{part}" for part in _PARTS for side in "LR"}

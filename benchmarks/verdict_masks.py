@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from poseppl_models.silhouettes import full_body
 
-from poseppl.geometry import Cameras
-from poseppl.geometry.batch_last import batch_last
-from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
-from poseppl.geometry.flesh import parts_of
-from poseppl.io import CameraRecord
-from poseppl.tracking import walking_subject
-from poseppl.tracking.placing import cameras_of_records
-from poseppl.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
+from poseppl.motion.geometry.flesh import parts_of
+from poseppl.motion.io import CameraRecord
+from poseppl.motion.tracking import walking_subject
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
 
 SIZE = (320, 240)
 

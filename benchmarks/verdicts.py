@@ -27,10 +27,10 @@ from verdict_masks import masked_walk
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose, verdicts
-from poseppl.results import load_result, save_result
-from poseppl.tracking import TrackSettings, measure_run, observe_motion, recorded_subject, track, walking_subject
-from poseppl.tracking.placing import camera_names, cameras_around
-from poseppl.tracking.scene import Scene, noise_of
+from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, recorded_subject, track, walking_subject
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.scene import Scene, noise_of
+from poseppl.runs.results import load_result, save_result
 
 NOISE = 0.003
 KALMAN = TrackSettings(filter="extended-kalman")

@@ -20,13 +20,13 @@ import numpy as np
 from simulated import build_problem, draw_sequence
 from timing import arguments, show
 
-from poseppl.collect import collect_draws
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import Filter, assumed_density_filter, kalman_filter, window_filter
-from poseppl.geometry import marker_positions, paper_camera
+from poseppl.motion.geometry import marker_positions, paper_camera
+from poseppl.motion.tracking import observe_motion, pose_problem, walking_subject
 from poseppl.program import CompiledModel, Observation
-from poseppl.run import frame_inputs
-from poseppl.tracking import observe_motion, pose_problem, walking_subject
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.run import frame_inputs
 
 BOUNDS = (0.05, 0.25, 0.75, 0.95)
 

@@ -32,11 +32,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import poseppl
-from poseppl.body import BodyInputs
-from poseppl.geometry import project
+from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import project
+from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, place_cameras, track, walking_subject
+from poseppl.particles.resampling import systematic
 from poseppl.report import new_picture, plot_error, plot_overlay, plot_pose3d
-from poseppl.resampling import systematic
-from poseppl.tracking import TrackSettings, measure_run, observe_motion, place_cameras, track, walking_subject
 
 # the same program is asked for twice below, on other data: keep what was compiled
 if jax.config.jax_compilation_cache_dir is None:

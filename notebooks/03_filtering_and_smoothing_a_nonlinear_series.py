@@ -30,8 +30,9 @@ from poseppl_models.growth import growth, growth_mean
 
 import poseppl
 from poseppl.filters import kalman_filter, particle_filter
+from poseppl.particles.weights import weighted_mean
 from poseppl.report import new_picture
-from poseppl.run import run_filter
+from poseppl.runs.run import run_filter
 from poseppl.smoothers import (
     backward_simulation_smoother,
     collect_history,
@@ -40,7 +41,6 @@ from poseppl.smoothers import (
     trajectory_smoother,
     viterbi_smoother,
 )
-from poseppl.weights import weighted_mean
 
 NUM_FRAMES = 60
 times = np.arange(1.0, NUM_FRAMES + 1, dtype=np.float32)

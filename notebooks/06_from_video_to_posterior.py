@@ -32,18 +32,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.filters import kalman_filter
-from poseppl.geometry import project
-from poseppl.io import read_masks
-from poseppl.io.opencv import opencv
-from poseppl.rendering import Truth, build_setting, write_scene
-from poseppl.rendering.packages import load_mujoco
+from poseppl.motion.geometry import project
+from poseppl.motion.io import read_masks
+from poseppl.motion.io.opencv import opencv
+from poseppl.motion.rendering import Truth, build_setting, write_scene
+from poseppl.motion.rendering.packages import load_mujoco
+from poseppl.motion.tracking import walking_subject
+from poseppl.motion.tracking.silhouette_problem import silhouette_problem
+from poseppl.motion.tracking.truth import save_subject_truth
+from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.report import new_picture
-from poseppl.results import QUANTILES
-from poseppl.run import run_filter
-from poseppl.tracking import walking_subject
-from poseppl.tracking.silhouette_problem import silhouette_problem
-from poseppl.tracking.truth import save_subject_truth
-from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
+from poseppl.runs.results import QUANTILES
+from poseppl.runs.run import run_filter
 
 load_mujoco()  # says which package to install, should one be missing
 opencv()

@@ -23,8 +23,8 @@ Example:
     True
 
 The names below are those of most uses; each is loaded when it is first asked for, so that importing the package costs nothing.
-Bodies and toys are in ``poseppl_models``, figures in ``poseppl.report``, cameras and kinematics in ``poseppl.geometry``, files
-in ``poseppl.io``, tracking of a body in ``poseppl.tracking``.
+Bodies and toys are in ``poseppl_models``, figures in ``poseppl.report``, cameras and kinematics in ``poseppl.motion.geometry``,
+files in ``poseppl.motion.io``, tracking of a body in ``poseppl.motion.tracking``.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from poseppl.checkpoint import Checkpoint as Checkpoint
-    from poseppl.collect import collect_draws as collect_draws
     from poseppl.diagnostics import compare as compare
     from poseppl.diagnostics import comparison_table as comparison_table
     from poseppl.diagnostics import diagnose as diagnose
@@ -50,30 +48,32 @@ if TYPE_CHECKING:
     from poseppl.filters import particle_filter as particle_filter
     from poseppl.filters import tempered_filter as tempered_filter
     from poseppl.kernels import HMCSettings as HMCSettings
-    from poseppl.outcome import result_of_run as result_of_run
-    from poseppl.outcome import result_of_smoothing as result_of_smoothing
     from poseppl.program import Clamped as Clamped
     from poseppl.program import CompiledModel as CompiledModel
     from poseppl.program import Observation as Observation
     from poseppl.program import StateSpaceModel as StateSpaceModel
     from poseppl.report import write_report as write_report
-    from poseppl.results import load_result as load_result
-    from poseppl.results import save_result as save_result
-    from poseppl.run import Constant as Constant
-    from poseppl.run import Online as Online
-    from poseppl.run import Run as Run
-    from poseppl.run import RunError as RunError
-    from poseppl.run import run_filter as run_filter
-    from poseppl.simulation import simulate as simulate
+    from poseppl.runs.checkpoint import Checkpoint as Checkpoint
+    from poseppl.runs.collectors import collect_draws as collect_draws
+    from poseppl.runs.outcome import result_of_run as result_of_run
+    from poseppl.runs.outcome import result_of_smoothing as result_of_smoothing
+    from poseppl.runs.results import load_result as load_result
+    from poseppl.runs.results import save_result as save_result
+    from poseppl.runs.run import Constant as Constant
+    from poseppl.runs.run import Online as Online
+    from poseppl.runs.run import Run as Run
+    from poseppl.runs.run import RunError as RunError
+    from poseppl.runs.run import run_filter as run_filter
+    from poseppl.runs.simulation import simulate as simulate
+    from poseppl.runs.smoothing import run_smoother as run_smoother
     from poseppl.smoothers import backward_simulation_smoother as backward_simulation_smoother
     from poseppl.smoothers import collect_history as collect_history
     from poseppl.smoothers import forward_backward_smoother as forward_backward_smoother
     from poseppl.smoothers import trajectory_smoother as trajectory_smoother
-    from poseppl.smoothing import run_smoother as run_smoother
 
 _HOMES = {
-    "Checkpoint": "checkpoint",
-    "collect_draws": "collect",
+    "Checkpoint": "runs.checkpoint",
+    "collect_draws": "runs.collectors",
     "compare": "diagnostics",
     "comparison_table": "diagnostics",
     "diagnose": "diagnostics",
@@ -89,26 +89,26 @@ _HOMES = {
     "particle_filter": "filters",
     "tempered_filter": "filters",
     "HMCSettings": "kernels",
-    "result_of_run": "outcome",
-    "result_of_smoothing": "outcome",
+    "result_of_run": "runs.outcome",
+    "result_of_smoothing": "runs.outcome",
     "Clamped": "program",
     "CompiledModel": "program",
     "Observation": "program",
     "StateSpaceModel": "program",
     "write_report": "report",
-    "load_result": "results",
-    "save_result": "results",
-    "Constant": "run",
-    "Online": "run",
-    "Run": "run",
-    "RunError": "run",
-    "run_filter": "run",
-    "simulate": "simulation",
+    "load_result": "runs.results",
+    "save_result": "runs.results",
+    "Constant": "runs.run",
+    "Online": "runs.run",
+    "Run": "runs.run",
+    "RunError": "runs.run",
+    "run_filter": "runs.run",
+    "simulate": "runs.simulation",
     "backward_simulation_smoother": "smoothers",
     "collect_history": "smoothers",
     "forward_backward_smoother": "smoothers",
     "trajectory_smoother": "smoothers",
-    "run_smoother": "smoothing",
+    "run_smoother": "runs.smoothing",
 }
 """The module of each public name; the imports above are the same list for type checkers."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.results import Names, Truth, build_result
+from poseppl.runs.results import Names, Truth, build_result
 
 NUM_FRAMES = 6
 SHARES = {"coverage": (0.41, 0.62, 0.83), "coverage_markers": (0.31, 0.52, 0.73)}

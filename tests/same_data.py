@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from synthetic import autoregression
 
-from poseppl.results import Names, Truth, build_result
+from poseppl.runs.results import Names, Truth, build_result
 
 DOFS = ("root.tx", "root.Z", "knee<b>.X")
 MARKERS = ("pelvis", "knee", "ankle")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.results import Names, Truth, build_result
+from poseppl.runs.results import Names, Truth, build_result
 
 MARKERS = (
     ("pelvis", (0, 0, 950), None),

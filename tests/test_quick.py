@@ -25,13 +25,13 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaus
 
 import poseppl
 from poseppl.cli import main
-from poseppl.geometry import marker_positions
-from poseppl.results import load_result
+from poseppl.motion.geometry import marker_positions
+from poseppl.runs.results import load_result
 
 pytestmark = pytest.mark.quick
 
 EXTRAS = ("ezc3d", "pybvh", "cv2")
-WORKERS = ("poseppl.io.c3d_worker",)
+WORKERS = ("poseppl.motion.io.c3d_worker",)
 """Modules that are run as a process of their own."""
 MODULES = [
     module.name
@@ -110,7 +110,7 @@ print(time.perf_counter() - before)
 heavy = ("jax", "numpy", "scipy", "numpyro", "blackjax", "xarray", "matplotlib", "plotly", "rich", "arviz", "arviz_stats")
 print(*(name for name in heavy if name in sys.modules))
 poseppl.InputError
-import poseppl.run, poseppl.filters, poseppl.collect
+import poseppl.runs.run, poseppl.filters, poseppl.runs.collectors
 print(*(name for name in ("matplotlib", "plotly", "arviz", "h5netcdf", "rich", "click", *sys.argv[1:]) if name in sys.modules))
 """
     seconds, loaded, drawing = run_python(code, *EXTRAS).split("\n")[:3]
@@ -140,7 +140,7 @@ def test_the_packages_tell_type_checkers_that_they_are_typed(package: object) ->
     assert Path(str(package.__file__)).with_name("py.typed").is_file()
 
 
-@pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.results", "poseppl_models.choo_fleet"])
+@pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.runs.results", "poseppl_models.choo_fleet"])
 def test_examples_in_docstrings_are_true(name: str) -> None:
     results = doctest.testmod(importlib.import_module(name))
     assert results.attempted > 0 and results.failed == 0

@@ -18,10 +18,10 @@ from typing import Any
 
 import jax
 
-from poseppl.geometry import KinematicTree
-from poseppl.geometry.batched_score import batched_score
-from poseppl.geometry.capsules import clearances, part_capsules, rejected, repelled
-from poseppl.geometry.flesh import Flesh, parts_of
+from poseppl.motion.geometry import KinematicTree
+from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.capsules import clearances, part_capsules, rejected, repelled
+from poseppl.motion.geometry.flesh import Flesh, parts_of
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.image_program import CHUNK, Constraint
 from poseppl_models.joint_limits import hard_limits, smooth_limits

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from poseppl.errors import InputError
-from poseppl.geometry import marker_positions
+from poseppl.motion.geometry import marker_positions
 from poseppl_models.anthropometry import LENGTH_SHARES
 from poseppl_models.cone_body import ConeBody
 

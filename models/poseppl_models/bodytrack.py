@@ -9,8 +9,8 @@ The likelihood has no noise of its own: of edge samples along the sides of all p
 
     log L = -(mean of (1 - E)^2 + mean of (1 - FG)),
 
-E being the edge map and FG the foreground (:func:`poseppl.vision.edges.benchmark_edge_map`). Annealing gives it a width; as a
-density it stands for temperature 1 / beta, with `beta` among the params.
+E being the edge map and FG the foreground (:func:`poseppl.motion.vision.edges.benchmark_edge_map`). Annealing gives it a width;
+as a density it stands for temperature 1 / beta, with `beta` among the params.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 
-from poseppl.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
-from poseppl.geometry.batch_last import batch_last
-from poseppl.geometry.flesh import Cone, Flesh, flesh_of, parts_of
-from poseppl.geometry.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums
-from poseppl.geometry.outlines import outline_corners
+from poseppl.motion.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
+from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of, parts_of
+from poseppl.motion.geometry.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums
+from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
 from poseppl_models.random_walk import joint_sites, random_walk
 

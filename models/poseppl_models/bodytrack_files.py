@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
-from poseppl.geometry import Cameras
-from poseppl.geometry.outline_samples import pad_maps
-from poseppl.io import read_image
-from poseppl.io.files import read_text
-from poseppl.io.words import parse_numbers, split_words
-from poseppl.vision import benchmark_edge_map
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.outline_samples import pad_maps
+from poseppl.motion.io import read_image
+from poseppl.motion.io.text_parsing import parse_numbers, split_words
+from poseppl.motion.vision import benchmark_edge_map
 from poseppl_models.bodytrack import BodytrackBody, ImageInputs, bodytrack_body
 
 Floats = NDArray[np.float64]

@@ -23,9 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 
-from poseppl.body import Body, BodyInputs
-from poseppl.distributions import ProjectedMarkers
-from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
+from poseppl.motion.bodies.body import Body, BodyInputs
+from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
+from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
 from poseppl_models.joint_names import ALIASES
 from poseppl_models.random_walk import joint_sites, random_walk

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from poseppl.geometry.flesh import Cone
+from poseppl.motion.geometry.flesh import Cone
 from poseppl_models.choo_fleet import LENGTHS
 
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from poseppl.geometry import Joint, KinematicTree, Marker, kinematic_tree
-from poseppl.geometry.flesh import Cone, Flesh, flesh_of
+from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
+from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of
 from poseppl_models.anthropometry import TORSO_DEPTH
 from poseppl_models.joint_limits import joint_limits
 

@@ -27,11 +27,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.geometry import Cameras, KinematicTree
-from poseppl.geometry.barrier import computed_once
-from poseppl.geometry.flesh import Flesh, parts_of
-from poseppl.geometry.outlines import outline_corners
-from poseppl.geometry.part_samples import (
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.flesh import Flesh, parts_of
+from poseppl.motion.geometry.outlines import outline_corners
+from poseppl.motion.geometry.part_samples import (
     areas,
     bilinear,
     inside_points,
@@ -40,7 +40,7 @@ from poseppl.geometry.part_samples import (
     side_points,
     weighted_mean,
 )
-from poseppl.geometry.silhouette_bits import body_bits, count_ones
+from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
 from poseppl_models.image_program import CameraScore
 from poseppl_models.two_way_evidence import TwoWayEvidence
 

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.geometry import Cameras
-from poseppl.geometry.contour_tracing import polygon_descriptors, trace_contours
-from poseppl.geometry.flesh import parts_of
-from poseppl.geometry.outlines import outline_corners
-from poseppl.geometry.part_samples import index_at, inside_points
-from poseppl.geometry.silhouette_bits import pack_mask
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.contour_tracing import polygon_descriptors, trace_contours
+from poseppl.motion.geometry.flesh import parts_of
+from poseppl.motion.geometry.outlines import outline_corners
+from poseppl.motion.geometry.part_samples import index_at, inside_points
+from poseppl.motion.geometry.silhouette_bits import pack_mask
 from poseppl_models.cone_body import ConeBody
 
 Images = NDArray[Any]
@@ -53,7 +53,7 @@ def du_guan_evidence(
     descriptors: Images | None = None,
     count: int = 20,
 ) -> DuGuanEvidence:
-    """Take the evidence of a frame from its features, of :func:`poseppl.vision.extract` and :func:`poseppl.vision.colour_bins`.
+    """Take the evidence of a frame from its features and colours.
 
     Args:
         foreground: (C, H, W), not 0 at the person.

@@ -5,7 +5,7 @@ It is a product of three functions of the image (G) and of the projected body (H
     p_1 = |S_G and S_H| / |S_G or S_H|,    p_2 = exp(-d(C_G, C_H) / s_2),    p_3 = exp(-|B_G - B_H| / s_3),
 
 S being silhouettes, C colour histograms with their weighted Bhattacharyya distance d
-(:func:`poseppl.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
+(:func:`poseppl.motion.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
 overlap, and takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and
 exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and
 ``params["boundary_scale"]``; p_1 stands as it is, at temperature 1.
@@ -13,8 +13,8 @@ exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: 
 Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
 overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part
 that another one hides shows that one's colours: the weights of parts are the caller's. Where no part is seen, d = 1.
-Boundaries are traced on the grid of the silhouettes (:mod:`poseppl.geometry.contour_tracing`); where the image has none p_3
-= 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
+Boundaries are traced on the grid of the silhouettes (:mod:`poseppl.motion.geometry.contour_tracing`); where the image has none
+p_3 = 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.geometry import Cameras, KinematicTree
-from poseppl.geometry.barrier import computed_once
-from poseppl.geometry.flesh import Flesh, parts_of
-from poseppl.geometry.outlines import outline_corners
-from poseppl.geometry.part_samples import index_at, inside_points
-from poseppl.geometry.silhouette_bits import body_bits, count_ones
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.flesh import Flesh, parts_of
+from poseppl.motion.geometry.outlines import outline_corners
+from poseppl.motion.geometry.part_samples import index_at, inside_points
+from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
 from poseppl_models.du_guan_evidence import GRID, DuGuanEvidence, grid_descriptors
 from poseppl_models.image_program import CameraScore
 

@@ -1,4 +1,4 @@
-"""Evidence of the published likelihoods from the features of a video's frame (:func:`poseppl.vision.extract`).
+"""Evidence of the published likelihoods from the features of a video's frame (:func:`poseppl.motion.vision.extract`).
 
 Errors of edges are (1 - proximity)^2, as in Eq. 8 of Darby, Li and Costen (2008) and in the cost of Deutscher and Reid (2005)
 that Peursum, Venkatesh and West (2010, section 3.4) build on; those of silhouettes are 0 and 1.
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.geometry import Cameras
-from poseppl.vision import ColourSettings, FrameFeatures, colour_bins
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.vision import ColourSettings, FrameFeatures, colour_bins
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.du_guan_evidence import DuGuanEvidence, du_guan_evidence, pad_bins, part_colours
 from poseppl_models.two_way_evidence import TwoWayEvidence, two_way_evidence

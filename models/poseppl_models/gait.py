@@ -1,7 +1,7 @@
 """The built-in walk: one subject's gait in closed form, on the body of Choo and Fleet 2001.
 
-``walk.json`` holds the coefficients of :mod:`poseppl.gait_fit` for every coordinate of the body and the subject's segment
-lengths; :func:`gait_table` made it from walk 02_01 of the CMU motion capture database (mocap.cs.cmu.edu), with four
+``walk.json`` holds the coefficients of :mod:`poseppl.motion.bodies.gait_fit` for every coordinate of the body and the subject's
+segment lengths; :func:`gait_table` made it from walk 02_01 of the CMU motion capture database (mocap.cs.cmu.edu), with four
 harmonics. Its markers follow the recorded ones to 25 mm on average, 10 mm relative to the pelvis, over two and a half cycles.
 
 >>> states, lengths = walk(rate=60.0, num_frames=120)
@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.gait_fit import Gait, fit_gait, from_table, to_table
-from poseppl.io.motion import Motion
-from poseppl.subject import fit_subject
+from poseppl.motion.bodies.gait_fit import Gait, fit_gait, from_table, to_table
+from poseppl.motion.bodies.subject import fit_subject
+from poseppl.motion.io.motion import Motion
 from poseppl_models.choo_fleet import choo_fleet_tree, full_body
 
 NUM_HARMONICS = 4
@@ -61,7 +61,7 @@ def gait_table(motion: Motion, num_harmonics: int = NUM_HARMONICS) -> dict[str, 
         num_harmonics: Harmonics of the gait cycle.
 
     Returns:
-        The gait's table (:func:`poseppl.gait_fit.to_table`) and ``lengths`` in mm.
+        The gait's table (:func:`poseppl.motion.bodies.gait_fit.to_table`) and ``lengths`` in mm.
 
     Raises:
         InputError: The recording lacks joints of the body.

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpyro
 
-from poseppl.geometry import Cameras, KinematicTree
-from poseppl.geometry.batched_score import batched_score
-from poseppl.geometry.flesh import Flesh
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.flesh import Flesh
 from poseppl.program import StateSpaceModel
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.random_walk import joint_sites, random_walk

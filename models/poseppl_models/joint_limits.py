@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.geometry import KinematicTree
+from poseppl.motion.geometry import KinematicTree
 
 DEGREES: Mapping[tuple[str, str], tuple[float, float]] = {
     ("thorax", "X"): (-80, 30),

@@ -22,7 +22,7 @@ E_image    share of the image's edges with no side of a part within a tolerance,
 
 each in [0, 1] and over what is known, and 0 where there is nothing to take a share of. So what an occluder hides is no
 evidence, and a body cannot gain by leaving the image, for then all of the foreground is unexplained. Foreground is counted
-on a grid of pixels (:mod:`poseppl.geometry.silhouette_bits`), edges at fixed numbers of samples.
+on a grid of pixels (:mod:`poseppl.motion.geometry.silhouette_bits`), edges at fixed numbers of samples.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.geometry import Cameras, KinematicTree
-from poseppl.geometry.barrier import computed_once
-from poseppl.geometry.coverage import part_distances, project_parts, soft_coverage
-from poseppl.geometry.flesh import Flesh, parts_of
-from poseppl.geometry.outlines import outline_corners
-from poseppl.geometry.part_samples import (
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.barrier import computed_once
+from poseppl.motion.geometry.coverage import part_distances, project_parts, soft_coverage
+from poseppl.motion.geometry.flesh import Flesh, parts_of
+from poseppl.motion.geometry.outlines import outline_corners
+from poseppl.motion.geometry.part_samples import (
     areas,
     bilinear,
     inside_points,
@@ -46,8 +46,8 @@ from poseppl.geometry.part_samples import (
     side_points,
     weighted_mean,
 )
-from poseppl.geometry.segment_distances import squared_distance
-from poseppl.geometry.silhouette_bits import body_bits, count_ones
+from poseppl.motion.geometry.segment_distances import squared_distance
+from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
 from poseppl_models.image_program import CameraScore
 from poseppl_models.two_way_evidence import TwoWayEvidence
 
@@ -89,7 +89,7 @@ def smooth_peursum_score(softness: float = 2.0, tolerance: float = 3.0) -> Camer
     """Write log P of each camera for a smooth D, for methods that need a gradient.
 
     The silhouette is sampled inside the parts and at points of the foreground, with the smooth coverage of
-    :mod:`poseppl.geometry.coverage`; maps are interpolated; an edge at the distance d from a side is explained by
+    :mod:`poseppl.motion.geometry.coverage`; maps are interpolated; an edge at the distance d from a side is explained by
     exp(-d^2 / (2 tolerance^2)).
 
     Args:

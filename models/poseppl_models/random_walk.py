@@ -8,7 +8,7 @@ from typing import Any
 import numpyro
 import numpyro.distributions as dist
 
-from poseppl.geometry import KinematicTree
+from poseppl.motion.geometry import KinematicTree
 
 
 def joint_sites(tree: KinematicTree) -> dict[str, slice]:

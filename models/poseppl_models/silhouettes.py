@@ -1,7 +1,7 @@
 """The 28-DOF body seen as silhouettes: the likelihood of ours that gradient methods can follow.
 
 The state and its random walk are those of :mod:`poseppl_models.choo_fleet`; a frame's data are
-:class:`poseppl.distributions.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood and no heuristic:
+:class:`poseppl.motion.likelihoods.Silhouettes`, residuals in pixels whose value is 0. It is a likelihood and no heuristic:
 its exponent is 1, and its noise was chosen by how often intervals hold the truth of rendered scenes.
 """
 
@@ -13,10 +13,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpyro
 
-from poseppl.body import Body, SilhouetteInputs
-from poseppl.distributions import Silhouettes
-from poseppl.geometry import marker_positions
-from poseppl.geometry.flesh import flesh_of
+from poseppl.motion.bodies.body import Body, SilhouetteInputs
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.geometry.flesh import flesh_of
+from poseppl.motion.likelihoods import Silhouettes
 from poseppl.program import StateSpaceModel
 from poseppl_models.choo_fleet import full_body as pointed_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
@@ -24,7 +24,7 @@ from poseppl_models.random_walk import joint_sites
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:
-    """Build the body; its programs' inputs are :class:`poseppl.body.SilhouetteInputs`.
+    """Build the body; its programs' inputs are :class:`poseppl.motion.bodies.body.SilhouetteInputs`.
 
     Args:
         lengths: Segment lengths in mm that differ from the standard subject's.

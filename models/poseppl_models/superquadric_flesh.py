@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from poseppl.geometry.superquadrics import Superquadric
+from poseppl.motion.geometry.superquadrics import Superquadric
 from poseppl_models.choo_fleet import LENGTHS
 
 _BULGE = 1.08

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.geometry.part_samples import pad_maps
-from poseppl.geometry.silhouette_bits import grid_points, pack_mask
+from poseppl.motion.geometry.part_samples import pad_maps
+from poseppl.motion.geometry.silhouette_bits import grid_points, pack_mask
 
 Images = NDArray[Any]
 POINTS = 150
@@ -51,7 +51,7 @@ def two_way_evidence(
     edge_error: Images | None = None,
     num_points: int = POINTS,
 ) -> TwoWayEvidence:
-    """Take the evidence of a frame from its features, of :func:`poseppl.vision.extract`.
+    """Take the evidence of a frame from its features, of :func:`poseppl.motion.vision.extract`.
 
     Args:
         foreground: (C, H, W), not 0 at the person.

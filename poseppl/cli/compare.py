@@ -47,7 +47,7 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     """
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.diagnostics import compare as compare_runs
-    from poseppl.io import atomic_path
+    from poseppl.motion.io import atomic_path
     from poseppl.report import write_comparison, write_comparison_table
 
     runs = _Results(_named(results))
@@ -74,7 +74,7 @@ class _Results(Mapping[str, Any]):
         self.files = files
 
     def __getitem__(self, name: str) -> Any:
-        from poseppl.results import load_result
+        from poseppl.runs.results import load_result
 
         return load_result(self.files[name])
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from poseppl.errors import InputError
-from poseppl.io import atomic_path
+from poseppl.motion.io import atomic_path
 
 
 @contextmanager

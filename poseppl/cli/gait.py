@@ -44,10 +44,10 @@ def fit_gait(
 
     This made the built-in walk. The recording has to hold at least 1.1 cycles (two steps each).
     """
-    from poseppl.body import load_builder
     from poseppl.cli.console import start_jax
     from poseppl.cli.files import check_writable
-    from poseppl.io import atomic_path, read_motion, slice_frames
+    from poseppl.motion.bodies.body import load_builder
+    from poseppl.motion.io import atomic_path, read_motion, slice_frames
 
     if not 1 <= harmonics <= 20:
         raise InputError(f"{harmonics}", field="--harmonics", expected="1 to 20")

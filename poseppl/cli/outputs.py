@@ -23,7 +23,7 @@ def keep_result(tree: Any, target: Path) -> None:
     Raises:
         PosepplError: The result is elsewhere, or nowhere; says where, and what to do.
     """
-    from poseppl.results import save_result
+    from poseppl.runs.results import save_result
 
     try:
         save_result(tree, target)
@@ -37,7 +37,7 @@ def keep_result(tree: Any, target: Path) -> None:
 
 
 def _kept_elsewhere(tree: Any, name: str) -> Path | None:
-    from poseppl.results import save_result
+    from poseppl.runs.results import save_result
 
     for shelter in _shelters():
         with suppress(PosepplError, OSError):

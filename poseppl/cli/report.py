@@ -33,7 +33,7 @@ def report(result: str, output: str | None, quiet: bool) -> None:
     """
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.report import write_report
-    from poseppl.results import load_result
+    from poseppl.runs.results import load_result
 
     tree = load_result(result)
     target = Path(result).with_suffix(".html") if output is None else Path(output)

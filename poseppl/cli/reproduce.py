@@ -57,7 +57,7 @@ def reproduce(paper: str, parts: tuple[str, ...], **options: Any) -> None:
     """
     from poseppl.cli.console import start_jax
     from poseppl.experiments.choo_fleet import BUILT_IN, FULL, QUICK, reproduce
-    from poseppl.jobs import JobBar, Processes
+    from poseppl.experiments.jobs import JobBar, Processes
 
     if options["workers"] is not None and (options["workers"] < 1 or options["scheduler"]):
         raise InputError(f"{options['workers']}", field="--workers", expected="at least 1, and no --scheduler")

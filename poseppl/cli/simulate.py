@@ -113,11 +113,11 @@ def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     from poseppl.cli.console import print_table, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.subject import find_subject, look_at_subject, stem_of
-    from poseppl.io import read_cameras, write_cameras, write_observations
-    from poseppl.tracking import observe_motion
-    from poseppl.tracking.placing import cameras_of_records, records_of_cameras
-    from poseppl.tracking.scene import observations_of_scene
-    from poseppl.tracking.truth import save_truth
+    from poseppl.motion.io import read_cameras, write_cameras, write_observations
+    from poseppl.motion.tracking import observe_motion
+    from poseppl.motion.tracking.placing import cameras_of_records, records_of_cameras
+    from poseppl.motion.tracking.scene import observations_of_scene
+    from poseppl.motion.tracking.truth import save_truth
 
     points = output_path(options["output"], stem_of(recording), ".csv")
     camera, truth = points.with_suffix(".toml"), points.with_suffix(".nc")

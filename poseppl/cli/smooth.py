@@ -82,9 +82,9 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import write_outputs
     from poseppl.cli.track import summary
-    from poseppl.results import load_result
-    from poseppl.tracking import SmoothSettings
-    from poseppl.tracking import smooth as smooth_result
+    from poseppl.motion.tracking import SmoothSettings
+    from poseppl.motion.tracking import smooth as smooth_result
+    from poseppl.runs.results import load_result
 
     settings = dict(_assignment(word) for word in assignments)
     if options["max_draws"] is not None and options["max_draws"] < 1:

@@ -10,8 +10,8 @@ from poseppl.errors import InputError
 
 def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
     """The recorded subject, or the one that walks; its scale, rate and frames as the options say."""
-    from poseppl.tracking import recorded_subject, walking_subject
-    from poseppl.tracking.subjects import DEFAULT_MODEL
+    from poseppl.motion.tracking import recorded_subject, walking_subject
+    from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
     model = options["model"] or DEFAULT_MODEL
     if options["scale"] is not None and not 0 < options["scale"] < 1e6:
@@ -45,8 +45,8 @@ def given_rate(options: dict[str, Any]) -> float | None:
 
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """Cameras and their names: from a file, or placed around the subject."""
-    from poseppl.io import read_cameras
-    from poseppl.tracking.placing import camera_names, cameras_around, cameras_of_records
+    from poseppl.motion.io import read_cameras
+    from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 
     placed = {name: options[name] for name in ("cameras", "camera_distance", "view") if options[name] is not None}
     if options["camera"] is not None:

@@ -252,11 +252,11 @@ def _run(
     """The result, and why it ends before its scene does, if it does."""
     from poseppl.cli.subject import given_rate
     from poseppl.filters.registry import check_settings
-    from poseppl.io import read_cameras
-    from poseppl.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
-    from poseppl.tracking.subjects import DEFAULT_MODEL
-    from poseppl.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
-    from poseppl.tracking.walk import ASSUMED_RATE
+    from poseppl.motion.io import read_cameras
+    from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
+    from poseppl.motion.tracking.subjects import DEFAULT_MODEL
+    from poseppl.motion.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
+    from poseppl.motion.tracking.walk import ASSUMED_RATE
 
     model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
@@ -312,8 +312,8 @@ def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tupl
 
 def summary(tree: Any) -> list[tuple[str, str]]:
     """The rows of the table."""
-    from poseppl.results import provenance
-    from poseppl.tracking import measure_run
+    from poseppl.motion.tracking import measure_run
+    from poseppl.runs.results import provenance
 
     numbers, known = measure_run(tree), provenance(tree)
     sizes = tree["posterior"].sizes

@@ -123,10 +123,10 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
     from poseppl.cli.subject import given_rate
-    from poseppl.io import VideoWarning
-    from poseppl.tracking.silhouette_scene import SilhouetteSettings
-    from poseppl.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
-    from poseppl.vision import BackgroundSettings
+    from poseppl.motion.io import VideoWarning
+    from poseppl.motion.tracking.silhouette_scene import SilhouetteSettings
+    from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
+    from poseppl.motion.vision import BackgroundSettings
 
     rate = given_rate(options)
     start, stop = _frames(options["frames"])
@@ -162,7 +162,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
 
 def open_sources(options: dict[str, Any]) -> Any:
     """Open the videos, and what goes with them."""
-    from poseppl.tracking.video_sources import is_video, sources_of_files, sources_of_scene
+    from poseppl.motion.tracking.video_sources import is_video, sources_of_files, sources_of_scene
 
     words = options["video"]
     if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
@@ -185,7 +185,7 @@ def overlay_paths(sources: Any, target: Path) -> list[Path]:
 def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> list[tuple[str, Path]]:
     """Write the videos again, with the skeletons over them; those that were drawn."""
     from poseppl.cli.outputs import draw
-    from poseppl.report.overlay_video import write_overlay
+    from poseppl.motion.rendering.overlay_video import write_overlay
 
     progress.stage("drawing overlays")
     paths = zip(overlay_paths(sources, target), sources.videos, strict=True)

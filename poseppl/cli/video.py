@@ -23,11 +23,11 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     """
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.subject import find_subject, stem_of
-    from poseppl.io.opencv import opencv
-    from poseppl.rendering import SensorNoise, Truth, build_setting, write_scene
-    from poseppl.rendering.noise import check_noise
-    from poseppl.rendering.packages import load_mujoco
-    from poseppl.tracking.truth import save_subject_truth
+    from poseppl.motion.io.opencv import opencv
+    from poseppl.motion.rendering import SensorNoise, Truth, build_setting, write_scene
+    from poseppl.motion.rendering.noise import check_noise
+    from poseppl.motion.rendering.packages import load_mujoco
+    from poseppl.motion.tracking.truth import save_subject_truth
 
     folder = _folder(options["output"], stem_of(recording))
     _refuse(options)
@@ -90,7 +90,7 @@ def _complete(subject: Any) -> Any:
     import jax
     import jax.numpy as jnp
 
-    from poseppl.geometry import marker_positions
+    from poseppl.motion.geometry import marker_positions
 
     tree = subject.body.tree
     fitted = np.asarray(jax.vmap(lambda state: marker_positions(tree, state))(jnp.asarray(subject.states)), np.float64)
@@ -99,8 +99,8 @@ def _complete(subject: Any) -> Any:
 
 def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:
     """The toes of a recording, which the body that is tracked does not have."""
-    from poseppl.io import read_motion, slice_frames
-    from poseppl.rendering import find_toes
+    from poseppl.motion.io import read_motion, slice_frames
+    from poseppl.motion.rendering import find_toes
 
     if recording is None:
         return {}

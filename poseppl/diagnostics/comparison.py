@@ -1,6 +1,6 @@
 """Runs of the same data side by side: mixing, cost, error and coverage, who wins where, and variance against time.
 
->>> from poseppl.results import Names, build_result
+>>> from poseppl.runs.results import Names, build_result
 >>> rng = np.random.default_rng(0)
 >>> draws = {"short": rng.standard_normal((4, 50, 3, 1)), "long": rng.standard_normal((4, 800, 3, 1))}
 >>> runs = {name: build_result(state=z, names=Names(("level",)), attrs={"wall_seconds": 0.3}) for name, z in draws.items()}
@@ -28,7 +28,7 @@ from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
 from poseppl.errors import InputError
-from poseppl.results import provenance
+from poseppl.runs.results import provenance
 
 _BY_CELL = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
 _BY_FRAME = ("rejection", "evaluations", "joint_error", "joint_error_relative")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.results import is_weighted
+from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
 _BLOCK_BYTES = 2**26

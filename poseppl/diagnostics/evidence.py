@@ -20,7 +20,7 @@ import xarray as xr
 
 from poseppl.diagnostics.replicates import settings_of_runs
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
-from poseppl.results import provenance
+from poseppl.runs.results import provenance
 
 MODE_SEEKERS = ("annealed", "de-mc")
 WEIGHING = ("particle", "guided", "auxiliary")

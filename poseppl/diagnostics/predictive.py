@@ -28,7 +28,7 @@ from scipy.stats import norm
 
 from poseppl.diagnostics.autocorrelation import Floats
 from poseppl.diagnostics.batches import Interval, ratio_interval
-from poseppl.predictive import Prediction
+from poseppl.runs.predictive import Prediction
 
 _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""

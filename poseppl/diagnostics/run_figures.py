@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from poseppl.diagnostics.autocorrelation import Floats
 from poseppl.diagnostics.calibration import LEVELS
 from poseppl.diagnostics.diagnosis import diagnose
-from poseppl.results import is_weighted, provenance
+from poseppl.runs.results import is_weighted, provenance
 
 CLOSED_FORM = ("extended-kalman", "unscented-kalman", "rauch-tung-striebel", "variational", "viterbi")
 """Filters and smoothers of the command line whose means are not averages of draws."""

@@ -1,6 +1,6 @@
 """Whether results are of the same data: the same frames, degrees of freedom, observed values and truth.
 
->>> from poseppl.results import Names, build_result
+>>> from poseppl.runs.results import Names, build_result
 >>> first, second = (build_result(state=np.zeros((1, 4, frames, 1)), names=Names(("level",))) for frames in (3, 5))
 >>> difference(data_of(first), data_of(second))
 'frames 0-4, but frames 0-2'

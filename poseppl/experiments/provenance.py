@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.io.files import atomic_path
+from poseppl.files.atomic_writing import atomic_path
 
 RECORD = "tables.json"
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from poseppl.io.files import atomic_path
-from poseppl.io.netcdf_writing import write_netcdf as write_tree
+from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.netcdf_writing import write_netcdf as write_tree
 
 
 class Table(NamedTuple):

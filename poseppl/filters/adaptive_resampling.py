@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_fraction
-from poseppl.resampling import Resampling, resampling_scheme
-from poseppl.weights import effective_sample_size
+from poseppl.particles.resampling import Resampling, resampling_scheme
+from poseppl.particles.weights import effective_sample_size
 
 
 class Ancestry(NamedTuple):

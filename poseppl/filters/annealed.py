@@ -31,9 +31,9 @@ import numpy as np
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info
+from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.weights import Normalised, effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resampling_scheme
-from poseppl.weights import Normalised, effective_sample_size, normalise
 
 _BISECTIONS = 50
 _WIDTH = 25.0

@@ -35,7 +35,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
-from poseppl.gaussian import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
+from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation

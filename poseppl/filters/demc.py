@@ -41,9 +41,9 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
+from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.weights import Normalised, normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resampling_scheme
-from poseppl.weights import Normalised, normalise
 
 
 class DEMCState(NamedTuple):

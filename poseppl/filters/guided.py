@@ -24,10 +24,10 @@ from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.local_proposal import LocalProposal, local_proposal
 from poseppl.filters.particle import ParticleState
-from poseppl.particle_keys import particle_keys
+from poseppl.particles.keys import particle_keys
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation, Proposal
 from poseppl.program.proposal import Proposing, propose_initial, propose_transition
-from poseppl.weights import normalise
 
 
 class _Outlook(NamedTuple):

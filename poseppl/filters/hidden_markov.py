@@ -20,8 +20,8 @@ import numpy as np
 
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.particle import ParticleState
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.weights import normalise
 
 _MOST = 10_000
 

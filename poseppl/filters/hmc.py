@@ -26,8 +26,8 @@ from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
+from poseppl.particles.resampling import resampling_scheme
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resampling_scheme
 
 
 def hmc_filter(

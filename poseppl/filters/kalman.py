@@ -1,9 +1,9 @@
 """The Kalman filter, and for programs that are not linear the extended and the unscented one.
 
 The posterior of each frame is kept as a Gaussian; transition and observation are linearised around it, by a first-order
-expansion (the extended Kalman filter) or over sigma points (the unscented one); see :mod:`poseppl.linearisation`. Exact for
-linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is a
-baseline and an oracle.
+expansion (the extended Kalman filter) or over sigma points (the unscented one); see :mod:`poseppl.gaussians.linearisation`.
+Exact for linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is
+a baseline and an oracle.
 
 The particles of its state are independent draws from the Gaussian, for whatever reads particles; the Gaussian stands beside
 them.
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
-from poseppl.linearisation import Gaussian, Method, condition, linearise, propagate
+from poseppl.gaussians.linearisation import Gaussian, Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 
 

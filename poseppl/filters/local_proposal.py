@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 
-from poseppl.particle_keys import particle_keys
+from poseppl.particles.keys import particle_keys
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.dependence import output_dependence
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, whitening
-from poseppl.resampling import systematic
+from poseppl.particles.resampling import systematic
 
 CANDIDATES = 4
 """Draws from which each chain picks its start."""

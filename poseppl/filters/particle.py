@@ -22,9 +22,9 @@ import jax.numpy as jnp
 
 from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info
-from poseppl.particle_keys import particle_keys
+from poseppl.particles.keys import particle_keys
+from poseppl.particles.weights import effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.weights import effective_sample_size, normalise
 
 
 class ParticleState(NamedTuple):

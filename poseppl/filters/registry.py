@@ -17,8 +17,8 @@ from poseppl.filters.kalman import kalman_filter
 from poseppl.filters.particle import particle_filter
 from poseppl.filters.tempered import tempered_filter
 from poseppl.filters.window import window_filter
+from poseppl.gaussians.linearisation import Method
 from poseppl.kernels.hmc import HMCSettings
-from poseppl.linearisation import Method
 from poseppl.program import CompiledModel
 
 Settings = Mapping[str, Any]

@@ -33,8 +33,8 @@ from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, MoveSettings
+from poseppl.particles.resampling import resampling_scheme
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import resampling_scheme
 
 
 class TemperedState(NamedTuple):

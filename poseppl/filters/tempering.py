@@ -36,8 +36,8 @@ from poseppl.kernels.moves import (
     evaluate,
     move_population,
 )
-from poseppl.resampling import Resampling
-from poseppl.weights import effective_sample_size, normalise
+from poseppl.particles.resampling import Resampling
+from poseppl.particles.weights import effective_sample_size, normalise
 
 _BISECTIONS = 40
 

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.chains import LogDensity
-from poseppl.gaussian import GaussianMixture, log_mixture
-from poseppl.kernels.block_tridiagonal import BlockTridiagonal, to_dense
-from poseppl.kernels.transition_curvature import precision_of, transition_curvature
-from poseppl.linearisation import Gaussian
+from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, to_dense
+from poseppl.gaussians.linearisation import Gaussian
+from poseppl.gaussians.mixture import GaussianMixture, log_mixture
+from poseppl.gaussians.transition_curvature import precision_of, transition_curvature
 from poseppl.program import CompiledModel, Observation
 
 

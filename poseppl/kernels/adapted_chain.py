@@ -2,7 +2,7 @@
 
 The step size follows the dual averaging of Hoffman and Gelman 2014 (algorithm 6, https://jmlr.org/papers/v15/hoffman14a.html)
 towards a target acceptance rate, and is frozen before the draws that count. The mass matrix is the identity: the density is to
-be given in coordinates where that fits (see :mod:`poseppl.kernels.laplace` and :mod:`poseppl.kernels.block_tridiagonal`).
+be given in coordinates where that fits (see :mod:`poseppl.kernels.laplace` and :mod:`poseppl.gaussians.block_tridiagonal`).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from poseppl.program import chart
 from poseppl.program.chart import Site
 from poseppl.program.execution import Seed, draw, log_density, trace_program
 from poseppl.program.explanation import check_inputs
-from poseppl.program.gaussian import (
+from poseppl.program.moments import (
     flat_observation,
     moments_obstacle,
     observation_information,

@@ -81,7 +81,7 @@ def _cure(state: Iterable[str], arguments: tuple[Any, ...]) -> str:
     else:
         cures.append(
             f"It got inputs of shapes {shapes_of(inputs)}: expected those of one frame, without a leading axis of frames "
-            "(poseppl.run.frame_inputs(inputs, 0) takes them from a sequence)"
+            "(poseppl.runs.run.frame_inputs(inputs, 0) takes them from a sequence)"
         )
     return ". ".join(cures) + "."
 
@@ -113,5 +113,5 @@ def check_inputs(expected: Any, inputs: Any) -> None:
     raise ValueError(
         f"The inputs of a frame are {given_shapes}; the model was compiled for {shapes_of(expected)}. Give every frame's "
         "inputs with a leading axis of T frames, or Constant(...) for what stays; compile() takes those of one frame, "
-        "poseppl.run.frame_inputs(inputs, 0)."
+        "poseppl.runs.run.frame_inputs(inputs, 0)."
     )

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from poseppl.diagnostics.selection import diagnosed, frame_numbers, variable, worst_pairs
 from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, SAMPLE, new_picture, tidy
 from poseppl.report.pose import frame_index
-from poseppl.report.selection import diagnosed, frame_numbers, variable, worst_pairs
-from poseppl.results import is_weighted
+from poseppl.runs.results import is_weighted
 
 Pairs = Sequence[tuple[int, str]]
 

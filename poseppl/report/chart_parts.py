@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from poseppl.diagnostics.selection import Array
 from poseppl.report.picture import GRID, TEXT
-from poseppl.report.selection import Array
 
 Chart = dict[str, Any]
 AXIS = {"gridcolor": GRID, "zeroline": False, "linecolor": GRID}

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_numbers, variable
 from poseppl.report.chart_parts import Chart, escaped, layout_of, line, plain
 from poseppl.report.picture import BAND, MUTED, OBSERVED, POSTERIOR, TRUTH
-from poseppl.report.selection import Array, evenly, expected_error, frame_numbers, variable
-from poseppl.results import is_weighted
+from poseppl.runs.results import is_weighted
 
 MAX_POINTS = 600
 _NO_LINE = {"width": 0}

@@ -9,7 +9,7 @@ from os import PathLike
 import xarray as xr
 
 from poseppl.diagnostics import comparison_table
-from poseppl.io.files import atomic_path
+from poseppl.files.atomic_writing import atomic_path
 from poseppl.report.compare_charts import comparison_charts, heat_data, variance_data
 from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_strip, winners_table
 from poseppl.report.compare_words import findings, wins, words

@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.run_figures import FORMULA
+from poseppl.diagnostics.selection import Array, evenly
 from poseppl.report.chart_parts import AXIS, Chart, escaped, layout_of, line, plain
 from poseppl.report.compare_tables import run_colors
 from poseppl.report.picture import GRID, MUTED
-from poseppl.report.selection import Array, evenly
 
 MAX_FRAMES, MAX_CELLS, MAX_POINTS = 300, 60_000, 600
 HEATS = (

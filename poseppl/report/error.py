@@ -7,8 +7,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from poseppl.diagnostics.selection import diagnosed, expected_error, frame_numbers, variable
 from poseppl.report.picture import BAND, MUTED, OBSERVED, POSTERIOR, TRUTH, new_picture, tidy
-from poseppl.report.selection import diagnosed, expected_error, frame_numbers, variable
 
 
 def plot_error(tree: xr.DataTree) -> Figure:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import xarray as xr
 from matplotlib.figure import Figure, FigureBase
 
+from poseppl.diagnostics.selection import diagnosed, evenly, mean_points, variable
 from poseppl.report.chains import draw_inefficiency, draw_state
 from poseppl.report.error import draw_error
 from poseppl.report.picture import MUTED, TEXT, new_picture
 from poseppl.report.pose import draw_overlay, draw_pose3d, overlay_legend
-from poseppl.report.selection import diagnosed, evenly, mean_points, variable
-from poseppl.results import provenance
+from poseppl.runs.results import provenance
 
 NUM_OVERLAYS = 5
 

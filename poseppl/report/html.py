@@ -14,15 +14,15 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from poseppl.diagnostics import verdicts
-from poseppl.io.files import atomic_path
+from poseppl.diagnostics.selection import diagnosed, has_chains
+from poseppl.files.atomic_writing import atomic_path
 from poseppl.report.chains import plot_autocorrelation, plot_trace
 from poseppl.report.charts import charts, coordinate_data
 from poseppl.report.picture import png
 from poseppl.report.pose_data import pose_data
-from poseppl.report.selection import diagnosed, has_chains
 from poseppl.report.shell import Section, page_html
 from poseppl.report.tables import cards, error_table, inefficiency_table, provenance_table, worst_frames_table
-from poseppl.results import is_weighted, provenance
+from poseppl.runs.results import is_weighted, provenance
 
 
 def write_report(tree: xr.DataTree, path: str | PathLike[str]) -> None:

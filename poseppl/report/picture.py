@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from poseppl.io.files import atomic_path
+from poseppl.files.atomic_writing import atomic_path
 
 POSTERIOR = "#1f6f8b"
 SAMPLE = "#6db3c9"

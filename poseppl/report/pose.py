@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, SAMPLE, TEXT, TRUTH, new_picture
-from poseppl.report.selection import (
+from poseppl.diagnostics.selection import (
     Array,
     edges,
     frame_numbers,
@@ -21,6 +20,7 @@ from poseppl.report.selection import (
     some_draws,
     variable,
 )
+from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, SAMPLE, TEXT, TRUTH, new_picture
 
 MAX_SAMPLES = 20
 

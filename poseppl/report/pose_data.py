@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.report.selection import (
+from poseppl.diagnostics.selection import (
     Array,
     edges,
     evenly,

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.report.selection import frame_numbers, variable
+from poseppl.diagnostics.selection import frame_numbers, variable
 from poseppl.report.shell import card
-from poseppl.results import is_weighted, provenance
+from poseppl.runs.results import is_weighted, provenance
 
 MAX_WORST = 10
 _OF_CHAINS = ("rejection_rate", "divergences")

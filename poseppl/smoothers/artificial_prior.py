@@ -18,9 +18,9 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve, solve_triangular
 
-from poseppl.particle_keys import particle_keys
+from poseppl.particles.keys import particle_keys
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
-from poseppl.weights import normalise
 
 _FLOOR = 1e-3
 """Part of the predicted variances that every covariance has at least."""

@@ -28,8 +28,8 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
+from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import systematic
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows, with_densities
 

@@ -3,8 +3,8 @@
     smooth(rng_key, history, observations, inputs) -> smoothed
 
 `observations` and `inputs` have a leading axis of T frames. Inputs follow the time convention of `poseppl.program`: row t is
-known at frame t, so the transition into frame t takes row t. The driver, :func:`poseppl.smoothing.run_smoother`, masks the data
-of the frames that the filter reported as failed; a smoother sees them as frames without data.
+known at frame t, so the transition into frame t takes row t. The driver, :func:`poseppl.runs.smoothing.run_smoother`, masks the
+data of the frames that the filter reported as failed; a smoother sees them as frames without data.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.base import Info
+from poseppl.particles.weights import normalise
 from poseppl.program import Observation
-from poseppl.weights import normalise
 
 
 class History(NamedTuple):
@@ -81,7 +81,7 @@ class Smoother(NamedTuple):
 
 
 def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:
-    """Collector for :func:`poseppl.run.run_filter`: all particles with their weights and ancestors."""
+    """Collector for :func:`poseppl.runs.run.run_filter`: all particles with their weights and ancestors."""
     particles = state.particles.reshape(-1, state.particles.shape[-1])
     return History(particles, normalise(state.log_weights.reshape(-1)).log_weights, info.ancestors, info.failed)
 

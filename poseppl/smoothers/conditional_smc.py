@@ -22,9 +22,9 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.particle_keys import particle_keys
+from poseppl.particles.keys import particle_keys
+from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import multinomial
 
 Method = Literal["ancestor", "backward"]
 

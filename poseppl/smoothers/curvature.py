@@ -21,8 +21,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
-from poseppl.kernels.transition_curvature import precision_of, transition_curvature
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
+from poseppl.gaussians.transition_curvature import precision_of, transition_curvature
 from poseppl.program import CompiledModel, Observation
 
 _SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)

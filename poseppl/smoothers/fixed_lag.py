@@ -22,10 +22,10 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.genealogy import check_genealogy, shared_ess
-from poseppl.weights import normalise
 
 
 class FixedLagState(NamedTuple):

@@ -20,10 +20,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, log_transitions, split_rows, tile_rows, with_densities
-from poseppl.weights import normalise
 
 
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:

@@ -12,9 +12,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.weights import normalise
 
 
 def genealogy_smoother(model: CompiledModel) -> Smoother:

@@ -27,10 +27,10 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_fraction
 from poseppl.filters.chains import effective_draws
-from poseppl.kernels.block_tridiagonal import block_cholesky, solve, solve_upper
+from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
+from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.gaussian_prior import linear_transitions, quadratic_prior, transition_structure
 from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,

@@ -28,9 +28,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, inverse_covariance, transition_around
 from poseppl.kernels.laplace import whitening
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.gaussian_prior import LinearTransitions, Structure, inverse_covariance, transition_around
 from poseppl.smoothers.likelihood_mixture import LikelihoodMixture, log_components
 
 _PLAIN = 0.2

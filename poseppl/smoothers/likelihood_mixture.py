@@ -6,7 +6,7 @@ particles; a smoother that moves them needs it elsewhere. So each frame's is rep
     p(z_t | x) ~ sum_k phi_k(x),     phi_k(x) = exp(g_k + b_k.(x - a_k) - (x - a_k)^T L_k (x - a_k) / 2),
 
 that is eta_k N(x; a_k, R_k), written so that a precision L_k may be singular: a frame may say nothing of some directions.
-Components come from :mod:`poseppl.smoothers.weighted_em`.
+Components come from :mod:`poseppl.gaussians.weighted_em`.
 
 **What the paper fits.** Its particles are drawn from the prediction pi(x) = p(x_t | z_(<t)) and weighted by the likelihood, and
 expectation maximisation estimates the *density* of such weighted points: the mixture comes near pi(x) p(z_t | x), the filtering
@@ -37,12 +37,12 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
+from poseppl.gaussians.linear_transitions import inverse_root
+from poseppl.gaussians.weighted_em import Components, choose_seeds, fit_fixed, fit_free
+from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
-from poseppl.smoothers.gaussian_prior import inverse_root
 from poseppl.smoothers.prediction import log_predicted, map_frames, predicted_moments
-from poseppl.smoothers.weighted_em import Components, choose_seeds, fit_fixed, fit_free
-from poseppl.weights import normalise, weighted_covariance, weighted_mean
 
 CORRECTIONS = ("none", "weights", "moments")
 

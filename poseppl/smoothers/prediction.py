@@ -16,10 +16,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.resampling import systematic
+from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel
-from poseppl.resampling import systematic
 from poseppl.smoothers.base import History
-from poseppl.weights import normalise, weighted_covariance, weighted_mean
 
 _ELEMENTS = 2**24
 """Numbers that a batch of frames may hold at once."""

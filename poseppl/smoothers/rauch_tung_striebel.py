@@ -18,7 +18,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.checks import check_at_least
 from poseppl.filters.kalman import assimilate, check_method
-from poseppl.linearisation import Gaussian, Method, linearise, propagate
+from poseppl.gaussians.linearisation import Gaussian, Method, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 

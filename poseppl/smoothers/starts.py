@@ -16,8 +16,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel
-from poseppl.resampling import systematic
 from poseppl.smoothers.base import History
 
 _MOST = 512

@@ -8,7 +8,7 @@ and vmapped over time. Each chain
 2. climbs towards the nearest mode m by damped Gauss-Newton steps over the whole trajectory, which are passes of an iterated
    Kalman smoother (:mod:`poseppl.smoothers.curvature`);
 3. samples in coordinates z, x = m + L^(-T) z, in which the posterior is roughly a standard normal in T d dimensions. P = L L^T
-   is a block-tridiagonal curvature (:mod:`poseppl.kernels.block_tridiagonal`), so that a leapfrog step costs one gradient and
+   is a block-tridiagonal curvature (:mod:`poseppl.gaussians.block_tridiagonal`), so that a leapfrog step costs one gradient and
    two recurrences over the frames.
 
 P is the mean of the curvature over many trajectories of the history, the same for all chains. Laplace's curvature, at the mode,
@@ -30,8 +30,8 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
+from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
-from poseppl.kernels.block_tridiagonal import solve_upper
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky

@@ -32,12 +32,12 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
+from poseppl.particles.resampling import systematic
+from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
-from poseppl.resampling import systematic
 from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
-from poseppl.weights import normalise
 
 METHODS = ("exact", "linear")
 

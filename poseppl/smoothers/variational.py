@@ -19,7 +19,7 @@ exponent is quadratic: one Gaussian pseudo-observation a frame, of precision L_t
 
     c_t = sum_k r_tk (b_tk - L_tk (mu_t - a_tk)).
 
-For linear Gaussian transitions with prior precision J and slope h around mu (:mod:`poseppl.smoothers.gaussian_prior`) the
+For linear Gaussian transitions with prior precision J and slope h around mu (:mod:`poseppl.gaussians.linear_transitions`) the
 least F is at the Gaussian of precision J + diag(L_t) and mean mu + (J + diag(L_t))^-1 (h + c): a Rauch-Tung-Striebel smoother
 on the pseudo-observations. If q(x) is to be a product over frames, as in the paper, each factor's least F, the others given,
 has precision J_tt + L_t and mean mu_t + (J_tt + L_t)^-1 (h_t + c_t); frames that are not neighbours do not enter each other's,
@@ -45,22 +45,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.checks import check_at_least
-from poseppl.kernels.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
-from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.gaussian_prior import (
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
+from poseppl.gaussians.linear_transitions import (
     linear_transitions,
     marginal_covariances,
     quadratic_prior,
     transition_structure,
 )
+from poseppl.particles.weights import weighted_covariance, weighted_mean
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
     MixtureSettings,
     fit_likelihood_mixture,
     log_components,
 )
-from poseppl.weights import weighted_covariance, weighted_mean
 
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Of the way to the linearised optimum, tried where the transition is not linear."""

@@ -30,4 +30,4 @@ def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
 
         return Filter(init, step), {"particles": 4}
 
-    monkeypatch.setattr(importlib.import_module("poseppl.tracking.track"), "build_filter", build)
+    monkeypatch.setattr(importlib.import_module("poseppl.motion.tracking.track"), "build_filter", build)

@@ -18,7 +18,7 @@ from poseppl.cli import main
 from poseppl.cli.smooth import METHODS
 from poseppl.cli.track import FILTERS as NAMES
 from poseppl.filters.registry import FILTERS
-from poseppl.results import load_result, provenance
+from poseppl.runs.results import load_result, provenance
 from poseppl.smoothers.registry import SMOOTHERS
 
 SMALL = ["--filter", "particle", "--particles", "200", "--frames", "0:4", "--max-draws", "20"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
-from poseppl.results import load_result, provenance
+from poseppl.runs.results import load_result, provenance
 
 MAIN = "import sys; from poseppl.cli import main; sys.exit(main())"
 TRACK = ["track", "--frames", "0:3", "--max-draws", "20", "--quiet"]

@@ -10,7 +10,7 @@ import pytest
 from same_data import run_on, scene
 
 from poseppl.cli import main
-from poseppl.results import save_result
+from poseppl.runs.results import save_result
 
 DATA = scene(num_frames=8)
 

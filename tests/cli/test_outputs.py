@@ -19,12 +19,12 @@ import pytest
 from breaking_filter import break_down
 
 import poseppl.cli.outputs
-import poseppl.io.files
+import poseppl.files.atomic_writing
 from poseppl.cli import main
 from poseppl.cli.outputs import write_outputs
 from poseppl.errors import PosepplError
-from poseppl.results import load_result, provenance
-from poseppl.tracking import problem_of_result
+from poseppl.motion.tracking import problem_of_result
+from poseppl.runs.results import load_result, provenance
 
 SMALL = ["--filter", "extended-kalman", "--particles", "20", "--frames", "0:4", "-q"]
 
@@ -47,7 +47,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Folders whose disk is full; the other folders that a result may go to are a spare one and a home."""
     folders = [tmp_path / "here"]
-    flush = poseppl.io.files._flush
+    flush = poseppl.files.atomic_writing._flush
 
     def flush_or_fail(path: Path) -> None:
         if any(folder in path.resolve().parents for folder in folders):
@@ -59,7 +59,7 @@ def full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "spare"))
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(poseppl.cli.outputs, "_SHARED_MEMORY", tmp_path / "none")
-    monkeypatch.setattr(poseppl.io.files, "_flush", flush_or_fail)
+    monkeypatch.setattr(poseppl.files.atomic_writing, "_flush", flush_or_fail)
     return folders
 
 

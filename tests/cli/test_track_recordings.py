@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
-from poseppl.results import load_result, provenance
+from poseppl.runs.results import load_result, provenance
 
 SMALL = ["--filter", "particle", "--particles", "100", "--max-draws", "10", "-q", "-o", "out.nc"]
 SKELETON = "cmu_expmap/skeleton.json"

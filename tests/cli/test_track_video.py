@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tracking"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "motion" / "tracking"))
 from breaking_filter import break_down
 from silhouette_rooms import RECORDS, SIZE, masks_of, pose
 
 from poseppl.cli import main
 from poseppl.diagnostics import verdicts
-from poseppl.io import open_video, write_cameras, write_image, write_video
-from poseppl.results import load_result, provenance
+from poseppl.motion.io import open_video, write_cameras, write_image, write_video
+from poseppl.runs.results import load_result, provenance
 
 FEW = ["--filter", "annealed", "--particles", "40", "--layers", "2", "--quiet"]
 

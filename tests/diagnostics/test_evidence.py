@@ -17,9 +17,9 @@ from poseppl.diagnostics.evidence import evidence_of_run
 from poseppl.filters import particle_filter
 from poseppl.report.compare_tables import log_evidence
 from poseppl.report.compare_words import findings
-from poseppl.results import Names, build_result
-from poseppl.run import run_filter
-from poseppl.simulation import simulate
+from poseppl.runs.results import Names, build_result
+from poseppl.runs.run import run_filter
+from poseppl.runs.simulation import simulate
 
 FRAMES, RUNS, PARTICLES = 60, 60, 500
 

@@ -8,8 +8,8 @@ from scipy.stats import norm
 
 from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.diagnostics.predictive import implied_coverage
-from poseppl.predictive import Prediction
-from poseppl.results import Names, build_result
+from poseppl.runs.predictive import Prediction
+from poseppl.runs.results import Names, build_result
 
 FRAMES, ENTRIES = 300, 8
 PRECISE, NOISY = 0.05, 4.0

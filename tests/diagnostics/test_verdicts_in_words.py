@@ -7,7 +7,7 @@ from synthetic import autoregression, synthetic_result
 
 from poseppl.diagnostics import diagnose, frame_ranges, inefficiency, verdicts
 from poseppl.diagnostics.verdicts.coverage import calibration
-from poseppl.results import Names, build_result, load_result, save_result
+from poseppl.runs.results import Names, build_result, load_result, save_result
 
 
 def _texts(tree: xr.DataTree) -> str:

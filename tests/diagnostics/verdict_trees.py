@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts import verdicts
-from poseppl.results import Names, build_result
+from poseppl.runs.results import Names, build_result
 
 DOFS = ("root.tx", "root.ty", "hip.X", "knee.X", "neck.Z")
 MARKERS = ("head", "knee", "ankle", "wrist")

@@ -17,7 +17,7 @@ from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_var
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table
 from poseppl.filters import particle_filter
-from poseppl.frame_sequence import frame_inputs
+from poseppl.runs.frame_sequence import frame_inputs
 
 TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
 TINY = Scale(

@@ -14,7 +14,7 @@ from poseppl.experiments.choo_fleet.single_frame import FrameRuns
 from poseppl.experiments.choo_fleet.systems import BUILT_IN
 from poseppl.experiments.choo_fleet.timing import FrameTiming
 from poseppl.experiments.choo_fleet.variances import frame_errors
-from poseppl.results import QUANTILES
+from poseppl.runs.results import QUANTILES
 
 RUNS = (0, 1)
 

@@ -19,10 +19,10 @@ import numpy as np  # noqa: E402
 from catalogue import FILTERS  # noqa: E402
 from law_problems import Problem, frame, problem  # noqa: E402
 
-from poseppl.calls import _scan_frames  # noqa: E402
-from poseppl.checkpoint import Checkpoint  # noqa: E402
 from poseppl.filters import Filter, particle_filter, sharded  # noqa: E402
-from poseppl.run import run_filter  # noqa: E402
+from poseppl.runs.checkpoint import Checkpoint  # noqa: E402
+from poseppl.runs.compiled_scan import _scan_frames  # noqa: E402
+from poseppl.runs.run import run_filter  # noqa: E402
 
 NUM_FRAMES = 4
 

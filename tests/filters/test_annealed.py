@@ -12,7 +12,7 @@ from law_problems import MASKED, frame, problem, replicate, z_scores
 
 from poseppl.filters import AnnealedState, annealed_filter
 from poseppl.filters.annealed import _cross, annealing_exponent
-from poseppl.weights import effective_sample_size
+from poseppl.particles.weights import effective_sample_size
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

@@ -14,7 +14,7 @@ from poseppl_models.growth import growth
 from poseppl.filters import hidden_markov_filter
 from poseppl.filters.hidden_markov import state_values
 from poseppl.program import StateSpaceModel
-from poseppl.run import run_filter
+from poseppl.runs.run import run_filter
 from poseppl.smoothers import collect_history
 
 RNG = np.random.default_rng(5)

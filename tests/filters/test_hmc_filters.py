@@ -9,12 +9,12 @@ import pytest
 from law_problems import frame, problem, replicate
 from poseppl_models.choo_fleet import arm
 
-from poseppl.body import BodyInputs
 from poseppl.filters import assumed_density_filter, hmc_filter
 from poseppl.filters.assumed_density import covariance_inflation
 from poseppl.filters.chains import effective_draws
-from poseppl.geometry import paper_camera
 from poseppl.kernels import HMCSettings
+from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import paper_camera
 from poseppl.program import Clamped, Observation
 
 SHORT = HMCSettings(num_updates=30, num_leapfrog=8, burn_in=10)

@@ -15,7 +15,7 @@ from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl.filters import TemperedState, tempered_filter
 from poseppl.filters.tempering import Tempering, temper
 from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES
-from poseppl.resampling import systematic
+from poseppl.particles.resampling import systematic
 
 SETTINGS = Tempering(0.5, 30, None, 1, True, HMC_MOVES, systematic)
 NUM = 400

@@ -9,7 +9,7 @@ from poseppl_models.mirror import LEVEL, mirror
 
 from poseppl.filters import assumed_density_filter, mode_chains
 from poseppl.kernels import HMCSettings
-from poseppl.resampling import multinomial
+from poseppl.particles.resampling import multinomial
 
 NUM_FRAMES, NUM_CHAINS, NUM_SEEDS = 40, 30, 40
 

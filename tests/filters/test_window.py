@@ -18,7 +18,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaus
 from poseppl.filters import Filter, window_filter
 from poseppl.filters.window import predict
 from poseppl.filters.window_target import empty_window, move_on, window_target
-from poseppl.linearisation import Gaussian
+from poseppl.gaussians.linearisation import Gaussian
 from poseppl.program import Observation
 
 WINDOW = 3

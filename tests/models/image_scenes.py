@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from oracles.plain_outlines import camera_of, cones_of, outline, silhouette
 
-from poseppl.geometry import join_cameras, look_at
-from poseppl.geometry.flesh import part_frames
+from poseppl.motion.geometry import join_cameras, look_at
+from poseppl.motion.geometry.flesh import part_frames
 
 HEIGHT, WIDTH, STRIDE = 120, 160, 2
 FOCAL = 210.0

@@ -14,9 +14,9 @@ from poseppl_models.bodytrack_files import read_bodytrack
 
 from poseppl.errors import InputError
 from poseppl.filters import annealed_filter, tempered_filter
-from poseppl.geometry.flesh import parts_of
-from poseppl.geometry.outlines import outline_corners
 from poseppl.kernels.moves import RANDOM_WALK_MOVES
+from poseppl.motion.geometry.flesh import parts_of
+from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import Observation
 
 NOTHING = Observation({}, {})

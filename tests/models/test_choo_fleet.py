@@ -9,8 +9,8 @@ import pytest
 from poseppl_models.choo_fleet import EDGES, LENGTHS, NOISE, SIGMA_ANGLE, SIGMA_POSITION, arm, full_body, lower_body, measure
 from precision import DTYPES, epsilon, precision
 
-from poseppl.body import BodyInputs
-from poseppl.geometry import look_at, marker_positions, project
+from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import look_at, marker_positions, project
 
 
 @pytest.fixture(params=DTYPES, ids=lambda dtype: dtype.__name__)

@@ -7,8 +7,8 @@ from image_scenes import HEIGHT, STRIDE, WIDTH, cameras, masks, true_pose
 from poseppl_models.du_guan_body import du_guan_body
 from poseppl_models.feature_evidence import colours_at, du_guan_of_features, two_way_of_features
 
-from poseppl.geometry.silhouette_bits import unpack_bits
-from poseppl.vision import BackgroundSettings, FeatureSettings, background_from_plate, extract
+from poseppl.motion.geometry.silhouette_bits import unpack_bits
+from poseppl.motion.vision import BackgroundSettings, FeatureSettings, background_from_plate, extract
 
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 

@@ -11,9 +11,9 @@ import pytest
 from poseppl_models.choo_fleet import full_body
 from poseppl_models.gait import gait_table, walk
 
-from poseppl.gait_fit import fit_gait, from_table, to_table
-from poseppl.geometry import marker_positions
-from poseppl.io import read_motion
+from poseppl.motion.bodies.gait_fit import fit_gait, from_table, to_table
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.io import read_motion
 
 
 @pytest.fixture(scope="module")

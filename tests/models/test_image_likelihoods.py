@@ -20,8 +20,8 @@ from poseppl_models.two_way_evidence import two_way_evidence
 from precision import precision
 from scipy.ndimage import gaussian_filter
 
-from poseppl.geometry.silhouette_bits import pack_mask
-from poseppl.vision import colour_histogram, weighted_distance
+from poseppl.motion.geometry.silhouette_bits import pack_mask
+from poseppl.motion.vision import colour_histogram, weighted_distance
 
 PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 TOLERANCE = 3.0

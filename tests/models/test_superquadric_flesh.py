@@ -9,12 +9,12 @@ from poseppl_models.choo_fleet import full_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.superquadric_flesh import superquadric_flesh
 
-from poseppl.geometry import join_cameras, look_at
-from poseppl.geometry.coverage import hard_coverage, part_distances, project_parts
-from poseppl.geometry.flesh import flesh_of, parts_of
-from poseppl.geometry.kinematics import frames_of
-from poseppl.geometry.superquadric_outlines import outlines_of, superquadric_distances
-from poseppl.geometry.superquadrics import superquadrics_of
+from poseppl.motion.geometry import join_cameras, look_at
+from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
+from poseppl.motion.geometry.flesh import flesh_of, parts_of
+from poseppl.motion.geometry.kinematics import frames_of
+from poseppl.motion.geometry.superquadric_outlines import outlines_of, superquadric_distances
+from poseppl.motion.geometry.superquadrics import superquadrics_of
 
 
 def last(tree):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from functools import cache
+from pathlib import Path
 
 import pytest
 from mutant import ROOT, apply, copy_tree, read_mutants
@@ -21,8 +22,8 @@ def functions_of(path):
 def test_there_are_enough_in_every_package():
     changed = [re.search(r"^\+\+\+ b/(\S+)", mutant.patch.read_text(), re.MULTILINE)[1] for mutant in MUTANTS]
     assert len(MUTANTS) >= 100
-    packages = {path.parent.name for path in (ROOT / "poseppl").glob("*/__init__.py")}
-    assert packages <= {path.split("/")[1] for path in changed}
+    packages = {str(path.parent.relative_to(ROOT)) for path in (ROOT / "poseppl").rglob("__init__.py")}
+    assert packages <= {str(parent) for path in changed for parent in Path(path).parents}
     assert any(path.startswith("models/") for path in changed)
 
 

@@ -13,12 +13,12 @@ import pytest
 from numpyro.distributions import constraints
 from programs import initial, observation, transition
 
-from poseppl.collect import collect_draws
 from poseppl.filters import kalman_filter, particle_filter
 from poseppl.program import StateSpaceModel
-from poseppl.run import Constant, Online, run_filter
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.run import Constant, Online, run_filter
+from poseppl.runs.smoothing import run_smoother
 from poseppl.smoothers import collect_history, forward_backward_smoother
-from poseppl.smoothing import run_smoother
 
 KEY = jax.random.key(0)
 

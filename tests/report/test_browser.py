@@ -15,7 +15,7 @@ from synthetic import synthetic_result
 from poseppl.cli import main
 from poseppl.diagnostics import diagnose
 from poseppl.report import write_report
-from poseppl.results import load_result
+from poseppl.runs.results import load_result
 
 _REASON = browser.missing()
 pytestmark = pytest.mark.skipif(_REASON is not None, reason=f"needs a headless browser: {_REASON}")

@@ -11,10 +11,10 @@ from distinct_values import ERRORS, SHARES, distinct_result
 from poseppl.cli.track import summary
 from poseppl.diagnostics import diagnose
 from poseppl.diagnostics.diagnosis import root_index
+from poseppl.diagnostics.selection import image_grows_down
+from poseppl.motion.tracking.metrics import measure_run
 from poseppl.report.charts import charts, coordinate_data
-from poseppl.report.selection import image_grows_down
 from poseppl.report.tables import cards, error_table
-from poseppl.tracking.metrics import measure_run
 
 TREE = distinct_result()
 

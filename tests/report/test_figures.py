@@ -9,8 +9,8 @@ from PIL import Image
 from synthetic import EDGES, synthetic_result
 
 from poseppl import report
-from poseppl.report.selection import evenly, expected_error, segments
-from poseppl.results import Names, build_result
+from poseppl.diagnostics.selection import evenly, expected_error, segments
+from poseppl.runs.results import Names, build_result
 
 
 @pytest.mark.parametrize(

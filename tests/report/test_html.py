@@ -10,7 +10,7 @@ from synthetic import synthetic_result
 
 from poseppl.report import report_html, write_report
 from poseppl.report.pose_data import pose_data
-from poseppl.results import Names, build_result
+from poseppl.runs.results import Names, build_result
 
 
 def _data(page: str, name: str) -> object:

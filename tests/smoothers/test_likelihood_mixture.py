@@ -13,6 +13,7 @@ from law_problems import MASKED, problem, run
 from precision import precision
 
 from poseppl.filters import particle_filter
+from poseppl.gaussians.weighted_em import Components, choose_seeds, fit_fixed, fit_free
 from poseppl.smoothers import History
 from poseppl.smoothers.likelihood_mixture import (
     MixtureSettings,
@@ -21,7 +22,6 @@ from poseppl.smoothers.likelihood_mixture import (
     log_components,
     mixture_of_gaussians,
 )
-from poseppl.smoothers.weighted_em import Components, choose_seeds, fit_fixed, fit_free
 
 POSED = problem()
 

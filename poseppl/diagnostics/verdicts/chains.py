@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, INFO, WARNING, Verdict, statistic, where
-from poseppl.results import is_weighted, provenance
+from poseppl.runs.results import is_weighted, provenance
 
 TAU_BAD = 25.0
 RHAT_HIGH, RHAT_APART = 1.2, 2.0

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, statistic, where
-from poseppl.results import is_weighted
+from poseppl.runs.results import is_weighted
 
 LOW_SHARE = 0.1
 """Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""

@@ -7,8 +7,8 @@ import xarray as xr
 
 from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
-from poseppl.predictive import Prediction
-from poseppl.results import provenance
+from poseppl.runs.predictive import Prediction
+from poseppl.runs.results import provenance
 
 INFLATION_HIGH = 1.4
 """Variance of errors over the claimed one, from which intervals are called too narrow: 90 % intervals cover 84 % then."""
@@ -29,7 +29,7 @@ def prediction(tree: xr.DataTree) -> list[Verdict]:
 
 
 def check_predictions(prediction: Prediction) -> list[Verdict]:
-    """Judge the predictive checks of a run, `run.prediction` of :func:`poseppl.run.run_filter`.
+    """Judge the predictive checks of a run, `run.prediction` of :func:`poseppl.runs.run.run_filter`.
 
     Args:
         prediction: With a leading T.

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, where
-from poseppl.results import provenance
+from poseppl.runs.results import provenance
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import numpy as np
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import Settings
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, observe, pose_frame, stage_of
+from poseppl.experiments.jobs import Job
 from poseppl.filters.registry import build_filter
-from poseppl.frame_sequence import frame_inputs
-from poseppl.jobs import Job
+from poseppl.runs.frame_sequence import frame_inputs
 
 _SEED = 28
 

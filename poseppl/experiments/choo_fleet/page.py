@@ -9,7 +9,7 @@ from poseppl.experiments.choo_fleet.claims import claims
 from poseppl.experiments.choo_fleet.goals import Goal, goals
 from poseppl.experiments.provenance import Kept, read_folder
 from poseppl.experiments.tables import markdown
-from poseppl.io.files import atomic_path
+from poseppl.files.atomic_writing import atomic_path
 
 PAGE = "page.md"
 PICTURES = {

@@ -12,7 +12,7 @@ from poseppl.experiments.choo_fleet.systems import BUILT_IN, SIMULATED, SYSTEMS,
 from poseppl.experiments.choo_fleet.timing import FrameTiming, time_frame
 from poseppl.experiments.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
 from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
-from poseppl.jobs import Job
+from poseppl.experiments.jobs import Job
 
 PARTS = ("single-frame", "sequence", "tuning", "contest")
 

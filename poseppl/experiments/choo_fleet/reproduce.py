@@ -18,10 +18,10 @@ from poseppl.experiments.choo_fleet.sequence import SequenceRuns
 from poseppl.experiments.choo_fleet.sequence_tables import performance, sequence_tables
 from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, stage_of
 from poseppl.experiments.choo_fleet.tuning_tables import tuning_tables
+from poseppl.experiments.jobs import Executor, JobProgress, run_jobs
+from poseppl.experiments.jobs.archive import versions
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table, write_netcdf
-from poseppl.jobs import Executor, JobProgress, run_jobs
-from poseppl.jobs.archive import versions
 from poseppl.report.picture import Picture, save_picture
 
 Tables = dict[str, Table]
@@ -45,7 +45,7 @@ def reproduce(
         parts: Some of "single-frame", "sequence", "tuning" and "contest".
         recordings: Who is seen; sequences and tuning take the first.
         scale: How much is computed.
-        executor: As :func:`poseppl.jobs.run_jobs` takes it.
+        executor: As :func:`poseppl.experiments.jobs.run_jobs` takes it.
         progress: Who is told.
 
     Returns:

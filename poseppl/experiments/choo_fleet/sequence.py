@@ -14,12 +14,12 @@ import numpy as np
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
+from poseppl.experiments.jobs import Job
 from poseppl.filters.chains import ChainState
 from poseppl.filters.registry import build_filter
-from poseppl.frame_sequence import frame_sequence
-from poseppl.jobs import Job
-from poseppl.results import QUANTILES
-from poseppl.tracking.problem import Problem
+from poseppl.motion.tracking.problem import Problem
+from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.results import QUANTILES
 
 Settings = tuple[tuple[str, Any], ...]
 LEVELS = (0.5, 0.9)

@@ -11,9 +11,9 @@ import numpy as np
 
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, observe, pose_frame, stage_of
-from poseppl.frame_sequence import frame_inputs
-from poseppl.jobs import Job
+from poseppl.experiments.jobs import Job
 from poseppl.program import CompiledModel
+from poseppl.runs.frame_sequence import frame_inputs
 
 METHODS = ("particle", "hmc")
 _COST = {"arm": 0.02, "lower_body": 0.35, "full_body": 1.0}

@@ -20,19 +20,19 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.body import Body, load_builder
-from poseppl.geometry import Cameras, marker_positions, paper_camera, project
-from poseppl.io import read_motion
-from poseppl.io.files import check_file
+from poseppl.files.bounded_reading import check_file
 from poseppl.kernels import HMCSettings
+from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.geometry import Cameras, marker_positions, paper_camera, project
+from poseppl.motion.io import read_motion
+from poseppl.motion.tracking import Scene, pose_problem, recorded_subject, walking_subject
+from poseppl.motion.tracking.placing import cameras_around
+from poseppl.motion.tracking.problem import Problem
+from poseppl.motion.tracking.scene import noise_of
+from poseppl.motion.tracking.start import Start
+from poseppl.motion.tracking.subjects import WALK_FRAMES, MovingSubject
+from poseppl.motion.tracking.walk import step_scales
 from poseppl.program import Observation
-from poseppl.tracking import Scene, pose_problem, recorded_subject, walking_subject
-from poseppl.tracking.placing import cameras_around
-from poseppl.tracking.problem import Problem
-from poseppl.tracking.scene import noise_of
-from poseppl.tracking.start import Start
-from poseppl.tracking.subjects import WALK_FRAMES, MovingSubject
-from poseppl.tracking.walk import step_scales
 
 Floats = NDArray[np.float64]
 UPDATES = (8, 16, 32, 64, 128, 256, 512)
@@ -85,7 +85,7 @@ class Recording:
 
     Attributes:
         name: What it is called in tables.
-        path: The recording, as :func:`poseppl.io.read_motion` reads it.
+        path: The recording, as :func:`poseppl.motion.io.read_motion` reads it.
         skeleton: Its skeleton, where the format has one apart.
         digest: Hash of both, so that results of another file are not taken for its own.
     """

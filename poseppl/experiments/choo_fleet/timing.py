@@ -12,9 +12,9 @@ from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates
 from poseppl.experiments.choo_fleet.single_frame import model_of
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, observe, pose_frame, single_frames, stage_of
-from poseppl.frame_sequence import frame_inputs
-from poseppl.jobs import Job
+from poseppl.experiments.jobs import Job
 from poseppl.program import CompiledModel
+from poseppl.runs.frame_sequence import frame_inputs
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, scor
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, pose_sequence, stage_of
 from poseppl.filters import assumed_density_filter
 from poseppl.filters.chains import ChainState
-from poseppl.frame_sequence import frame_sequence
-from poseppl.run import run_filter
+from poseppl.motion.tracking.problem import Problem
+from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, collect_history, trajectory_smoother
-from poseppl.tracking.problem import Problem
 
 _KEPT = ("state_mean", "state_quantile", "markers_mean", "markers_quantile")
 

@@ -16,11 +16,11 @@ import numpy as np
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.experiments.choo_fleet.systems import BURN_IN, SYSTEMS, Recording, observe, pose_frame, single_frames, stage_of
+from poseppl.experiments.jobs import Job
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
-from poseppl.frame_sequence import frame_inputs
-from poseppl.jobs import Job
 from poseppl.kernels import HMCSettings
+from poseppl.runs.frame_sequence import frame_inputs
 
 STEP_SIZES = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 NUM_LAGS = 40

@@ -1,8 +1,0 @@
-"""Observation distributions that evaluate a whole body in one pass: image points and silhouettes."""
-
-from __future__ import annotations
-
-from poseppl.distributions.projected_markers import ProjectedMarkers as ProjectedMarkers
-from poseppl.distributions.projected_markers import projected_log_density as projected_log_density
-from poseppl.distributions.silhouettes import Silhouettes as Silhouettes
-from poseppl.distributions.silhouettes import SilhouetteSeen as SilhouetteSeen

@@ -1,0 +1,27 @@
+"""Independent jobs: described by plain values, computed by one process, many, or a Dask cluster, kept one file each.
+
+    @dataclass(frozen=True)
+    class Estimate(Job):
+        method: str
+        run: int
+
+    def estimate(job: Estimate) -> dict[str, np.ndarray]: ...
+
+    results = run_jobs(estimate, [Estimate("hmc", run) for run in range(50)], "results/")
+    results[Estimate("hmc", 7).key]["mean"]
+
+A second call computes what is missing and reads the rest.
+"""
+
+from __future__ import annotations
+
+from poseppl.experiments.jobs.cluster import Cluster as Cluster
+from poseppl.experiments.jobs.executor import Executor as Executor
+from poseppl.experiments.jobs.executor import Inline as Inline
+from poseppl.experiments.jobs.executor import Outcome as Outcome
+from poseppl.experiments.jobs.job import Job as Job
+from poseppl.experiments.jobs.processes import Processes as Processes
+from poseppl.experiments.jobs.progress import JobBar as JobBar
+from poseppl.experiments.jobs.progress import JobProgress as JobProgress
+from poseppl.experiments.jobs.run import JobError as JobError
+from poseppl.experiments.jobs.run import run_jobs as run_jobs

@@ -1,0 +1,128 @@
+"""Run jobs: read what is there, compute the rest, write each result as it comes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from os import PathLike
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.experiments.jobs.archive import Archive
+from poseppl.experiments.jobs.cluster import Cluster
+from poseppl.experiments.jobs.executor import Arrays, Executor, Function, Inline, Outcome
+from poseppl.experiments.jobs.job import Job
+from poseppl.experiments.jobs.processes import Processes
+from poseppl.experiments.jobs.progress import JobProgress, Silent
+
+_SHOWN = 5
+"""Failed jobs that a message names."""
+
+
+class JobError(PosepplError):
+    """Jobs that failed; the results of the others are kept.
+
+    Attributes:
+        failures: Why each of them failed, by key.
+        traces: Where.
+    """
+
+    def __init__(self, failed: Sequence[Outcome], total: int) -> None:
+        lines = [f"  {outcome.key}: {outcome.error}" for outcome in failed[:_SHOWN]]
+        more = [f"  and {len(failed) - _SHOWN} more"] if len(failed) > _SHOWN else []
+        super().__init__(
+            "\n".join([f"{len(failed)} of {total} jobs failed; the results of the others are kept", *lines, *more])
+        )
+        self.failures = {outcome.key: outcome.error for outcome in failed}
+        self.traces = {outcome.key: outcome.trace for outcome in failed}
+
+
+def run_jobs(
+    function: Function,
+    jobs: Iterable[Job],
+    folder: str | PathLike[str],
+    *,
+    executor: Executor | str | None = None,
+    progress: JobProgress | None = None,
+    stop_at_failure: bool = False,
+) -> dict[str, Arrays]:
+    """Run independent jobs; those whose results the folder holds are not computed again.
+
+    Args:
+        function: `job -> {name: array}`. It is imported by other processes, so it is at the top level of a module, and a script
+            that calls `run_jobs` does so below ``if __name__ == "__main__":``. The same job gives the same arrays.
+        jobs: The jobs, no two alike.
+        folder: Where each result is written, as ``KEY.npz``, as soon as it is there.
+        executor: Who computes: an executor, "processes" (one for each core, and so if None), "inline" (this process), or the
+            address of a Dask scheduler, such as "tcp://host:8786".
+        progress: Who is told how it goes, for example a :class:`~poseppl.experiments.jobs.progress.JobBar`.
+        stop_at_failure: Whether the first job that fails ends the run; otherwise the others are done first.
+
+    Returns:
+        The arrays of every job, by its key, in the order of the jobs.
+
+    Raises:
+        JobError: Jobs failed.
+        InputError: The folder cannot be used, or the executor cannot.
+        ValueError: Two jobs are alike, a field of a job is not of plain values, or other processes cannot import the function.
+    """
+    progress = progress or Silent()
+    _check_function(function)
+    wanted = _by_key(jobs)
+    archive = Archive(folder, function, progress.note)
+    results = {key: arrays for key, job in wanted.items() if (arrays := archive.load(job)) is not None}
+    costliest = sorted(wanted.items(), key=lambda item: -item[1].cost)
+    missing = {key: job for key, job in costliest if key not in results}
+    progress.started(len(wanted), len(results), sum(job.cost for job in missing.values()))
+    failed: list[Outcome] = []
+    with ExitStack() as stack:
+        outcomes = find_executor(executor).outcomes(function, missing, progress.note) if missing else iter(())
+        stack.callback(getattr(outcomes, "close", lambda: None))
+        for outcome in outcomes:
+            if outcome.arrays is None:
+                failed.append(outcome)
+            else:
+                archive.save(missing[outcome.key], outcome.arrays, outcome.seconds)
+                results[outcome.key] = outcome.arrays
+            progress.finished(missing[outcome.key].cost)
+            if failed and stop_at_failure:
+                break
+    if failed:
+        raise JobError(failed, len(wanted))
+    return {key: results[key] for key in wanted}
+
+
+def find_executor(executor: Executor | str | None) -> Executor:
+    """The executor of a name or an address; None is one process for each core.
+
+    Raises:
+        InputError: The text is neither.
+    """
+    if executor is None or executor == "processes":
+        return Processes()
+    if executor == "inline":
+        return Inline()
+    if not isinstance(executor, str):
+        return executor
+    if ":" not in executor:
+        raise InputError(f"no executor {executor!r}", expected="inline, processes, or a Dask scheduler such as tcp://host:8786")
+    return Cluster(executor)
+
+
+def _check_function(function: Function) -> None:
+    name = getattr(function, "__qualname__", "")
+    main = function.__module__ == "__main__" and not hasattr(sys.modules["__main__"], "__file__") if name else False
+    if not name.isidentifier() or main:
+        raise ValueError(f"{function!r} cannot be imported by another process. Define it at the top level of a module.")
+
+
+def _by_key(jobs: Iterable[Job]) -> Mapping[str, Job]:
+    wanted: dict[str, Job] = {}
+    for job in jobs:
+        key = job.key
+        if key in wanted:
+            raise ValueError(
+                f"two jobs are alike: {job}. A job is computed once; give each a field of its own, such as its run."
+            )
+        wanted[key] = job
+    return wanted

@@ -1,0 +1,167 @@
+"""Writing files so that a reader never sees half of one.
+
+A file appears under its name only when all of it is on the disk: it is written beside its place under a temporary name,
+flushed with ``fsync``, and moved there by ``os.replace``, which POSIX makes atomic. Whatever stops the writer, an error or
+Ctrl-C, leaves the old file as it was. What a killed writer leaves under its temporary name, the next writer of the file
+removes: writers hold a lock, which dies with them.
+"""
+
+from __future__ import annotations
+
+import errno
+import glob
+import os
+import secrets
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from os import PathLike
+from pathlib import Path
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.files.locks import take_lock
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_STRAY_SECONDS = 60.0
+"""Age from which a temporary file that nobody has locked is taken for a stray."""
+
+
+def _check_target(path: str | PathLike[str], inputs: Iterable[str | PathLike[str]]) -> Path:
+    try:
+        target = Path(path).resolve()
+        if target.is_dir():
+            raise InputError("the output is a folder", file=path, expected="the name of a file")
+        if target.exists() and not target.is_file():
+            raise InputError("the output is not a regular file", file=path, expected="the name of a file")
+        if not target.parent.is_dir():
+            raise InputError("the output folder does not exist", file=target.parent, expected="an existing folder")
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            raise InputError("the output folder cannot be written", file=target.parent, expected="write permission")
+        for source in inputs:
+            if target == Path(source).resolve() or (target.exists() and Path(source).exists() and target.samefile(source)):
+                raise InputError("the output would overwrite an input", file=path, expected="another name")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"the output cannot be written: {error}", file=path) from error
+    return target
+
+
+def _is_full(error: OSError) -> bool:
+    # HDF5 reports the disk's error in its message alone.
+    return error.errno in _FULL or f"errno = {errno.ENOSPC}" in str(error) or os.strerror(errno.ENOSPC) in str(error)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[str]] = ()) -> Iterator[Path]:
+    """Yield a temporary name in the folder of a file; on success it becomes the file, on failure it is removed.
+
+    Args:
+        path: The file to write. A symbolic link is followed.
+        inputs: Files that must not be overwritten.
+
+    Yields:
+        The temporary path, with the suffix of ``path``; the block writes and closes it.
+
+    Raises:
+        InputError: The folder is missing or cannot be written, or the output is an input, a folder or a device.
+        PosepplError: The disk is full, or the block wrote nothing.
+    """
+    target = _check_target(path, inputs)
+    remove_strays(target.parent, glob.escape(target.stem[:100]), glob.escape(target.suffix))
+    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}.tmp{target.suffix}")
+    try:
+        with _locked(temporary):
+            yield temporary
+            if not temporary.is_file() or temporary.stat().st_size == 0:
+                raise PosepplError(f"{path}: nothing was written")
+            _flush(temporary)
+            os.replace(temporary, target)
+        _flush(target.parent)
+    except OSError as error:
+        _tell(error, path)
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _locked(temporary: Path) -> Iterator[None]:
+    """Make a temporary file or open a temporary folder, and lock it while the block runs."""
+    if not temporary.is_dir():
+        temporary.touch(exist_ok=False)
+    descriptor = None
+    with suppress(OSError):  # a file system without locks: nobody will take it for a stray either
+        descriptor = take_lock(temporary)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def remove_strays(folder: Path, stem: str, suffix: str = "", min_age: float = _STRAY_SECONDS) -> None:
+    """Remove the temporary files and folders of writers that were killed.
+
+    Args:
+        folder: Where the files are.
+        stem: Pattern of their names without suffix, as ``glob`` takes it.
+        suffix: Pattern of their suffix.
+        min_age: Seconds since they were written to, at least: a writer takes its lock after it has made the file.
+    """
+    for stray in folder.glob(f".{stem}.{'[0-9a-f]' * 12}.tmp{suffix}"):
+        with suppress(OSError):  # its writer lives, or somebody else has removed it
+            if time.time() - stray.stat().st_mtime >= min_age:
+                descriptor = take_lock(stray)
+                shutil.rmtree(stray) if stray.is_dir() else stray.unlink(missing_ok=True)
+                os.close(descriptor)
+
+
+@contextmanager
+def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside a folder that does not exist yet; on success it becomes that, on failure it is removed.
+
+    Args:
+        path: The folder to write.
+
+    Yields:
+        The temporary folder, which the block fills.
+
+    Raises:
+        InputError: There is something of this name, or the folder around it is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    target = Path(os.path.abspath(path))
+    if os.path.lexists(target):
+        raise InputError("the output exists", file=path, expected="a name that is not taken; move it away or choose another")
+    _check_target(path, ())
+    remove_strays(target.parent, glob.escape(target.name[:100]))
+    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
+    try:
+        temporary.mkdir()
+        with _locked(temporary):
+            yield temporary
+            for file in temporary.rglob("*"):
+                _flush(file)
+            os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
+        _flush(target.parent)
+    except OSError as error:
+        _tell(error, path)
+        raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _tell(error: OSError, path: str | PathLike[str]) -> None:
+    """Raise the error in words that a user understands, if there are some."""
+    if _is_full(error):
+        raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
+        raise InputError(f"cannot be written: {error.strerror}", file=path) from error

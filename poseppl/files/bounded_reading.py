@@ -1,0 +1,87 @@
+"""Reading text with a bound on its size: a file that is missing, empty, binary or absurdly large is an error that names it."""
+
+from __future__ import annotations
+
+import tomllib
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from poseppl.errors import InputError
+
+MAX_TEXT_BYTES = 64 * 2**20
+
+
+def check_file(path: str | PathLike[str], *, max_bytes: int) -> Path:
+    """Check that a path names a regular file that is neither empty nor absurdly large.
+
+    Args:
+        path: The file.
+        max_bytes: The largest size that the caller reads.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: The file is missing, not a regular file, empty, unreadable or too large.
+    """
+    source = Path(path)
+    try:
+        if not source.exists():
+            raise InputError("no such file", file=path, expected="an existing file")
+        if not source.is_file():
+            raise InputError("not a file", file=path, expected="a regular file, not a folder or a device")
+        size = source.stat().st_size
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+    if size == 0:
+        raise InputError("the file is empty", file=path)
+    if size > max_bytes:
+        raise InputError(f"the file has {size / 2**20:.0f} MiB", file=path, expected=f"at most {max_bytes // 2**20} MiB")
+    return source
+
+
+def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> str:
+    """Read a text file, UTF-8 or else Latin-1, as a whole.
+
+    Args:
+        path: The file.
+        max_bytes: The largest size that is read.
+
+    Returns:
+        The text, without a byte-order mark, with line ends as newlines.
+
+    Raises:
+        InputError: The file cannot be read, is empty, too large, or holds binary data.
+    """
+    source = check_file(path, max_bytes=max_bytes)
+    try:
+        data = source.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    if b"\0" in data:
+        raise InputError("the file holds binary data", file=path, expected="a text file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
+    """Read a TOML file of at most 1 MiB.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its table.
+
+    Raises:
+        InputError: The file is missing, too large or no TOML.
+    """
+    text = read_text(path, max_bytes=2**20)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"no TOML: {error}", file=path) from error

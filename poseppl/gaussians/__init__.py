@@ -1,0 +1,1 @@
+"""Gaussians and mixtures of them: linearisation, expectation maximisation, precision matrices of whole trajectories."""

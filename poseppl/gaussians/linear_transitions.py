@@ -1,0 +1,149 @@
+r"""The prior of a whole trajectory as a Gaussian: exact for linear transitions, else linearised around given states.
+
+With x_0 ~ N(m_0, P_0) and x_t given x_(t-1) of mean f_t and covariance Q_t, F_t = d f_t / d x_(t-1), around states mu_t
+
+    -log p(mu + e) ~ e^T J e / 2 - h.e + constant,        J block-tridiagonal:
+
+    J_tt = Q_t^-1 + F_(t+1)^T Q_(t+1)^-1 F_(t+1),     J_(t+1, t) = -Q_(t+1)^-1 F_(t+1),
+    h_t = -Q_t^-1 r_t + F_(t+1)^T Q_(t+1)^-1 r_(t+1),     r_t = mu_t - f_t(mu_(t-1)),
+
+with P_0 and m_0 for Q and f at the first frame.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import solve_triangular
+
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal
+from poseppl.program import CompiledModel
+from poseppl.program.dependence import output_dependence
+
+
+class LinearTransitions(NamedTuple):
+    """The transitions of all frames around states, as x_t ~ N(f + F (x_(t-1) - mu_(t-1)), S^-1).
+
+    Attributes:
+        means: f, (T, d); the initial mean at the first frame.
+        slopes: F, (T, d, d); 0 at the first frame.
+        precisions: S, inverse covariances (T, d, d).
+    """
+
+    means: jax.Array
+    slopes: jax.Array
+    precisions: jax.Array
+
+
+class Marginals(NamedTuple):
+    """Covariances of a Gaussian trajectory: ``own`` (T, d, d), and ``next`` = Cov(x_(t+1), x_t) (T - 1, d, d)."""
+
+    own: jax.Array
+    next: jax.Array
+
+
+def inverse_covariance(covariance: jax.Array) -> jax.Array:
+    """Inverse of a covariance (d, d), scaled to a unit diagonal on the way."""
+    whiten = inverse_root(covariance)
+    return whiten.T @ whiten
+
+
+def inverse_root(covariance: jax.Array) -> jax.Array:
+    """W, lower triangular (d, d), with W^T W the inverse of a covariance."""
+    unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
+    lower = jnp.linalg.cholesky(covariance * unit[:, None] * unit)
+    root: jax.Array = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True) * unit
+    return root
+
+
+class Structure(NamedTuple):
+    """Whether a transition's mean is affine in the state, and whether its covariance is the same for all states."""
+
+    affine: bool
+    constant: bool
+
+    @property
+    def linear(self) -> bool:
+        """Whether a Gaussian of these moments is linear."""
+        return self.affine and self.constant
+
+
+def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
+    """Read from a program what its transition's moments depend on.
+
+    Args:
+        model: The compiled model, its transition with Gaussian moments.
+        inputs: Stacked inputs with leading T, or None.
+
+    Raises:
+        ValueError: The transition has no Gaussian moments.
+    """
+    row = jax.tree.map(lambda a: a[0], inputs)
+
+    def moments(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return model.transition_moments(x, row)
+
+    def parts(x: jax.Array) -> Any:
+        return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
+
+    closed = jax.make_jaxpr(parts)(jnp.zeros(model.dimension))
+    slope, covariance = output_dependence(closed, [frozenset({0})])
+    return Structure(not slope, not covariance)
+
+
+def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> LinearTransitions:
+    """Linearise all transitions around states (T, d).
+
+    Raises:
+        ValueError: The programs have no Gaussian moments.
+    """
+    d = states.shape[1]
+    mean, covariance = model.initial_moments(jax.tree.map(lambda a: a[0], inputs))
+    first = LinearTransitions(mean[None], jnp.zeros((1, d, d), states.dtype), inverse_covariance(covariance)[None])
+    if states.shape[0] == 1:
+        return first
+
+    def one(x: jax.Array, row_inputs: Any) -> LinearTransitions:
+        return transition_around(model, x, row_inputs)
+
+    later = jax.vmap(one)(states[:-1], jax.tree.map(lambda a: a[1:], inputs))
+    whole: LinearTransitions = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), first, later)
+    return whole
+
+
+def transition_around(model: CompiledModel, x: jax.Array, inputs: Any) -> LinearTransitions:
+    """Linearise one transition around the state (d,) that it starts from."""
+
+    def mean(x: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        moments = model.transition_moments(x, inputs)
+        return moments[0], moments
+
+    slope, (value, covariance) = jax.jacrev(mean, has_aux=True)(x)
+    return LinearTransitions(value, slope, inverse_covariance(covariance))
+
+
+def quadratic_prior(transitions: LinearTransitions, states: jax.Array) -> tuple[BlockTridiagonal, jax.Array]:
+    """J and h (T, d) around the states (T, d) that the transitions were linearised at."""
+    means, slopes, precisions = transitions
+    force = jnp.einsum("tij,tj->ti", precisions, states - means)
+    bent = jnp.einsum("tij,tjk->tik", precisions, slopes)
+    ahead = jnp.einsum("tji,tjk->tik", slopes, bent)
+    diagonal = precisions.at[:-1].add(ahead[1:])
+    slope = (-force).at[:-1].add(jnp.einsum("tji,tj->ti", slopes[1:], force[1:]))
+    return BlockTridiagonal(diagonal, -bent[1:]), slope
+
+
+def marginal_covariances(factor: BlockCholesky) -> Marginals:
+    """Covariances of single frames and of neighbours, from the Cholesky factor of J."""
+    inverses, gains = factor
+    conditional = jnp.einsum("tji,tjk->tik", inverses, inverses)
+
+    def back(following: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        own, gain = row
+        covariance = own + gain.T @ following @ gain
+        return covariance, (covariance, -following @ gain)
+
+    _, (earlier, beside) = jax.lax.scan(back, conditional[-1], (conditional[:-1], gains), reverse=True)
+    return Marginals(jnp.concatenate([earlier, conditional[-1:]]), beside)

@@ -1,0 +1,121 @@
+r"""Gaussian mixtures fitted to weighted points by expectation maximisation.
+
+Eqs. 18 to 21 of Peursum, Venkatesh and West 2010 (doi:10.1007/s11263-009-0205-5). With points x_i of normalised weights rho_i,
+a round makes from components (eta_k, m_k, R_k)
+
+    tau_ik = rho_i eta_k N(x_i; m_k, R_k) / sum_j eta_j N(x_i; m_j, R_j),        eta_k' = sum_i tau_ik,
+    m_k' = sum_i tau_ik x_i / eta_k',        R_k' = sum_i tau_ik (x_i - m_k') (x_i - m_k')^T / eta_k',
+
+as if there were rho_i worth of points at x_i. Fixed covariances leave the last out. Components are seeded at points whose
+weight is at or above the average; there are at most K of them, chosen evenly among these when there are more, and where there
+are fewer the others stay empty (eta = 0), so that shapes are static.
+
+A covariance of few points collapses: free ones are shrunk towards that of all points by d pseudo-points for the effective
+number of points in all. With one component this changes nothing: it is the weighted mean and covariance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.gaussians.linear_transitions import inverse_root
+from poseppl.particles.weights import weighted_covariance
+
+_KEPT = 1e-6
+"""Share of a component that its old mean counts for: an empty one stays where it is."""
+
+
+class Components(NamedTuple):
+    """K Gaussians: ``log_weights`` (K,), -inf where empty, ``means`` (K, d), ``covariances`` (K, d, d) or (1, d, d) for all."""
+
+    log_weights: jax.Array
+    means: jax.Array
+    covariances: jax.Array
+
+
+def choose_seeds(rng_key: jax.Array, log_weights: jax.Array, num_components: int) -> tuple[jax.Array, jax.Array]:
+    """Indices (K,) of particles at or above the average weight, and which of them count (K,).
+
+    Args:
+        rng_key: For the choice among more than K of them.
+        log_weights: Normalised (N,).
+        num_components: K; more than N are filled up with empty ones.
+    """
+    count = log_weights.shape[0]
+    above = log_weights >= -jnp.log(jnp.asarray(count, log_weights.dtype)) - 1e-4
+    order = jnp.where(above, jax.random.uniform(rng_key, (count,), log_weights.dtype), -1.0)
+    place, index = jax.lax.top_k(order, min(num_components, count))
+    missing = num_components - index.shape[0]
+    return jnp.pad(index, (0, missing)), jnp.pad(place >= 0, (0, missing))
+
+
+def fit_fixed(
+    points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, scales: jax.Array, num_steps: int
+) -> Components:
+    """Fit weights and means of components that share one diagonal covariance.
+
+    Args:
+        points: Shape (N, d), near the origin in units in which their spread is about 1.
+        weights: Normalised (N,).
+        seeds: Indices of the points that the components start from (K,).
+        alive: Which of the components there are (K,).
+        scales: Standard deviations of a component (d,).
+        num_steps: Rounds.
+    """
+    white = points / scales
+
+    def update(state: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], None]:
+        log_weights, means = state
+        logits = white @ means.T + log_weights - 0.5 * jnp.sum(means**2, -1)
+        return _update_means(weights, logits, white, means), None
+
+    (log_weights, means), _ = jax.lax.scan(update, (_start(weights, seeds, alive), white[seeds]), None, length=num_steps)
+    return Components(log_weights, means * scales, jnp.diag(scales**2)[None])
+
+
+def fit_free(
+    points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, num_steps: int, floor: jax.Array
+) -> Components:
+    """Fit weights, means and covariances; arguments as in :func:`fit_fixed`, and the least variances (d,)."""
+    common = weighted_covariance(points, jnp.log(weights)) + jnp.diag(floor)
+    ridge = points.shape[1] * jnp.sum(weights**2)
+    start = Components(_start(weights, seeds, alive), points[seeds], jnp.broadcast_to(common, (seeds.shape[0], *common.shape)))
+
+    def update(state: Components, _: None) -> tuple[Components, None]:
+        logits = jax.vmap(lambda w, m, c: w + _log_normal(points, m, c), out_axes=1)(*state)
+        share = weights[:, None] * jax.nn.softmax(logits, axis=1)
+        log_weights, means = _update_means(weights, logits, points, state.means)
+        offset = points - means[:, None]
+        scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset)
+        mass = jnp.exp(log_weights)[:, None, None]
+        covariances = (scatter + jnp.diag(floor) * mass + ridge * common) / (mass + ridge)
+        return Components(log_weights, means, covariances), None
+
+    fitted, _ = jax.lax.scan(update, start, None, length=num_steps)
+    return fitted
+
+
+def _start(weights: jax.Array, seeds: jax.Array, alive: jax.Array) -> jax.Array:
+    """Log-weights (K,) in proportion to the seeds' own."""
+    chosen = jnp.where(alive, weights[seeds], 0.0)
+    return jnp.log(chosen / jnp.sum(chosen))
+
+
+def _update_means(weights: jax.Array, logits: jax.Array, points: jax.Array, means: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Eqs. 18 to 20: log-weights (K,) and means (K, d)."""
+    share = weights[:, None] * jax.nn.softmax(logits, axis=1)
+    mass = jnp.sum(share, 0)
+    moved = share.T @ points
+    kept = _KEPT / weights.shape[0]
+    means = jnp.where(mass[:, None] > kept, moved / jnp.maximum(mass, kept)[:, None], means)
+    return jnp.log(mass / jnp.sum(mass)), means
+
+
+def _log_normal(points: jax.Array, mean: jax.Array, covariance: jax.Array) -> jax.Array:
+    """Log-densities (N,) up to the constant that all components share."""
+    whiten = inverse_root(covariance)
+    white = (points - mean) @ whiten.T
+    return -0.5 * jnp.sum(white**2, 1) + jnp.sum(jnp.log(jnp.diagonal(whiten)))

@@ -1,0 +1,170 @@
+"""A body under observation: what the command line needs to know of a model, and no more.
+
+A model is named by a string, ``package.module:builder`` or ``path/to/file.py:builder``, or as its package calls it in an entry
+point of the group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard
+subject, and returns a :class:`Body`.
+
+To import is to run code. So :func:`load_builder` is for names that the user gives, and :func:`installed_builder` for names that
+are found in files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from poseppl.errors import InputError
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.flesh import Flesh
+from poseppl.motion.io.text_parsing import some
+from poseppl.motion.likelihoods import SilhouetteSeen
+from poseppl.program import StateSpaceModel
+
+_SHIPPED = "poseppl_models"
+_GROUP = "poseppl.models"
+
+
+class Body(NamedTuple):
+    """A body model and how recordings map onto it.
+
+    Attributes:
+        program: The NumPyro programs; their inputs are :class:`BodyInputs`, their data site is ``points`` (C, markers, 2).
+        tree: The kinematic tree; its coordinates are the program's flat state, in the same order.
+        edges: Pairs of marker names, to draw a stick figure.
+        root: The marker that errors are taken relative to.
+        aliases: For each marker, the joint names that recordings use for the same place.
+        lengths: Segment lengths in mm.
+        measure: Recorded marker positions by name, each (T, 3) mm, to ``lengths``.
+        free: Names of the joints that are tracked, the rest being clamped to the truth; None tracks all.
+        rest: State of the rest pose (d,): standing at the origin.
+        params: The programs' params. ``sigma_position`` (mm) and ``sigma_angle`` (radians), each a root of a second, are the
+            scales that ``step_scale`` of the inputs is made of; the command line may override them.
+        noise: Standard deviation of the image noise at focal length 1.
+        flesh: The parts that its silhouette consists of; None for a body of points alone.
+    """
+
+    program: StateSpaceModel
+    tree: KinematicTree
+    edges: tuple[tuple[str, str], ...]
+    root: str
+    aliases: Mapping[str, tuple[str, ...]]
+    lengths: Mapping[str, float]
+    measure: Callable[[Mapping[str, Any]], Mapping[str, float]]
+    free: tuple[str, ...] | None
+    rest: Any
+    params: Mapping[str, float]
+    noise: float
+    flesh: Flesh | None = None
+
+    @property
+    def free_coordinates(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are tracked."""
+        joints = [joint for joint, _ in self.tree.coordinates]
+        return tuple(i for i, joint in enumerate(joints) if self.free is None or joint in self.free)
+
+
+class BodyInputs(NamedTuple):
+    """Inputs of a body's programs at one frame.
+
+    Attributes:
+        cameras: C cameras.
+        noise: Standard deviation of the image noise (C, markers), in image units.
+        start: Mean of the first state (d,).
+        start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+    """
+
+    cameras: Cameras
+    noise: jax.Array
+    start: jax.Array
+    start_scale: jax.Array
+    step_scale: jax.Array
+
+
+class SilhouetteInputs(NamedTuple):
+    """Inputs of the programs of a body that is seen as silhouettes, at one frame; its data site is ``silhouette``.
+
+    Attributes:
+        cameras: C cameras, in pixels.
+        seen: Contours and distance maps.
+        noise: Standard deviation of the silhouette's distances (C,), px.
+        start: Mean of the first state (d,).
+        start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+    """
+
+    cameras: Cameras
+    seen: SilhouetteSeen
+    noise: jax.Array
+    start: jax.Array
+    start_scale: jax.Array
+    step_scale: jax.Array
+
+
+def load_builder(name: str) -> Callable[..., Body]:
+    """Resolve ``package.module:builder``, ``file.py:builder`` or the name of an entry point, whatever it is; this runs code.
+
+    Raises:
+        InputError: The name has no colon and is no entry point, or the module or the builder is not found.
+    """
+    installed = _entry_points().get(name)
+    if installed is not None:
+        name = installed
+    place, colon, attribute = name.rpartition(":")
+    if not colon:
+        raise InputError(f"{name!r} names no builder", field="--model", expected="package.module:builder or file.py:builder")
+    try:
+        module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except Exception as error:  # the module's own code raises anything at all
+        raise InputError(f"cannot import {place!r}: {error}", field="--model") from error
+    builder = getattr(module, attribute, None)
+    if not callable(builder):
+        known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
+        raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known, 25))
+    found: Callable[..., Body] = builder
+    return found
+
+
+def installed_builder(name: str) -> Callable[..., Body]:
+    """Resolve the name of a body that is installed as one, and no other; nothing else is imported.
+
+    Installed are the ``BODIES`` of ``poseppl_models`` and the entry points of the group ``poseppl.models``.
+
+    Raises:
+        InputError: No such body is installed.
+    """
+    shipped: tuple[str, ...] = importlib.import_module(_SHIPPED).BODIES
+    others = _entry_points()
+    if name not in (*shipped, *others, *others.values()):
+        problem = f"the file names the model {name[:80]!r}, which is none of the installed ones, and so is not run"
+        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model FILE.py:builder")
+    return load_builder(name)
+
+
+def source_of_model(name: str) -> str | None:
+    """Hash of a user's own model file; None for a model of a package."""
+    path = Path(name.rpartition(":")[0])
+    if path.suffix != ".py" or not path.is_file():
+        return None
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _entry_points() -> dict[str, str]:
+    """``package.module:builder`` by the name of the entry point."""
+    return {entry.name: entry.value for entry in entry_points(group=_GROUP)}
+
+
+def _load_file(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise ImportError(f"no such file: {path}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

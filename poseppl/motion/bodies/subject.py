@@ -1,0 +1,134 @@
+"""A recorded person as a body: which joints are which markers, how long the limbs are, and the state at every frame."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.bodies.inverse_kinematics import fit_states
+from poseppl.motion.io.motion import Motion
+from poseppl.motion.io.text_parsing import some
+
+
+class Subject(NamedTuple):
+    """A body with a recorded person's limb lengths, and how well it can follow the recording.
+
+    Attributes:
+        body: The body.
+        states: (T, d) the states that come closest to the recording.
+        markers: (T, K, 3) mm, the recorded places of the body's markers; NaN where missing.
+        residual: (T, K) mm, distances between the markers of the states and the recorded ones.
+    """
+
+    body: Body
+    states: NDArray[np.float64]
+    markers: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+
+def match_markers(
+    motion: Motion,
+    names: tuple[str, ...],
+    aliases: Mapping[str, tuple[str, ...]],
+    given: Mapping[str, tuple[str, ...]] | None = None,
+) -> NDArray[np.float64]:
+    """Find a body's markers among the points of a recording.
+
+    Args:
+        motion: T frames.
+        names: The K markers.
+        aliases: For each marker the names that recordings use, the most fitting first; ``A+B`` is the mean of points A and B,
+            missing where one of them is. Where no name of a marker is there as it is written, names are compared without case,
+            punctuation and what stands before a colon. One point is one marker, the first that it fits.
+        given: For some markers the points whose mean they are, in place of the aliases.
+
+    Returns:
+        Places (T, K, 3) in mm, NaN for a marker that the recording lacks.
+
+    Raises:
+        InputError: The recording has none of the names, or lacks a point that is given.
+    """
+    found: dict[str, list[str]] = {}
+    for marker, points in (given or {}).items():
+        if marker not in names:
+            raise InputError(f"the body has no marker {marker!r}", field="--names", expected="one of " + some(names, 20))
+        found[marker] = [motion.names[motion.index(point)] for point in points]
+    for marker in names:
+        if marker not in found:
+            taken = {points[0] for points in found.values() if len(points) == 1}
+            found[marker] = _first_alias(aliases.get(marker, ()), motion.names, taken)
+    if not any(found.values()):
+        raise InputError(
+            f"none of its {len(motion.names)} points ({some(motion.names)}) is a joint of the body",
+            file=motion.source,
+            expected="joint centres such as "
+            + some([aliases[name][0] for name in names if aliases.get(name)])
+            + "; or --names with a table of names",
+        )
+    missing = np.full(motion.positions[:, 0].shape, np.nan)
+    return np.stack([_mean_point(motion, found[marker]) if found[marker] else missing for marker in names], axis=1)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^0-9a-z+]", "", name.rpartition(":")[2].lower())
+
+
+def _first_alias(aliases: tuple[str, ...], names: tuple[str, ...], taken: set[str]) -> list[str]:
+    """The points of the first alias that a recording has, as it is written or else as a plain name."""
+    counts = Counter(map(_plain, names))
+    plain = {_plain(name): name for name in names if counts[_plain(name)] == 1}
+    for known, form in (({name: name for name in names}, str), (plain, _plain)):
+        for alias in aliases:
+            points = [known[form(part)] for part in alias.split("+") if form(part) in known]
+            if len(points) == alias.count("+") + 1 and not (len(points) == 1 and points[0] in taken):
+                return points
+    return []
+
+
+def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
+    mean: NDArray[np.float64] = np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
+    return mean
+
+
+def fit_subject(
+    motion: Motion,
+    build: Callable[..., Body],
+    lengths: Mapping[str, float] | None = None,
+    given: Mapping[str, tuple[str, ...]] | None = None,
+) -> Subject:
+    """Measure the limbs of a recorded person and fit the body to every frame.
+
+    Args:
+        motion: The recording, Z up.
+        build: Builds the body from limb lengths.
+        lengths: Limb lengths in mm that are known; the others are measured.
+        given: Points of some markers, as :func:`match_markers` takes them.
+
+    Raises:
+        InputError: The recording lacks the joints that the body cannot do without.
+    """
+    standard = build(None)
+    names = standard.tree.marker_names
+    markers = match_markers(motion, names, standard.aliases, given)
+    try:
+        measured = standard.measure({name: markers[:, i] for i, name in enumerate(names)})
+    except ValueError as error:
+        raise InputError(
+            f"its points ({some(motion.names)}) are too few for the body: {error}",
+            file=motion.source,
+            expected="points for " + some(_absent(names, markers)) + "; name them with --names",
+        ) from error
+    body = build({**measured, **(lengths or {})})
+    states, residual = fit_states(body.tree, markers, body.rest)
+    return Subject(body, states, markers, residual)
+
+
+def _absent(names: tuple[str, ...], markers: NDArray[Any]) -> list[str]:
+    return [name for name, seen in zip(names, np.isfinite(markers).all(-1).any(0), strict=True) if not seen]

@@ -1,0 +1,55 @@
+"""Scores of single particles, written for a batch in the last axis, with a gradient.
+
+:func:`poseppl.motion.geometry.batch_last.batch_last` gives no reverse gradient. Here the gradient is a batch-last function too:
+the scores of different particles do not depend on each other, so that one backward pass through their sum gives all
+gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.motion.geometry.batch_last import batch_last
+
+Tree = Any
+
+
+def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable[..., jax.Array]:
+    """Make a differentiable single-particle function of a batch-last score.
+
+    Args:
+        function: Takes the state (d, N) and then pytrees with leaves (..., N or 1); returns scores (..., N).
+        chunk: So many particles at a time.
+
+    Returns:
+        A function of a state (d,) and the same pytrees without the last axis, which returns (...,). It has a reverse gradient
+        with respect to the state; everything else is taken as constant. Any nesting of ``jax.vmap`` becomes one call with a
+        flat batch.
+    """
+
+    def pulled(state: jax.Array, cotangent: jax.Array, *constants: Tree) -> jax.Array:
+        count = max(leaf.shape[-1] for leaf in jax.tree.leaves((state, cotangent, constants)))
+        state = jnp.broadcast_to(state, (state.shape[0], count))  # many cotangents, or data, may meet one state
+        gradient: jax.Array = jax.grad(lambda moved: jnp.sum(function(moved, *constants) * cotangent))(state)
+        return gradient
+
+    forward, backward = batch_last(function, chunk=chunk), batch_last(pulled, chunk=chunk)
+
+    @jax.custom_vjp
+    def score(state: jax.Array, *constants: Tree) -> jax.Array:
+        found: jax.Array = forward(state, *constants)
+        return found
+
+    def keep(state: jax.Array, *constants: Tree) -> tuple[jax.Array, Tree]:
+        return score(state, *constants), (state, constants)
+
+    def pull(kept: Tree, cotangent: jax.Array) -> tuple[Any, ...]:
+        state, constants = kept
+        return (backward(state, cotangent, *constants), *(None for _ in constants))
+
+    score.defvjp(keep, pull)
+    return score

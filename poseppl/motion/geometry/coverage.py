@@ -1,0 +1,161 @@
+"""How much of given image points a body covers: its silhouette, hard and smooth.
+
+The image of an elliptical truncated cone is the convex hull of the images of its two rings: the union of two ellipses and of
+the quadrilateral between the two straight edges that touch both (:func:`poseppl.motion.geometry.outlines.limb_corners`). The
+image of a ring with centre c and half-axes a and b, all in the camera's frame, has the dual conic (a ball has a third
+half-axis)
+
+    c c' - a a' - b b',
+
+of which the ellipse's centre and half-axes are read off. Each of the three shapes has a signed distance d in pixels, negative
+inside; that of a part is the least of them, and a point is covered by the body if d < 0 for some part. The smooth coverage is
+
+    c = 1 - prod over parts (1 - sigmoid(-d / softness)),
+
+which tends to the hard one as the softness goes to zero, and never has a zero gradient. Distances are exact beside the straight
+edges, and to first order at the ellipses.
+
+The silhouette of a pinhole camera is exact for eyes outside, but that rings seen from their side are drawn half a pixel thick.
+It gets worse with lens distortion, which bends the edges and is taken to be linear over a ring, and where a ring comes so near
+that it reaches the plane of the camera. A body whose balls differ in radius lacks a sliver beside the edges. Points behind
+other parts count as covered alike: silhouettes know no depth.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.motion.geometry.cameras import NEAREST, Cameras, project_components
+from poseppl.motion.geometry.flesh import Flesh, PartFrames
+from poseppl.motion.geometry.outlines import limb_corners
+
+_TINY = 1e-12
+_THICKNESS = 0.25
+"""Half the thickness (px) of a ring that is seen from its side: with none, its distances would have no gradient."""
+_LEAST_DEPTH = 0.01
+"""Least squared depth that a ring near the camera's plane is given, in units of its centre's; at 0 it is a parabola."""
+_LEAST_AREA = 1.0
+"""Twice the area (px^2) below which a quadrilateral is left to the ellipses: its sides have no direction."""
+_FAR = 1e6
+
+
+class Shapes(NamedTuple):
+    """What the parts look like in the images, batch last.
+
+    Attributes:
+        normals: Outward unit normals of the quadrilaterals' sides (C, P, 4, 2, N).
+        offsets: Their distances from the origin (C, P, 4, N): a point u is inside where normal . u < offset for all four.
+        centres: Of the rings' ellipses (C, P, 2, 2, N), px.
+        inverses: Entries xx, xy, yy of their inverse squared half-axes (C, P, 2, 3, N).
+    """
+
+    normals: jax.Array
+    offsets: jax.Array
+    centres: jax.Array
+    inverses: jax.Array
+
+
+def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
+    """Images of all parts in all cameras, batch last, as :func:`poseppl.motion.geometry.outlines.limb_corners` takes them."""
+    corners = limb_corners(cameras, flesh, parts)
+    sides = jnp.roll(corners, -1, 2) - corners
+    # twice the area, positive where the corners go round counter-clockwise: it tells outwards from inwards
+    diagonals = corners[:, :, 2:] - corners[:, :, :2]
+    area = diagonals[:, :, 0, 0] * diagonals[:, :, 1, 1] - diagonals[:, :, 0, 1] * diagonals[:, :, 1, 0]
+    sign = jnp.where(area >= 0, 1.0, -1.0)[:, :, None]
+    length = jnp.sqrt(sides[:, :, :, 0] ** 2 + sides[:, :, :, 1] ** 2 + _TINY)
+    normals = jnp.stack([sides[:, :, :, 1] * sign / length, -sides[:, :, :, 0] * sign / length], 3)
+    offsets = jnp.where(jnp.abs(area)[:, :, None] < _LEAST_AREA, -_FAR, jnp.sum(normals * corners, 3))
+    centres, inverses = _ellipses(cameras, flesh, parts)
+    return Shapes(normals, offsets, centres, inverses)
+
+
+def part_distances(shapes: Shapes, points: jax.Array) -> jax.Array:
+    """Signed distances (C, P, K, N) in px of image points (C, K, 2, N or 1) from every part, negative inside."""
+    x, y = points[:, None, :, 0], points[:, None, :, 1]
+    sides = [
+        shapes.normals[:, :, None, i, 0] * x + shapes.normals[:, :, None, i, 1] * y - shapes.offsets[:, :, None, i]
+        for i in range(4)
+    ]
+    quadrilateral = jnp.maximum(jnp.maximum(sides[0], sides[1]), jnp.maximum(sides[2], sides[3]))
+    return jnp.minimum(quadrilateral, jnp.minimum(_from_ellipse(shapes, 0, x, y), _from_ellipse(shapes, 1, x, y)))
+
+
+def soft_coverage(distances: jax.Array, softness: jax.Array) -> jax.Array:
+    """log(1 - c) of points (C, K, N): the log-probability that no part covers them.
+
+    Args:
+        distances: Signed distances (C, P, K, N), px.
+        softness: Shape (C, N or 1), px.
+    """
+    return -jnp.sum(jax.nn.softplus(-distances / softness[:, None, None]), 1)
+
+
+def hard_coverage(distances: jax.Array) -> jax.Array:
+    """Whether some part covers points (C, K, N)."""
+    return jnp.any(distances < 0, 1)
+
+
+def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, jax.Array]:
+    """Centres and inverse squared half-axes of the images of the rings, or of the balls in their place."""
+    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    u, v, uu, uv, vv = _rings(spread, flesh, parts)
+    plane = spread._replace(rotation=jnp.eye(3), centre=jnp.zeros(3))
+    one, none = jnp.ones_like(u), jnp.zeros_like(u)
+
+    def image(u: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return project_components(plane, u, v, one)
+
+    centre, (ax, ay) = jax.jvp(image, (u, v), (one, none))
+    _, (bx, by) = jax.jvp(image, (u, v), (none, one))
+    xx = ax * ax * uu + 2 * ax * bx * uv + bx * bx * vv + _THICKNESS**2
+    xy = ax * ay * uu + (ax * by + bx * ay) * uv + bx * by * vv
+    yy = ay * ay * uu + 2 * ay * by * uv + by * by * vv + _THICKNESS**2
+    determinant = xx * yy - xy * xy
+    return jnp.stack(centre, 3), jnp.stack([yy / determinant, -xy / determinant, xx / determinant], 3)
+
+
+def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, ...]:
+    """In the plane at depth 1 of an undistorted camera: u and v of the centres, uu, uv and vv of the squared half-axes.
+
+    Args:
+        spread: Cameras whose matrix axes come first, (..., C, 1, 1, N).
+        flesh: Sizes of the parts.
+        parts: Where they are.
+
+    Returns:
+        Five arrays (C, P, 2, N).
+    """
+    rings = jnp.stack([parts.base, parts.tip], 1)[None]  # (1, P, 2, 3, N)
+    half = flesh.radii[:, :, None] * jnp.stack([flesh.scales[:, 0], flesh.scales[:, 1], flesh.balls], 1)[:, None]
+    arms = [(parts.axes[:, None, :, axis] * half[:, :, axis, None])[None] for axis in range(3)]
+    place = _turned(spread, [rings[:, :, :, j] - spread.centre[j] for j in range(3)])
+    depth = jnp.maximum(place[2], NEAREST)
+    u, v = place[0] / depth, place[1] / depth
+    across, deep = [], []  # with the ring's centre as the plane's origin, where nothing large cancels
+    for arm in arms:
+        x, y, z = _turned(spread, [arm[:, :, :, j] for j in range(3)])
+        across.append((x - u * z, y - v * z))
+        deep.append(z)
+    zz = jnp.maximum(depth**2 - sum(z * z for z in deep), _LEAST_DEPTH * depth**2)
+    du, dv = (-sum(pair[i] * z for pair, z in zip(across, deep, strict=True)) / zz for i in range(2))
+    uu, uv, vv = (sum(pair[i] * pair[j] for pair in across) / zz for i, j in ((0, 0), (0, 1), (1, 1)))
+    return u + du, v + dv, uu + du * du, uv + du * dv, vv + dv * dv
+
+
+def _turned(spread: Cameras, vector: list[jax.Array]) -> list[jax.Array]:
+    """Components of a vector of the world in the cameras' frames."""
+    turn = spread.rotation
+    return [turn[i, 0] * vector[0] + turn[i, 1] * vector[1] + turn[i, 2] * vector[2] for i in range(3)]
+
+
+def _from_ellipse(shapes: Shapes, ring: int, x: jax.Array, y: jax.Array) -> jax.Array:
+    """Signed distance to first order: (q - 1) / |grad q|, with q the distance in units of the ellipse."""
+    dx, dy = x - shapes.centres[:, :, ring, 0, None], y - shapes.centres[:, :, ring, 1, None]
+    xx, xy, yy = (shapes.inverses[:, :, ring, i, None] for i in range(3))
+    gx, gy = xx * dx + xy * dy, xy * dx + yy * dy
+    q = jnp.sqrt(dx * gx + dy * gy + _TINY)
+    return (q - 1) * q * jax.lax.rsqrt(gx * gx + gy * gy + _TINY)

@@ -1,0 +1,224 @@
+"""Calibrated cameras as TOML.
+
+Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation`` take world points to the camera's axes
+(x right, y down, z forward), x_camera = R x_world + t:
+
+    units = "mm"
+
+    [camera.front]
+    size = [1920, 1080]
+    matrix = [[1500.0, 0.0, 960.0], [0.0, 1500.0, 540.0], [0.0, 0.0, 1.0]]
+    distortion = [0.0, 0.0, 0.0, 0.0, 0.0]
+    rotation = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+    translation = [0.0, 1000.0, 5000.0]
+
+Read besides: the tables that anipose and Pose2Sim write, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a
+rotation vector, whose lengths are metres unless ``units`` says otherwise. Distortion coefficients are (k1, k2, p1, p2, k3) of
+Brown's model, as in OpenCV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.bounded_reading import read_toml
+from poseppl.motion.io.text_parsing import LARGEST, LONGEST
+
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+MAX_CAMERAS = 1000
+_Floats = NDArray[np.float64]
+
+
+class CameraRecord(NamedTuple):
+    """A calibrated camera.
+
+    Attributes:
+        name: Its name.
+        matrix: (3, 3) intrinsic matrix in pixels.
+        distortion: (5,) k1, k2, p1, p2, k3.
+        rotation: (3, 3) world axes to camera axes.
+        translation: (3,) mm; a world point x is at R x + t in the camera's axes.
+        size: Width and height of the image in pixels.
+    """
+
+    name: str
+    matrix: _Floats
+    distortion: _Floats
+    rotation: _Floats
+    translation: _Floats
+    size: tuple[int, int]
+
+
+def read_cameras(path: str | PathLike[str]) -> tuple[CameraRecord, ...]:
+    """Read the cameras of a TOML file.
+
+    Args:
+        path: The file, in our own form or anipose's.
+
+    Returns:
+        The cameras, in the order of the file.
+
+    Raises:
+        InputError: The file is no TOML, holds no camera, or a field is missing or malformed; the message names the field.
+    """
+    document = read_toml(path)
+    ours = document.get("camera")
+    if ours is not None:
+        tables = ours if isinstance(ours, dict) else {}
+    else:
+        tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+    if not tables or len(tables) > MAX_CAMERAS:
+        raise InputError("the file holds no camera", file=path, expected="a table [camera.NAME], or anipose's [cam_0]")
+    scale = _scale(path, document, "m" if ours is None else "mm")
+    cameras = tuple(_camera(path, key, table, scale, "camera." if ours is not None else "") for key, table in tables.items())
+    names = [camera.name for camera in cameras]
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise InputError(f"two cameras are called {repeated[0]!r}", file=path, field="name")
+    return cameras
+
+
+def write_cameras(path: str | PathLike[str], cameras: Sequence[CameraRecord]) -> None:
+    """Write cameras in our own form, atomically; reading gives the same numbers back.
+
+    Args:
+        path: The TOML file.
+        cameras: The cameras, each with a name of its own.
+
+    Raises:
+        InputError: The file cannot be written.
+        PosepplError: The disk is full.
+    """
+    lines = ['units = "mm"']
+    for camera in cameras:
+        lines += ["", f"[camera.{_quoted(camera.name)}]", f"size = [{camera.size[0]}, {camera.size[1]}]"]
+        for field in ("matrix", "distortion", "rotation", "translation"):
+            lines.append(f"{field} = {np.asarray(getattr(camera, field), dtype=np.float64).tolist()!r}")
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _quoted(name: str) -> str:
+    def escape(letter: str) -> str:
+        if letter in '"\\':
+            return "\\" + letter
+        return f"\\u{ord(letter):04x}" if ord(letter) < 0x20 or ord(letter) == 0x7F else letter
+
+    return '"' + "".join(escape(letter) for letter in name) + '"'
+
+
+def _scale(path: str | PathLike[str], document: Mapping[str, Any], default: str) -> float:
+    metadata = document.get("metadata")
+    units = document.get("units", metadata.get("units", default) if isinstance(metadata, dict) else default)
+    if not isinstance(units, str) or units not in MM_PER_UNIT:
+        raise InputError(
+            f"{str(units)[:40]!r}", file=path, field="units", expected=" or ".join(f'"{unit}"' for unit in MM_PER_UNIT)
+        )
+    return MM_PER_UNIT[units]
+
+
+def _camera(path: str | PathLike[str], key: str, table: object, scale: float, prefix: str) -> CameraRecord:
+    where = f"{prefix}{key}"
+    longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
+    if longest > LONGEST:
+        raise InputError(f"a name of {longest} characters", file=path, field=where[:40], expected=f"at most {LONGEST}")
+    if not isinstance(table, dict):
+        raise InputError("not a table", file=path, field=where, expected=f"[{where}]")
+    if table.get("fisheye", False) is not False:
+        raise InputError("fisheye cameras are not supported", file=path, field=f"{where}.fisheye", expected="false")
+    known = {"name", "size", "matrix", "distortion", "distortions", "rotation", "translation", "fisheye"}
+    ignored = {"moving", "framerate"}
+    unknown = sorted(set(table) - known - ignored) if prefix else []
+    if unknown:
+        raise InputError("unknown field", file=path, field=f"{where}.{unknown[0]}", expected=", ".join(sorted(known)))
+    name = table.get("name", key)
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
+        raise InputError("not a name", file=path, field=f"{where}.name", expected=f"a text of at most {LONGEST} characters")
+
+    def numbers(field: str, rank: int) -> _Floats:
+        return _numbers(path, f"{where}.{field}", table.get(field), rank)
+
+    size = numbers("size", 1)
+    if size.shape != (2,) or np.any(size < 1) or np.any(size != np.round(size)):
+        raise InputError(f"{size.tolist()[:4]}", file=path, field=f"{where}.size", expected="[width, height] in pixels")
+    coefficients = numbers("distortions" if "distortions" in table else "distortion", 1)
+    if coefficients.size > 5:
+        raise InputError(f"{coefficients.size} coefficients", file=path, field=f"{where}.distortion", expected="k1 k2 p1 p2 k3")
+    translation = numbers("translation", 1)
+    if translation.shape != (3,):
+        raise InputError(f"{translation.size} values", file=path, field=f"{where}.translation", expected="3 numbers")
+    return CameraRecord(
+        name=name,
+        matrix=_intrinsics(path, f"{where}.matrix", numbers("matrix", 2)),
+        distortion=np.pad(coefficients, (0, 5 - coefficients.size)),
+        rotation=_rotation(path, f"{where}.rotation", table.get("rotation")),
+        translation=translation * scale,
+        size=(int(size[0]), int(size[1])),
+    )
+
+
+def _numbers(path: str | PathLike[str], field: str, value: object, rank: int) -> _Floats:
+    if value is None:
+        raise InputError("the field is missing", file=path, field=field)
+    depth, inner = 0, value
+    while isinstance(inner, list) and inner:
+        depth, inner = depth + 1, inner[0]
+    if depth == rank + 1 and isinstance(value, list):
+        # A camera that may move has one entry a frame; ours stands still.
+        if any(entry != value[0] for entry in value):
+            raise InputError("the camera moves", file=path, field=field, expected="a static camera")
+        value = value[0]
+    try:
+        array = np.array(value)
+    except (ValueError, OverflowError, TypeError) as error:
+        raise InputError("not an array of numbers", file=path, field=field) from error
+    if array.ndim != rank or (array.size and array.dtype.kind not in "if"):
+        raise InputError("not an array of numbers", file=path, field=field, expected=f"{rank} level(s) of brackets")
+    array = array.astype(np.float64)
+    if not np.all(np.abs(array) <= LARGEST):
+        raise InputError("not finite, or too large", file=path, field=field, expected="at most 1e9")
+    return array
+
+
+def _intrinsics(path: str | PathLike[str], field: str, matrix: _Floats) -> _Floats:
+    expected = "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
+    if matrix.shape != (3, 3) or not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]):
+        raise InputError("not an intrinsic matrix", file=path, field=field, expected=expected)
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise InputError("a focal length is not positive", file=path, field=field, expected=expected)
+    return matrix
+
+
+def _rotation(path: str | PathLike[str], field: str, value: object) -> _Floats:
+    matrix = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
+    if matrix and value != [value[0]] * 3:  # type: ignore[index]
+        rotation = _numbers(path, field, value, 2)
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
+            raise InputError("not a rotation matrix", file=path, field=field, expected="orthonormal rows")
+        if np.linalg.det(rotation) < 0:
+            raise InputError("a reflection", file=path, field=field, expected="a right-handed rotation")
+        return rotation
+    if matrix and not np.any(_numbers(path, field, value, 1)):
+        expected = "a 3 x 3 matrix of orthonormal rows, or one rotation vector"
+        raise InputError("zeros are no rotation matrix", file=path, field=field, expected=expected)
+    vector = _numbers(path, field, value, 1)
+    if vector.shape != (3,) or np.linalg.norm(vector) > 100.0:
+        raise InputError("not a rotation", file=path, field=field, expected="a rotation vector or a 3 x 3 matrix")
+    return _rodrigues(vector)
+
+
+def _rodrigues(vector: _Floats) -> _Floats:
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: _Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return rotation

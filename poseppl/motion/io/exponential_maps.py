@@ -1,0 +1,106 @@
+"""Motions as exponential maps: a row of comma-separated numbers a frame, and the skeleton as JSON beside them.
+
+Columns 0 to 2 are the root's translation, columns 3 + 3j to 5 + 3j the exponential map v (axis times angle, radians) of
+joint j, of matrices that act on rows: as a rotation of columns it is exp(-[v]), from the joint's axes to its parent's. The
+skeleton lists ``parent`` (-1 for the root) and ``offset`` of every joint from its parent, in the parent's axes. Lengths are
+in units of CMU's ASF skeletons, 1/0.45 inch. Y is up. In this form the walks of CMU's database serve the literature on
+human motion prediction (Fragkiadaki, Levine, Felsen and Malik 2015, doi:10.1109/ICCV.2015.494). Joints have no names there;
+those of the 38 joints of CMU are given here.
+"""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from poseppl.errors import InputError
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.motion import Motion, to_z_up
+from poseppl.motion.io.text_parsing import LARGEST, parse_numbers
+
+UNIT_MM = 25.4 / 0.45
+MAX_JOINTS = 500
+MAX_POINTS = 5_000_000
+RATE = 120.0
+_LEG = ("HipJoint", "UpLeg", "Leg", "Foot", "ToeBase", "Toe_end")
+_ARM = ("Shoulder", "Arm", "ForeArm", "Hand", "FingerBase", "HandIndex1", "HandIndex1_end", "Thumb", "Thumb_end")
+CMU_JOINTS = (
+    "Hips",
+    *(f"Left{part}" for part in _LEG),
+    *(f"Right{part}" for part in _LEG),
+    *("LowerBack", "Spine", "Spine1", "Neck", "Neck1", "Head", "Head_end"),
+    *(f"Left{part}" for part in _ARM),
+    *(f"Right{part}" for part in _ARM),
+)
+"""Names of the joints of CMU's skeleton where it has 38 of them."""
+Floats = NDArray[np.float64]
+
+
+def read_exponential_maps(path: str | PathLike[str], skeleton: str | PathLike[str], *, rate: float = RATE) -> Motion:
+    """Read a motion.
+
+    Args:
+        path: The file of numbers.
+        skeleton: The JSON file with ``parent`` and ``offset``.
+        rate: Frames a second, which the file does not tell.
+
+    Returns:
+        The motion of the joints, Z up, in mm; ``angles`` is None.
+
+    Raises:
+        InputError: A file is malformed, or they do not belong together.
+    """
+    parents, offsets = _read_skeleton(skeleton)
+    rows = _read_rows(path, 3 + 3 * len(parents))
+    places = np.zeros((len(rows), len(parents), 3))
+    turns: list[Rotation] = []
+    for joint, parent in enumerate(parents):
+        turn = Rotation.from_rotvec(-rows[:, 3 + 3 * joint : 6 + 3 * joint])
+        if parent < 0:
+            places[:, joint] = rows[:, :3] + offsets[joint]
+            turns.append(turn)
+        else:
+            places[:, joint] = places[:, parent] + turns[parent].apply(offsets[joint])
+            turns.append(turns[parent] * turn)
+    names = CMU_JOINTS if len(parents) == len(CMU_JOINTS) else tuple(f"joint_{joint}" for joint in range(len(parents)))
+    return to_z_up(Motion(names, places * UNIT_MM, parents, None, rate, "y", str(path)))
+
+
+def _read_skeleton(path: str | PathLike[str]) -> tuple[tuple[int, ...], Floats]:
+    expected = "a JSON object with parent, a list of whole numbers, and offset, a list of as many triples"
+    try:
+        known: Any = json.loads(read_text(path))
+        parents, offsets = known["parent"], np.array(known["offset"], np.float64)
+        whole = isinstance(parents, list) and all(type(parent) is int for parent in parents)
+        if not whole or not 0 < len(parents) <= MAX_JOINTS or offsets.shape != (len(parents), 3):
+            raise ValueError("lists of another form")
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise InputError(f"no skeleton: {str(error)[:80]}", file=path, expected=expected) from error
+    for joint, parent in enumerate(parents):
+        if not -1 <= parent < joint or (parent == -1) != (joint == 0):
+            raise InputError(f"the parent of joint {joint} is {parent}", file=path, field="parent", expected="an earlier joint")
+    if not (np.abs(offsets) <= LARGEST).all():
+        raise InputError("a number that is not finite, or too large", file=path, field="offset", expected="at most 1e9")
+    return tuple(parents), offsets
+
+
+def _read_rows(path: str | PathLike[str], width: int) -> Floats:
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
+        if not line.strip():
+            continue
+        words = [word.strip() for word in line.split(",")]
+        if len(words) != width:
+            expected = f"{width}, a translation and a triple a joint of the skeleton"
+            raise InputError(f"{len(words)} numbers", file=path, line=number, expected=expected)
+        rows.append(parse_numbers(words, file=path, line=number))
+        if len(rows) * width > 3 * MAX_POINTS:
+            raise InputError("too many frames", file=path, line=number, expected=f"at most {MAX_POINTS} positions")
+    if not rows:
+        raise InputError("no frame", file=path, expected="rows of numbers")
+    return np.array(rows)

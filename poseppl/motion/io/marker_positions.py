@@ -1,0 +1,94 @@
+"""True places of named markers or joints over time as a CSV file, in millimetres, Z up.
+
+A marker whose place is not known in a frame has no row.
+
+    frame,marker,x,y,z
+    0,knee_r,512.5,33.25,480.0
+    0,knee_l,478.0,30.5,482.25
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.text_parsing import parse_number
+
+COLUMNS = ("frame", "marker", "x", "y", "z")
+
+
+def write_places(
+    path: str | PathLike[str], frames: NDArray[np.int64], names: Sequence[str], places: NDArray[np.float64]
+) -> None:
+    """Write places, atomically; reading gives the same values back.
+
+    Args:
+        path: The CSV file.
+        frames: (T,) frame numbers.
+        names: K names.
+        places: (T, K, 3) mm; NaN where unknown.
+
+    Raises:
+        InputError: The file cannot be written.
+        PosepplError: The disk is full.
+    """
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for t, k in np.argwhere(np.isfinite(places).all(-1)):
+            writer.writerow([int(frames[t]), names[k], *(repr(float(value)) for value in places[t, k])])
+
+
+def read_places(path: str | PathLike[str], names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read the places of some markers; others in the file are passed over.
+
+    Args:
+        path: The CSV file.
+        names: K names.
+
+    Returns:
+        The numbers (T,) of the frames in the file, in order, and places (T, K, 3) in mm, NaN where there is no row.
+
+    Raises:
+        InputError: The file is empty, has other columns, repeats a place, or holds something that is not a finite number.
+    """
+    known = {name: index for index, name in enumerate(names)}
+    rows: dict[tuple[int, str], tuple[float, ...]] = {}
+    lines = csv.reader(io.StringIO(read_text(path), newline=""))
+    for number, row in enumerate(lines, start=1):
+        if number == 1:
+            if tuple(row) != COLUMNS:
+                raise InputError(f"columns {','.join(row)[:80]!r}", file=path, line=1, expected=",".join(COLUMNS))
+        elif row:
+            key, place = _row(path, number, row)
+            if key in rows:
+                raise InputError(f"frame {key[0]} has {key[1]!r} twice", file=path, line=number)
+            rows[key] = place
+    if not rows:
+        raise InputError("the file holds no place", file=path, expected="at least one row after the header")
+    frames = np.array(sorted({frame for frame, _ in rows}), np.int64)
+    places = np.full((len(frames), len(names), 3), np.nan)
+    for (frame, name), place in rows.items():
+        if name in known:
+            places[np.searchsorted(frames, frame), known[name]] = place
+    return frames, places
+
+
+def _row(path: str | PathLike[str], line: int, row: list[str]) -> tuple[tuple[int, str], tuple[float, ...]]:
+    if len(row) != len(COLUMNS):
+        raise InputError(f"{len(row)} values", file=path, line=line, expected=f"{len(COLUMNS)}, one a column")
+    if not re.fullmatch("[0-9]{1,9}", row[0]):
+        raise InputError(f"{row[0][:40]!r} is no frame number", file=path, line=line, field="frame", expected="0, 1, 2, ...")
+    place = tuple(
+        parse_number(text, file=path, line=line, field=field) for field, text in zip(COLUMNS[2:], row[2:], strict=True)
+    )
+    return (int(row[0]), row[1]), place

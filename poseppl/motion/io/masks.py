@@ -1,0 +1,110 @@
+"""Foreground masks of one camera over time: packed bits in .npz files, or whatever a video can be read from."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.bounded_reading import check_file
+from poseppl.motion.io.opencv import Image, to_rgb
+from poseppl.motion.io.video import Video, digest_of_files, open_video
+
+Mask = NDArray[np.bool_]
+MAX_BYTES = 4 * 2**30
+"""Of packed masks: 16,000 frames of 1920 x 1080."""
+
+
+def write_masks(path: Path, masks: list[NDArray[np.uint8]], size: tuple[int, int]) -> None:
+    """Write masks that :func:`pack_mask` has packed.
+
+    Args:
+        path: The .npz file: ``masks`` (T, H, ceil(W / 8)) as numpy.packbits has them along a row, ``shape`` (T, H, W).
+        masks: T packed masks.
+        size: W and H.
+    """
+    with path.open("wb") as stream:
+        np.savez_compressed(stream, masks=np.stack(masks), shape=np.array([len(masks), size[1], size[0]]))
+
+
+def pack_mask(mask: Mask) -> NDArray[np.uint8]:
+    """Pack a mask (H, W) into bits along its rows."""
+    return np.packbits(mask, axis=-1)
+
+
+def read_masks(path: str | PathLike[str]) -> Mask:
+    """Read masks (T, H, W) back.
+
+    Raises:
+        InputError: The file is missing or holds no such masks.
+    """
+    packed, (_, _, width) = _read_packed(path)
+    return np.unpackbits(packed, axis=-1, count=width).astype(np.bool_)
+
+
+def open_masks(path: str | PathLike[str], camera: str = "camera") -> Video:
+    """Open masks as a video, white on the person.
+
+    Args:
+        path: An .npz file as :func:`write_masks` writes it, or what :func:`~poseppl.motion.io.open_video` opens.
+        camera: Name of the video.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    if Path(path).suffix.lower() != ".npz":
+        return open_video(path, camera)
+    packed, (count, height, width) = _read_packed(path)
+
+    def stream(start: int) -> Iterator[Image]:
+        for bits in packed[start:]:
+            yield to_rgb(np.unpackbits(bits, axis=-1, count=width) * np.uint8(255))
+
+    return Video(camera, (width, height), count, None, str(path), stream, lambda: digest_of_files([Path(path)]))
+
+
+def _read_packed(path: str | PathLike[str]) -> tuple[NDArray[np.uint8], tuple[int, int, int]]:
+    """Packed bits, and T, H, W; what the headers of the file's parts declare is checked before the parts are read."""
+    source = check_file(path, max_bytes=MAX_BYTES)
+    try:
+        with zipfile.ZipFile(source) as archive:
+            kind, declared = _header(archive, "shape.npy")
+            if declared != (3,) or kind.kind not in "iu":
+                raise ValueError(f"a shape of type {kind} and {declared} numbers")
+            count, height, width = (int(side) for side in _part(archive, "shape.npy"))
+            if not (0 < count < 2**31 and 0 < height < 2**16 and 0 < width < 2**16):
+                raise ValueError(f"{count} masks of {width} x {height}")
+            kind, declared = _header(archive, "masks.npy")
+            if declared != (count, height, -(-width // 8)) or kind != np.uint8:
+                raise ValueError(f"masks of shape {declared} and type {kind} are not {count} x {height} x {width} bits")
+            if math.prod(declared) > MAX_BYTES:
+                raise ValueError(f"{math.prod(declared) / 2**30:.1f} GiB of masks, at most {MAX_BYTES // 2**30} are read")
+            return _part(archive, "masks.npy"), (count, height, width)
+    except Exception as error:  # damaged bytes bring about anything
+        expected = "an .npz file with packed bits in masks and their shape (T, H, W) in shape"
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise InputError(f"no masks: {reason[0][:200]}", file=path, expected=expected) from error
+
+
+def _header(archive: zipfile.ZipFile, part: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
+    """Type and shape that a part declares."""
+    with archive.open(part) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, kind = read(stream)
+    return kind, shape
+
+
+def _part(archive: zipfile.ZipFile, part: str) -> NDArray[Any]:
+    with archive.open(part) as stream:
+        array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+        if stream.read(1):  # at the end the sum is checked
+            raise ValueError(f"{part} holds more than it declares")
+    return array

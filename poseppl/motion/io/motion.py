@@ -1,0 +1,109 @@
+"""A recorded motion: points in space over time, whichever format it came from.
+
+Every reader yields millimetres and Z up: a Y-up recording's (x, y, z) becomes (x, -z, y).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.motion.io.text_parsing import some
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recorded motion of T frames and J points.
+
+    Attributes:
+        names: J names, of joints or markers.
+        positions: (T, J, 3) mm; NaN where a marker was not seen.
+        parents: For each joint the index of its parent, -1 for a root; empty for a cloud of markers.
+        angles: For each joint (T, k) rotation channels in radians, in the file's order and axes; None where there are none.
+        rate: Frames a second.
+        up: The axis that points up, "x", "y" or "z"; readers yield "z".
+        source: Where it came from.
+    """
+
+    names: tuple[str, ...]
+    positions: NDArray[np.float64]
+    parents: tuple[int, ...]
+    angles: Mapping[str, NDArray[np.float64]] | None
+    rate: float
+    up: str
+    source: str
+
+    def __post_init__(self) -> None:
+        if self.positions.ndim != 3 or self.positions.shape[1:] != (len(self.names), 3):
+            raise ValueError(f"positions have shape {self.positions.shape}, expected (T, {len(self.names)}, 3)")
+        if self.parents and len(self.parents) != len(self.names):
+            raise ValueError(f"{len(self.parents)} parents for {len(self.names)} names")
+        if self.up not in ("x", "y", "z"):
+            raise ValueError(f"up is {self.up!r}, expected x, y or z")
+
+    def index(self, name: str) -> int:
+        """Index of a point by its name; raises InputError with the names that there are."""
+        if name not in self.names:
+            raise InputError(f"there is no {name!r}", file=self.source, expected="one of " + some(self.names))
+        return self.names.index(name)
+
+
+def to_z_up(motion: Motion) -> Motion:
+    """Turn a motion so that Z points up, keeping it right-handed.
+
+    Args:
+        motion: A motion with any of the three axes up.
+
+    Returns:
+        The motion with Z up; ``angles`` stay as the file has them.
+    """
+    x, y, z = np.moveaxis(motion.positions, -1, 0)
+    turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[motion.up]
+    return replace(motion, positions=np.stack(turned, axis=-1), up="z")
+
+
+def slice_frames(motion: Motion, frames: str | slice) -> Motion:
+    """Take a range of frames.
+
+    Args:
+        motion: The motion, T frames.
+        frames: A slice, or its text "start:stop:step", each part optional: 0-based, ``stop`` not included, no negative
+            numbers. A single number "n" takes that frame alone.
+
+    Returns:
+        The motion of those frames, its rate divided by the step.
+
+    Raises:
+        InputError: The range is malformed, empty or goes beyond the recording.
+    """
+    total = len(motion.positions)
+    chosen = _parse_slice(frames) if isinstance(frames, str) else frames
+    start = 0 if chosen.start is None else chosen.start
+    stop = total if chosen.stop is None else chosen.stop
+    step = 1 if chosen.step is None else chosen.step
+    shown = frames if isinstance(frames, str) else f"{start}:{stop}:{step}"
+    if start < 0 or step < 1 or stop <= start:
+        raise InputError(f"{shown!r} is no range", field="frames", expected="start:stop:step, 0 <= start < stop, step >= 1")
+    if stop > total:
+        expected = f"a range within 0:{total}"
+        raise InputError(f"{shown!r} is out of range", file=motion.source, field="frames", expected=expected)
+    part = slice(start, stop, step)
+    angles = None if motion.angles is None else {name: values[part] for name, values in motion.angles.items()}
+    return replace(motion, positions=motion.positions[part], angles=angles, rate=motion.rate / step)
+
+
+def _parse_slice(text: str) -> slice:
+    parts = text.strip().split(":")
+    if len(parts) > 3 or not all(re.fullmatch(r"[0-9]{0,9}", part.strip()) for part in parts) or parts == [""]:
+        raise InputError(
+            f"{text!r} is no range of frames", field="frames", expected="start:stop:step, such as 0:100 or 10:60:2"
+        )
+    numbers = [int(part) if part.strip() else None for part in parts]
+    if len(numbers) == 1 and numbers[0] is not None:
+        return slice(numbers[0], numbers[0] + 1)
+    return slice(*numbers)

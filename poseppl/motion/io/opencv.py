@@ -1,0 +1,204 @@
+"""OpenCV, imported when it is first needed, and single images through it.
+
+Arrays are RGB here and everywhere in poseppl; OpenCV's own order, BGR, does not leave this package.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import os
+import warnings
+from os import PathLike
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.bounded_reading import check_file
+
+MAX_IMAGE_BYTES = 2**30
+MAX_PIXELS = 2**26
+"""Of one picture: 8192 x 8192, twice what a video of 7680 x 4320 has. Its header is read before anything is decoded."""
+Image = NDArray[np.uint8]
+
+
+def opencv() -> ModuleType:
+    """Import OpenCV.
+
+    Returns:
+        The module cv2.
+
+    Raises:
+        PosepplError: It is not installed, or its binary cannot be loaded.
+    """
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # read when it is imported first
+    try:
+        return importlib.import_module("cv2")
+    except ImportError as error:
+        reason = "" if isinstance(error, ModuleNotFoundError) else f" ({error})"
+        raise PosepplError(f"videos and images need OpenCV: pip install 'poseppl[vision]'{reason}") from error
+
+
+def read_image(path: str | PathLike[str], camera: str | None = None, frame: int | None = None) -> Image:
+    """Read an image of any format that OpenCV knows.
+
+    Args:
+        path: The file.
+        camera: The camera, for messages.
+        frame: The frame number, for messages.
+
+    Returns:
+        (H, W, 3) RGB, 8 bits a channel (a deeper image is scaled down); three equal channels where the file is gray.
+
+    Raises:
+        InputError: The file is missing, empty, no image, or of more than :data:`MAX_PIXELS`.
+        PosepplError: OpenCV is not installed.
+    """
+    cv2 = opencv()
+    field = place(camera, frame)
+    try:
+        data = check_file(path, max_bytes=MAX_IMAGE_BYTES).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, field=field) from error
+    _check_header(data, path, field)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise InputError(f"cannot be decoded: {error.err}", file=path, field=field, expected="an image") from error
+    if image is None:
+        raise InputError("cannot be decoded", file=path, field=field, expected="an image that OpenCV reads, whole")
+    return to_rgb(image)
+
+
+def check_pixels(size: tuple[int, int], *, file: str | PathLike[str], field: str | None) -> None:
+    """Check the width and height that a picture or a video declares.
+
+    Raises:
+        InputError: There are more than :data:`MAX_PIXELS`.
+    """
+    width, height = size
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{width} x {height} pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all")
+
+
+def _check_header(data: bytes, file: str | PathLike[str], field: str | None) -> None:
+    """Check the size that an encoded picture declares; one that only OpenCV knows is bounded by OpenCV."""
+    from PIL import Image as Header
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is large, or its header odd
+        try:
+            with Header.open(io.BytesIO(data)) as header:
+                size = header.size
+        except Header.DecompressionBombError as error:
+            raise InputError("too many pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all") from error
+        except Exception:  # a damaged header may bring about anything; whether it is an image is for OpenCV to say
+            return
+    check_pixels(size, file=file, field=field)
+
+
+def encode_image(image: Image, suffix: str = ".png", *, file: str | PathLike[str] | None = None) -> bytes:
+    """Turn an image into the bytes of a file; PNG keeps every value.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) gray.
+        suffix: Says the format.
+        file: What the bytes are for, for messages.
+
+    Raises:
+        InputError: The array is no image, or the suffix is unknown.
+        PosepplError: OpenCV is not installed.
+    """
+    cv2 = opencv()
+    checked = check_image(image)
+    try:
+        done, data = cv2.imencode(suffix, checked if checked.ndim == 2 else checked[..., ::-1])
+    except cv2.error:
+        done, data = False, None
+    if not done or data is None:
+        raise InputError("unknown kind of image", file=file, expected="a name that ends in .png, .jpg, .bmp or .tif")
+    return bytes(data.tobytes())
+
+
+def write_image(path: str | PathLike[str], image: Image) -> None:
+    """Write an image, whole or not at all; PNG keeps every value.
+
+    Args:
+        path: The file; its suffix says the format.
+        image: (H, W, 3) RGB or (H, W) gray.
+
+    Raises:
+        InputError: The file cannot be written, or its suffix is unknown.
+        PosepplError: OpenCV is not installed, or the disk is full.
+    """
+    data = encode_image(image, Path(path).suffix or ".", file=path)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def to_rgb(image: Image) -> Image:
+    """Turn OpenCV's image, BGR or gray, into RGB.
+
+    Args:
+        image: (H, W, 3) BGR or (H, W) gray.
+
+    Returns:
+        (H, W, 3) RGB.
+    """
+    cv2 = opencv()
+    converted: Image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+    return converted
+
+
+def check_name(path: str | PathLike[str]) -> str:
+    """Check that OpenCV can open a file by its name: one that is not UTF-8 ends the process.
+
+    Raises:
+        InputError: The name is none for OpenCV.
+    """
+    name = str(path)
+    try:
+        name.encode("utf-8")
+    except UnicodeError as error:
+        raise InputError("the name is not UTF-8, and OpenCV takes no other", file=path, expected="another name") from error
+    return name
+
+
+def check_image(image: Image, camera: str | None = None, frame: int | None = None) -> Image:
+    """Check that an array is an image.
+
+    Args:
+        image: The array.
+        camera: The camera, for messages.
+        frame: The frame number, for messages.
+
+    Returns:
+        The image, in one piece of memory.
+
+    Raises:
+        InputError: The array is neither (H, W, 3) nor (H, W), is empty, or is not of type uint8.
+    """
+    array = np.asarray(image)
+    if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or array.size == 0:
+        problem = f"an array of shape {array.shape} and type {array.dtype}"
+        expected = "an image of shape (height, width, 3) RGB or (height, width) gray, of type uint8"
+        raise InputError(problem, field=place(camera, frame), expected=expected)
+    return np.ascontiguousarray(array)
+
+
+def place(camera: str | None, frame: int | None) -> str | None:
+    """Say where in a recording something is.
+
+    Args:
+        camera: The camera, if it is known.
+        frame: The frame number, if it is known.
+
+    Returns:
+        "camera front, frame 12", or what is known of it; None where nothing is.
+    """
+    parts = [f"camera {camera}" if camera is not None else "", f"frame {frame}" if frame is not None else ""]
+    return ", ".join(part for part in parts if part) or None

@@ -1,0 +1,72 @@
+"""One door to the motion capture formats: the suffix of a file tells which reader it gets."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from poseppl.errors import InputError
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.amc import CMU_RATE, read_amc
+from poseppl.motion.io.asf import read_asf
+from poseppl.motion.io.bvh import read_bvh
+from poseppl.motion.io.c3d import read_c3d
+from poseppl.motion.io.deepmimic import read_deepmimic
+from poseppl.motion.io.exponential_maps import read_exponential_maps
+from poseppl.motion.io.motion import Motion
+from poseppl.motion.io.trc import read_trc
+
+SUFFIXES = (".amc", ".bvh", ".c3d", ".trc", ".txt")
+
+
+def read_motion(
+    path: str | PathLike[str],
+    skeleton: str | PathLike[str] | None = None,
+    *,
+    rate: float | None = None,
+    scale: float | None = None,
+    up: str | None = None,
+) -> Motion:
+    """Read a motion capture recording.
+
+    Args:
+        path: A .amc, .bvh, .c3d or .trc file, or a .txt motion of DeepMimic or of exponential maps.
+        skeleton: The .asf file that belongs to an .amc file; DeepMimic's character; the .json file of exponential maps.
+        rate: Frames a second of an .amc file or of exponential maps, which do not tell it; 120 by default.
+        scale: Millimetres a unit of a .bvh file, which does not tell it; guessed from the skeleton's height by default.
+        up: The axis that points up in a .bvh, .c3d or .trc file, "x", "y" or "z"; found in the file by default (.trc: "y").
+
+    Returns:
+        The motion, Z up, in mm.
+
+    Raises:
+        InputError: The file is missing, malformed, of an unknown format or without its skeleton.
+        PosepplError: The format needs a package that is not installed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"unknown format {suffix!r}", file=path, expected=" or ".join(SUFFIXES))
+    if rate is not None and not 0.0 < rate < 1e6:
+        raise InputError(f"{rate:g} frames a second", field="rate", expected="a positive number")
+    if suffix in (".amc", ".txt"):
+        return _read_with_skeleton(path, suffix, skeleton, CMU_RATE if rate is None else rate)
+    if skeleton is not None:
+        raise InputError(f"a {suffix} file takes no skeleton", file=path, field="skeleton")
+    if up is not None and up not in ("x", "y", "z"):
+        raise InputError(f"{up!r} is no axis", field="up", expected="x, y or z")
+    if suffix == ".bvh":
+        return read_bvh(path, scale=scale, up=up)
+    return read_trc(path, up=up) if suffix == ".trc" else read_c3d(path, up=up)
+
+
+def _read_with_skeleton(path: str | PathLike[str], suffix: str, skeleton: str | PathLike[str] | None, rate: float) -> Motion:
+    if suffix == ".amc":
+        if skeleton is None:
+            raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf, or FILE.amc,FILE.asf")
+        return read_amc(path, read_asf(skeleton), rate=rate)
+    mimic = not read_text(path).lstrip().startswith(tuple("+-.0123456789"))
+    if skeleton is None:
+        wanted = "humanoid3d.txt" if mimic else "skeleton.json"
+        problem = "a DeepMimic motion needs its character" if mimic else "exponential maps need their skeleton"
+        raise InputError(problem, file=path, expected=f"--skeleton {wanted}, or FILE.txt,{wanted}")
+    return read_deepmimic(path, skeleton) if mimic else read_exponential_maps(path, skeleton, rate=rate)

@@ -1,0 +1,231 @@
+"""The body that is rendered: a clothed person of capsules and ellipsoids, hung on a motion's points frame by frame.
+
+It is nobody's body model: there are no angles and no physics. Every segment is a MuJoCo mocap body whose z axis runs from one
+point to another and whose x axis leans to the person's right, so that for an upright segment y is forward. Thicknesses differ
+from person to person by the seed, as clothes and builds do.
+
+Lengths in here are millimetres; MuJoCo's are metres, and the XML is written in these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from poseppl.motion.rendering.points import Floats, figure_scale, rightwards, unit
+
+FIGURE_GROUP = 1
+"""MuJoCo's geometry group of the figure."""
+_VARIATION = 0.06
+"""Standard deviation of a shape's thickness from person to person."""
+
+
+class Shape(NamedTuple):
+    """An ellipsoid, or a capsule along its segment.
+
+    Attributes:
+        material: Its material.
+        axes: Half axes (x, y, z) in mm of an ellipsoid, or the radius (r,) of a capsule, at scale 1.
+        place: Where along the segment: the centre of an ellipsoid, or the two ends of a capsule; 0 to 1.
+        shift: How far the centre is moved along x and y, mm at scale 1.
+    """
+
+    material: str
+    axes: tuple[float, ...]
+    place: tuple[float, ...]
+    shift: tuple[float, float] = (0.0, 0.0)
+
+
+class Segment(NamedTuple):
+    """Shapes between two points of the figure; ``across`` is the pair of joints that tells where right is."""
+
+    start: str
+    end: str
+    across: str
+    shapes: tuple[Shape, ...]
+
+
+def _limbs(side: str) -> tuple[Segment, ...]:
+    inwards = 12.0 if side == "l" else -12.0
+    return (
+        Segment(
+            f"knee_{side}",
+            f"hip_{side}",
+            "hip",
+            (
+                Shape("trousers", (60,), (0.0, 1.0)),
+                Shape("trousers", (80, 86, 215), (0.66,)),
+                Shape("trousers", (66, 70, 110), (0.12,)),
+            ),
+        ),
+        Segment(
+            f"ankle_{side}",
+            f"knee_{side}",
+            "hip",
+            (
+                Shape("trousers", (47,), (0.12, 1.0)),
+                Shape("trousers", (58, 64, 160), (0.66,), (0.0, -12.0)),
+                Shape("trousers", (58,), (0.16, 0.34)),
+            ),
+        ),
+        Segment(
+            f"heel_{side}",
+            f"toe_{side}",
+            "hip",
+            (Shape("shoes", (36,), (0.05, 0.95)), Shape("shoes", (42, 40, 80), (0.35,), (0.0, -18.0))),
+        ),
+        Segment(
+            f"elbow_{side}",
+            f"shoulder_{side}",
+            "shoulder",
+            (
+                Shape("skin", (40,), (0.0, 1.0)),
+                Shape("shirt", (56,), (0.5, 1.0)),
+                Shape("shirt", (57, 60, 62), (0.98,), (inwards, 0.0)),
+            ),
+        ),
+        Segment(
+            f"wrist_{side}",
+            f"elbow_{side}",
+            "shoulder",
+            (Shape("skin", (29,), (0.0, 1.0)), Shape("skin", (40, 42, 95), (0.72,))),
+        ),
+        Segment(
+            f"wrist_{side}",
+            f"finger_{side}",
+            "shoulder",
+            (
+                Shape("skin", (18, 40, 85), (0.5,)),
+                Shape("skin", (13, 16, 42), (0.42,), (inwards, 34.0)),
+            ),
+        ),
+    )
+
+
+SEGMENTS = (
+    Segment(
+        "pelvis",
+        "chest",
+        "hip",
+        (
+            Shape("trousers", (165, 112, 120), (-0.1,)),
+            Shape("shirt", (150, 112, 140), (0.5,), (0.0, 10.0)),
+            Shape("shirt", (118, 80, 100), (0.45,), (0.0, 62.0)),
+            Shape("belt", (158, 110, 30), (0.12,), (0.0, 4.0)),
+        ),
+    ),
+    Segment(
+        "chest",
+        "neck",
+        "shoulder",
+        (
+            Shape("shirt", (160, 112, 190), (0.3,)),
+            Shape("shirt", (185, 82, 85), (0.82,)),
+        ),
+    ),
+    Segment(  # sideways: x is down
+        "shoulder_l",
+        "shoulder_r",
+        "shoulder",
+        (Shape("shirt", (55,), (0.05, 0.95)), Shape("shirt", (130, 92, 165), (0.5,), (85.0, 0.0))),
+    ),
+    Segment("neck", "skull", "shoulder", (Shape("skin", (54,), (-0.2, 1.1)),)),
+    Segment(
+        "skull",
+        "crown",
+        "shoulder",
+        (
+            Shape("skin", (74, 92, 115), (0.45,), (0.0, 12.0)),
+            Shape("hair", (80, 96, 95), (0.66,), (0.0, -8.0)),
+            Shape("skin", (13, 20, 22), (0.35,), (0.0, 100.0)),
+        ),
+    ),
+    *_limbs("l"),
+    *_limbs("r"),
+)
+
+
+class Figure(NamedTuple):
+    """A figure in motion.
+
+    Attributes:
+        points: (T, 3) mm for each point.
+        scale: Its size against a person of 1.75 m.
+        thickness: One factor for each shape of :data:`SEGMENTS`, in order.
+    """
+
+    points: Mapping[str, Floats]
+    scale: float
+    thickness: NDArray[np.float64]
+
+
+def dress_figure(points: Mapping[str, Floats], seed: int = 0) -> Figure:
+    """Make a person of its own from a motion's points.
+
+    Args:
+        points: As :func:`poseppl.motion.rendering.points.figure_points` completes them.
+        seed: Of the thicknesses; left and right of a body have the same.
+    """
+    rng = np.random.default_rng([seed, 1])
+    factors: dict[str, Floats] = {}
+    keys = [f"{segment.start}-{segment.end}".replace("_r", "_l") for segment in SEGMENTS]
+    for key, segment in zip(keys, SEGMENTS, strict=True):
+        factors.setdefault(key, np.exp(_VARIATION * rng.standard_normal(len(segment.shapes))))
+    return Figure(points, figure_scale(points), np.concatenate([factors[key] for key in keys]))
+
+
+def figure_xml(figure: Figure) -> str:
+    """The figure as MJCF bodies, ``segment_0`` and on, in metres."""
+    thickness = iter(figure.thickness)
+    bodies = []
+    for number, segment in enumerate(SEGMENTS):
+        length = float(np.median(np.linalg.norm(figure.points[segment.end] - figure.points[segment.start], axis=-1)))
+        shapes = "".join(_shape_xml(shape, length, figure.scale, next(thickness)) for shape in segment.shapes)
+        bodies.append(f'<body name="segment_{number}" mocap="true">{shapes}</body>')
+    return "\n".join(bodies)
+
+
+def figure_pose(figure: Figure, frame: int) -> tuple[Floats, Floats]:
+    """Where the segments are in a frame.
+
+    Args:
+        figure: The figure.
+        frame: 0-based index of the frame.
+
+    Returns:
+        Places (S, 3) in metres and unit quaternions (S, 4), w first, of the mocap bodies.
+    """
+    now = {name: track[frame] for name, track in figure.points.items()}
+    places = np.stack([now[segment.start] for segment in SEGMENTS]) / 1000.0
+    axes = np.stack([_axes(now, segment) for segment in SEGMENTS])
+    quaternions = Rotation.from_matrix(axes).as_quat()
+    return places, np.roll(quaternions, 1, axis=-1)
+
+
+def _axes(points: Mapping[str, Floats], segment: Segment) -> Floats:
+    """Columns x, y, z of a segment's frame; where it points to the side, y is turned forward instead."""
+    along = unit(points[segment.end] - points[segment.start])
+    right = rightwards(points, segment.across)
+    across = right - (right @ along) * along
+    if np.linalg.norm(across) < 0.2:
+        forward = unit(np.cross(np.array([0.0, 0.0, 1.0]), right))
+        across = np.cross(forward, along)
+    across = unit(across)
+    return np.stack([across, np.cross(along, across), along], axis=-1)
+
+
+def _shape_xml(shape: Shape, length: float, scale: float, thickness: float) -> str:
+    x, y = (scale * value / 1000.0 for value in shape.shift)
+    common = f'material="{shape.material}" group="{FIGURE_GROUP}" contype="0" conaffinity="0"'
+    ends = [length * place / 1000.0 for place in shape.place]
+    if len(shape.axes) == 1:
+        radius = scale * thickness * shape.axes[0] / 1000.0
+        line = f"{x:.6f} {y:.6f} {ends[0]:.6f} {x:.6f} {y:.6f} {ends[1]:.6f}"
+        return f'<geom type="capsule" size="{radius:.6f}" fromto="{line}" {common}/>'
+    a, b, c = (scale * axis / 1000.0 for axis in shape.axes)
+    size = f"{thickness * a:.6f} {thickness * b:.6f} {c:.6f}"
+    return f'<geom type="ellipsoid" size="{size}" pos="{x:.6f} {y:.6f} {ends[0]:.6f}" {common}/>'

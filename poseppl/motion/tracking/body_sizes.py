@@ -1,0 +1,65 @@
+"""How large a person is: the segment lengths of the standard subject in proportion to a stature, and lengths from a file.
+
+thigh = 435.0
+shank = 420.0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+
+from poseppl.errors import InputError
+from poseppl.files.bounded_reading import read_toml
+from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.io.text_parsing import finite_numbers
+
+STATURE = 1750.0
+"""Of the standard subject, mm."""
+
+
+def stature_lengths(model: str, stature: float) -> dict[str, float]:
+    """Segment lengths (mm) of the standard subject in proportion.
+
+    Args:
+        model: Builder of the body.
+        stature: mm.
+
+    Raises:
+        InputError: It is no person's.
+    """
+    if not 500.0 <= stature <= 2500.0:
+        raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
+    standard = load_builder(model)(None).lengths
+    return {name: value * stature / STATURE for name, value in standard.items()}
+
+
+def read_lengths(path: str | PathLike[str], model: str) -> dict[str, float]:
+    """Read segment lengths (mm) from a TOML file.
+
+    Args:
+        path: The file: lines such as ``thigh = 435.0``.
+        model: Builder of the body, whose segments they are.
+
+    Raises:
+        InputError: The file is no TOML, or holds another name or something that is no length.
+    """
+    table = read_toml(path)
+    lengths = finite_numbers(table, load_builder(model)(None).lengths, file=path, field="--lengths")
+    for name, value in lengths.items():
+        if abs(value) > 3000.0:
+            raise InputError(f"{value:g} mm", file=path, field=name, expected="at most 3000 mm")
+    return lengths
+
+
+def subject_lengths(
+    model: str, stature: float | None, path: str | PathLike[str] | None, known: Mapping[str, float] | None = None
+) -> Mapping[str, float] | None:
+    """Lengths as a stature and a file tell them, the file first; otherwise those that are known, if any.
+
+    Raises:
+        InputError: As :func:`stature_lengths` and :func:`read_lengths`.
+    """
+    if stature is not None:
+        known = stature_lengths(model, stature)
+    return known if path is None else {**(known or {}), **read_lengths(path, model)}

@@ -1,0 +1,61 @@
+"""The model that a result was made with.
+
+A result is a file, perhaps somebody else's: what it says of its model is checked, and it chooses among installed bodies alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import xarray as xr
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, installed_builder, load_builder, source_of_model
+from poseppl.motion.io.text_parsing import finite_numbers
+from poseppl.runs.results import provenance
+
+
+class RecordedModel(NamedTuple):
+    """A model: its ``name``, its ``body`` with the subject's lengths, and the programs' ``params``."""
+
+    name: str
+    body: Body
+    params: Mapping[str, float]
+
+
+def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel:
+    """Build the model of a result anew.
+
+    Args:
+        tree: The result.
+        model: The builder, where the caller names it; without it, the builder that the result names has to be installed.
+
+    Raises:
+        InputError: The result does not tell its model or tells of impossible numbers, its model is not installed or has
+            changed, or the named one is another.
+    """
+    known = provenance(tree)
+    name = known.get("model")
+    if not isinstance(name, str):
+        raise InputError("the result does not tell its model", expected="a result of poseppl track of this version")
+    chosen = name if model is None else model
+    if model is not None and source_of_model(model) != known.get("model source"):
+        raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name[:80])
+    builder = installed_builder(name) if model is None else load_builder(model)
+    standard = builder(None)
+    lengths = finite_numbers(known.get("lengths"), standard.lengths, field="lengths")
+    body = builder({**standard.lengths, **lengths})
+    settings = known.get("settings")
+    asked = {name: value for name, value in settings.items() if name in body.params} if isinstance(settings, dict) else None
+    params = {**body.params, **finite_numbers(asked, body.params, field="settings")}
+    _check_coordinates(tree, body)
+    return RecordedModel(chosen, body, params)
+
+
+def _check_coordinates(tree: xr.DataTree, body: Body) -> None:
+    names = [body.tree.coordinate_names[index] for index in body.free_coordinates]
+    if [str(name) for name in tree["posterior"].dataset["dof"].values] != names:
+        raise InputError(
+            "the result is of a body with other coordinates", field="--model", expected="the body that was tracked"
+        )

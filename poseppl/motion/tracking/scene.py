@@ -1,0 +1,165 @@
+"""A scene: a body, cameras, and the noisy image points of its markers over time, with the truth where it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.io import CameraRecord, Observations, read_observations
+from poseppl.motion.io.motion import Motion, slice_frames
+from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
+from poseppl.motion.tracking.subjects import DEFAULT_MODEL, MovingSubject
+
+Floats = NDArray[np.float64]
+LEAST_CONFIDENCE = 0.05
+"""Points of less confidence count as not seen."""
+
+
+class Scene(NamedTuple):
+    """What is tracked.
+
+    Attributes:
+        body: The body.
+        cameras: C cameras.
+        camera_names: Their names.
+        points: (T, C, K, 2) image points; NaN where a marker was not seen.
+        noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
+        frames: (T,) frame numbers.
+        rate: Frames a second, of frames whose numbers are as far apart as most; None where unknown.
+        source: Where it came from.
+        states: (T, d) the true states; None where unknown.
+        markers: (T, K, 3) mm, true places; None where unknown.
+        residual: Mean distance (mm) of the markers from those of the states, where these come from inverse kinematics.
+    """
+
+    body: Body
+    cameras: Cameras
+    camera_names: tuple[str, ...]
+    points: Floats
+    noise: Floats
+    frames: NDArray[np.int64]
+    rate: float | None
+    source: str
+    states: Floats | None = None
+    markers: Floats | None = None
+    residual: float | None = None
+
+
+def noise_of(body: Body, cameras: Cameras, noise: float | None) -> Floats:
+    """Standard deviations (C, K) of image points.
+
+    Args:
+        body: The body.
+        cameras: C cameras.
+        noise: As a fraction of the focal length; the body's own if None.
+
+    Raises:
+        InputError: The noise is not positive.
+    """
+    level = body.noise if noise is None else noise
+    if not 0 < level < 10:
+        raise InputError(f"{level:g}", field="--noise", expected="a positive fraction of the focal length, such as 0.003")
+    scale = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
+    return np.repeat(level * scale[:, None], len(body.tree.marker_names), axis=1)
+
+
+def observe_motion(
+    subject: MovingSubject,
+    cameras: Cameras,
+    camera_names: Sequence[str],
+    *,
+    noise: float | None = None,
+    missing: float = 0.0,
+    seed: int = 0,
+) -> Scene:
+    """Look at a moving subject through cameras, with noise.
+
+    Args:
+        subject: The subject.
+        cameras: C cameras.
+        camera_names: Their names.
+        noise: Standard deviation as a fraction of the focal length; the body's own if None.
+        missing: Fraction of the points that are not seen, at random.
+        seed: Of the noise.
+
+    Raises:
+        InputError: The noise or the fraction is out of range, or a marker is not in front of a camera.
+    """
+    names = subject.body.tree.marker_names
+    if not 0 <= missing < 1:
+        raise InputError(f"{missing:g}", field="--missing", expected="a fraction from 0 to below 1")
+    check_in_front(cameras, camera_names, subject.markers, names, subject.frames.tolist())
+    spread = noise_of(subject.body, cameras, noise)
+    clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(subject.markers, float)), np.float64), 0, 1)
+    rng = np.random.default_rng(seed)
+    points = clean + spread[..., None] * rng.standard_normal(clean.shape)
+    unknown = np.asarray(np.isnan(subject.markers).any(axis=-1))
+    hidden = unknown[:, None] | (rng.random(points.shape[:-1]) < missing)
+    points[hidden] = np.nan
+    truth = (subject.states, subject.markers, subject.residual)
+    return Scene(
+        subject.body, cameras, tuple(camera_names), points, spread, subject.frames, subject.rate, subject.source, *truth
+    )
+
+
+def scene_of_observations(
+    path: str | PathLike[str],
+    records: Sequence[CameraRecord],
+    *,
+    model: str = DEFAULT_MODEL,
+    frames: str | None = None,
+    noise: float | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    lengths: str | PathLike[str] | None = None,
+) -> Scene:
+    """Read 2-D observations that come without truth.
+
+    Args:
+        path: The CSV file.
+        records: The calibrated cameras.
+        model: Builder of the body.
+        frames: Range "start:stop:step" of the file's frames, counted from 0; all if None.
+        noise: Standard deviation as a fraction of the focal length; the body's own if None. Where the file tells a
+            confidence, it is divided by the root of that, and points below 0.05 count as not seen.
+        rate: Frames a second of the file; None where unknown.
+        stature: Of the person, mm: the segment lengths of the standard subject in proportion.
+        lengths: A TOML file of segment lengths, mm, that are known.
+
+    Raises:
+        InputError: The file, the range or a length cannot be used, or the body has clamped joints, which want a truth.
+    """
+    body = load_builder(model)(subject_lengths(model, stature, lengths))
+    if body.free is not None:
+        problem = f"the body tracks {', '.join(body.free)} alone and needs the truth for the rest, which observations lack"
+        raise InputError(problem, field="--model", expected="a recording, or a body without clamped joints")
+    names = [record.name for record in records]
+    observed = read_observations(path, body.tree.marker_names, names)
+    cameras = cameras_of_records(records)
+    spread = noise_of(body, cameras, noise)
+    points, index = observed.points, np.arange(len(observed.points))
+    if frames is not None:
+        counter = np.repeat(index.astype(float)[:, None, None], 3, axis=2)
+        part = slice_frames(Motion(("i",), counter, (), None, rate or 0.0, "z", str(path)), frames)
+        index, rate = part.positions[:, 0, 0].astype(int), part.rate or None
+    points, confidence = points[index], None if observed.confidence is None else observed.confidence[index]
+    if confidence is not None:
+        points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
+        spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), LEAST_CONFIDENCE, 1.0))
+    if not np.isfinite(points).any():
+        raise InputError("no point is seen in the chosen frames", file=path, field="--frames")
+    return Scene(body, cameras, tuple(names), points, spread, observed.frames[index], rate, str(path))
+
+
+def observations_of_scene(scene: Scene) -> Observations:
+    """The points of a scene, ready to be written."""
+    return Observations(scene.points, None, scene.frames, scene.body.tree.marker_names, scene.camera_names)

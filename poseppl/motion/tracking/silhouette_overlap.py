@@ -1,0 +1,78 @@
+"""How well a body's silhouette agrees with those that were seen, and how those moved: what a result tells of silhouettes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
+from poseppl.motion.geometry.flesh import Flesh, parts_of
+from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
+
+_LONGER_SIDE = 160
+"""Points of the grid along the longer side of a picture, at most."""
+_CHUNK = 8
+"""Frames that are drawn at a time."""
+
+
+def silhouette_record(seen: SilhouetteScene) -> dict[str, Floats]:
+    """What the silhouettes say by themselves.
+
+    Returns:
+        ``silhouette_area`` (T, C), px^2 of the image, and ``silhouette_centre`` (T, C, 2), px: NaN where a camera saw nobody.
+    """
+    person = seen.person == 1
+    size = person.sum((2, 3)).astype(float)
+    usable = seen.usable & (size > 0)
+    rows, columns = (np.arange(length, dtype=float) for length in person.shape[2:])
+    middle = np.stack([person.sum(2) @ columns, person.sum(3) @ rows], -1) / np.maximum(size, 1)[..., None]
+    centre = (middle + 0.5) / seen.scale[:, None] - 0.5
+    return {
+        "silhouette_area": np.where(usable, size / seen.scale**2, np.nan),
+        "silhouette_centre": np.where(usable[..., None], centre, np.nan),
+    }
+
+
+def overlap(seen: SilhouetteScene, states: Any) -> Floats:
+    """Intersection over union of a body's silhouette with those that were seen, where neither is hidden.
+
+    Args:
+        seen: The scene, whose body has flesh.
+        states: States of the body (T, d).
+
+    Returns:
+        Shares (T, C); NaN where a camera saw nobody.
+    """
+    body, scale = seen.scene.body, seen.scale
+    stride = -(-max(seen.person.shape[2:]) // _LONGER_SIDE)
+    rows, columns = (np.arange(stride // 2, length, stride) for length in seen.person.shape[2:])
+    grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
+    points = jnp.asarray((grid + 0.5) / scale[:, None, None] - 0.5, float)
+    known = seen.person[:, :, rows][:, :, :, columns].reshape(*seen.usable.shape, -1)
+    ours = np.asarray(_drawn(body.tree, body.flesh, jnp.asarray(states, float), seen.scene.cameras, points))
+    both, either = (ours & (known == 1)).sum(-1), ((ours & (known >= 0)) | (known == 1)).sum(-1)
+    return np.where(seen.usable & (either > 0), both / np.maximum(either, 1), np.nan)
+
+
+def _covered(tree: KinematicTree, flesh: Flesh, states: jax.Array, cameras: Cameras, points: jax.Array) -> jax.Array:
+    """Which points (C, K, 2, 1) the silhouettes of states (d, N) cover, (C, K, N)."""
+    return hard_coverage(part_distances(project_parts(cameras, flesh, parts_of(tree, flesh, states)), points))
+
+
+_drawn = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
+"""The same of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""
+
+
+def silhouette_stats(seen: SilhouetteScene, summary: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """``overlap`` (T, C) of the posterior mean's silhouette; nothing of a body without flesh or with clamped joints."""
+    if seen.scene.body.flesh is None or seen.scene.body.free is not None:
+        return {}
+    return {"overlap": overlap(seen, summary["state_mean"])}

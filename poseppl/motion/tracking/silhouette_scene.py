@@ -1,0 +1,357 @@
+"""A scene of silhouettes: what several cameras' videos, or masks, say of one person's outline over time."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.geometry import Cameras, depth
+from poseppl.motion.io import CameraRecord, Video
+from poseppl.motion.io.opencv import opencv
+from poseppl.motion.io.synchronised import VideoWarning, synchronised
+from poseppl.motion.io.text_parsing import some
+from poseppl.motion.tracking.picture_sizes import fit_size, resized
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.scene import Floats, Scene
+from poseppl.motion.vision import (
+    Background,
+    EdgeSettings,
+    Foreground,
+    check_mask,
+    edge_distance,
+    find_edges,
+    silhouette_distance,
+)
+from poseppl.motion.vision.contours import contour_points
+
+Mask = NDArray[np.uint8]
+OnFailure = Literal["continue", "stop"]
+_NEXT = 5.0
+"""Largest distance from an edge that is told apart, px of the map."""
+
+
+class SilhouetteSettings(NamedTuple):
+    """How silhouettes are turned into data.
+
+    Attributes:
+        num_points: K, points on each camera's contour.
+        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
+            segmentation do not agree on, raised because neighbouring points err alike.
+        map_size: The longer side of a distance map, px; images are reduced to it.
+        truncation: Largest distance that is told apart, px of the map.
+        edges: Whether edges within the silhouette count, where there are images.
+    """
+
+    num_points: int = 64
+    noise: float = 80.0
+    map_size: int = 320
+    truncation: float = 30.0
+    edges: bool = False
+
+    def check(self) -> SilhouetteSettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        check_at_least(8, num_points=self.num_points, map_size=self.map_size)
+        check_at_least(1.0, truncation=self.truncation)
+        check_at_least(0.1, noise=self.noise)
+        return self
+
+
+class SilhouetteScene(NamedTuple):
+    """What is tracked.
+
+    Attributes:
+        scene: Body, cameras, frames and, where known, the truth; its points are all missing.
+        contour: Points on the contours (T, C, K, 2), px.
+        on_outline: Which of them are part of the person's outline (T, C, K).
+        distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
+        scale: Pixels of the maps to one of the image (C,).
+        usable: Whether a camera's mask says anything in a frame (T, C).
+        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
+        noise: Standard deviation of distances at the body, mm.
+        edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
+        faces: Name of the camera that the person faces at first, if somebody told.
+        found: With what settings the silhouettes were found, by name, for the record.
+    """
+
+    scene: Scene
+    contour: Floats
+    on_outline: NDArray[np.bool_]
+    distance: NDArray[np.float32]
+    scale: Floats
+    usable: NDArray[np.bool_]
+    person: NDArray[np.int8]
+    noise: float
+    edges: NDArray[np.float32] | None = None
+    faces: str | None = None
+    found: Mapping[str, Any] | None = None
+
+
+def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
+    """Standard deviations (C,) in px of the scene's noise at the place of a state's root."""
+    cameras = seen.scene.cameras
+    away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
+    focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
+    return np.asarray(seen.noise * focal / away)
+
+
+class _Frame(NamedTuple):
+    contour: Floats
+    on_outline: Mask
+    distance: NDArray[np.float32]
+    usable: bool
+    person: NDArray[np.int8]
+    edges: NDArray[np.float32] | None = None
+
+
+def silhouette_scene(
+    body: Body,
+    records: Sequence[CameraRecord],
+    masks: Mapping[str, NDArray[Any]],
+    *,
+    hidden: Mapping[str, Mask] | None = None,
+    settings: SilhouetteSettings | None = None,
+    rate: float | None = None,
+    source: str = "masks",
+) -> SilhouetteScene:
+    """Make a scene of foreground masks.
+
+    Args:
+        body: The body, whose program sees silhouettes.
+        records: C calibrated cameras.
+        masks: Of each camera by its name, (T, H, W), not 0 on the person.
+        hidden: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be
+            left out.
+        settings: The settings.
+        rate: Frames a second.
+        source: Where the masks come from, for the record.
+
+    Returns:
+        The scene. A mask that is empty or full counts as not seen, and is reported as a ``VideoWarning``.
+
+    Raises:
+        InputError: A camera has no masks, or they are of another length or size than they should be.
+    """
+    chosen = (settings or SilhouetteSettings()).check()
+    check_names(records, list(masks))
+    lengths = {name: len(values) for name, values in masks.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"cameras differ in their number of masks: {lengths}", field="masks", expected="one length for all")
+    records = [fit_size(record, np.shape(masks[record.name])[:0:-1]) for record in records]
+    frames = [
+        [
+            _frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
+            for record in records
+        ]
+        for number in range(min(lengths.values()))
+    ]
+    return _assemble(body, records, frames, chosen, rate, source)
+
+
+def scene_of_videos(
+    body: Body,
+    records: Sequence[CameraRecord],
+    videos: Sequence[Video],
+    backgrounds: Mapping[str, Background],
+    *,
+    masks: Mapping[str, Video] | None = None,
+    hidden: Mapping[str, Mask] | None = None,
+    settings: SilhouetteSettings | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    on_failure: OnFailure = "continue",
+    advance: Any = None,
+) -> SilhouetteScene:
+    """Make a scene of videos whose backgrounds are known or were learned, or whose masks are given.
+
+    Args:
+        body: The body, whose program sees silhouettes.
+        records: C calibrated cameras.
+        videos: Their videos, by name.
+        backgrounds: By name, of the cameras without masks.
+        masks: For some cameras, by their names, masks as videos, white on the person; of any size in the camera's proportion.
+        hidden: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
+        settings: The settings.
+        start: The first frame.
+        stop: The frame after the last; None for all.
+        on_failure: "continue" without cameras that see nobody, and up to where the first video ends or cannot be decoded, each
+            reported as a ``VideoWarning``; or "stop" there.
+        advance: Called with 1 after each frame.
+
+    Raises:
+        InputError: Names do not match, the first frame cannot be decoded, or what `on_failure` stops at.
+    """
+    chosen = (settings or SilhouetteSettings()).check()
+    check_names(records, [video.camera for video in videos])
+    sizes = {video.camera: video.size for video in videos}
+    records = [fit_size(record, sizes[record.name]) for record in records]
+    given = masks or {}
+    frames = []
+    for number, images in _readable([*videos, *given.values()], start, stop, on_failure):
+        row = []
+        for record in records:
+            blind = (hidden or {}).get(record.name)
+            found = _foreground(images, record, backgrounds, given.get(record.name), blind)
+            unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
+            seen = _frame(found.foreground, unknown, record, number, chosen, on_failure)
+            edges = _edges(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
+            row.append(seen._replace(edges=edges))
+        frames.append(row)
+        if advance is not None:
+            advance(1)
+    if not frames:
+        raise InputError("the videos have no frame", field="--video", expected="at least one")
+    return _assemble(body, records, frames, chosen, videos[0].rate, _together([video.source for video in videos]), start)
+
+
+def _foreground(
+    images: Mapping[str, NDArray[np.uint8]],
+    record: CameraRecord,
+    backgrounds: Mapping[str, Background],
+    masks: Video | None,
+    hidden: Mask | None,
+) -> Foreground:
+    """What a camera's mask marks; without masks, what differs from the background."""
+    if masks is None:
+        return backgrounds[record.name].subtract(images[record.name], hidden=hidden)
+    mask = resized(images[masks.camera][..., 0], record.size, "mask", record.name) > 127
+    return Foreground(mask.astype(np.uint8), np.zeros(mask.shape, np.uint8))
+
+
+def _readable(
+    videos: Sequence[Video], start: int, stop: int | None, on_failure: OnFailure
+) -> Iterator[tuple[int, dict[str, NDArray[np.uint8]]]]:
+    """Frames of all videos, up to the first that cannot be decoded."""
+    number = start - 1
+    try:
+        for number, images in synchronised(
+            videos, start=start, stop=stop, mismatch="raise" if on_failure == "stop" else "shortest"
+        ):
+            yield number, images
+    except InputError as error:
+        if on_failure == "stop" or number < start:
+            raise
+        warnings.warn(f"{error}; the run ends before this frame", VideoWarning, stacklevel=3)
+
+
+def _together(sources: Sequence[str]) -> str:
+    """One source, or the folder that several are in."""
+    if len(set(sources)) == 1:
+        return sources[0]
+    return f"{len(sources)} videos of {os.path.commonpath([os.path.abspath(source) for source in sources])}"
+
+
+def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
+    """Check that the calibration and the pictures speak of the same cameras.
+
+    Raises:
+        InputError: They do not.
+    """
+    known = [record.name for record in records]
+    lacking, strange = [name for name in known if name not in names], [name for name in names if name not in known]
+    if lacking or strange:
+        problem = f"the calibration knows the cameras {some(known)}; there are pictures of {some(names) or 'none'}"
+        raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
+
+
+def check_faces(name: str, cameras: Sequence[str]) -> None:
+    """Check that there is the camera which the person is told to face.
+
+    Raises:
+        InputError: There is none of this name.
+    """
+    if name not in cameras:
+        raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
+
+
+def _frame(
+    mask: NDArray[Any],
+    hidden: Mask | None,
+    record: CameraRecord,
+    number: int,
+    settings: SilhouetteSettings,
+    on_failure: OnFailure = "continue",
+) -> _Frame:
+    width, height = record.size
+    for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
+        if array is not None and array.shape != (height, width):
+            problem = f"the {what} has {array.shape[-1]} x {array.shape[0]} pixels"
+            raise InputError(problem, field=f"camera {record.name}, frame {number}", expected=f"{width} x {height}")
+    person = (mask != 0).astype(np.uint8)
+    try:
+        check_mask(person, record.name, number)
+        usable = True
+    except InputError as error:
+        if on_failure == "stop":
+            raise
+        warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
+        usable = False
+    contour, on_outline = contour_points(person, settings.num_points, hidden)
+    blind = np.zeros_like(person) if hidden is None else (hidden != 0).astype(np.uint8)
+    scale = map_scale(record, settings)
+    size = (round(width * scale), round(height * scale))
+    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))
+    distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
+    labels = np.where(seen, 1, np.where(blind, -1, 0)).astype(np.int8)
+    return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)
+
+
+def _reduced(mask: Mask, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """A mask of zeros and ones at another size (width, height)."""
+    return np.asarray(opencv().resize(mask * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127)
+
+
+def map_scale(record: CameraRecord, settings: SilhouetteSettings) -> float:
+    """Pixels of a distance map to one of the image."""
+    return min(1.0, settings.map_size / max(record.size))
+
+
+def _assemble(
+    body: Body,
+    records: Sequence[CameraRecord],
+    frames: Sequence[Sequence[_Frame]],
+    settings: SilhouetteSettings,
+    rate: float | None,
+    source: str,
+    start: int = 0,
+) -> SilhouetteScene:
+    cameras: Cameras = cameras_of_records(records)
+    names = tuple(record.name for record in records)
+    shape = (len(frames), len(records), len(body.tree.marker_names))
+    number = start + np.arange(len(frames))
+    scene = Scene(body, cameras, names, np.full((*shape, 2), np.nan), np.ones(shape[1:]), number, rate, source)
+    return SilhouetteScene(
+        scene,
+        np.array([[frame.contour for frame in row] for row in frames]),
+        np.array([[frame.on_outline != 0 for frame in row] for row in frames]),
+        _same_size([[frame.distance for frame in row] for row in frames]),
+        np.array([map_scale(record, settings) for record in records]),
+        np.array([[frame.usable for frame in row] for row in frames]),
+        _same_size([[frame.person for frame in row] for row in frames], -1).astype(np.int8),
+        settings.noise,
+        _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
+        found=settings._asdict(),
+    )
+
+
+def _edges(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[np.float32]:
+    """Distances to the nearest edge of the foreground, at the scale of the maps, px of the image."""
+    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT / scale)
+    size = (round(distance.shape[1] * scale), round(distance.shape[0] * scale))
+    return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
+
+
+def _same_size(maps: Sequence[Sequence[Any]], beyond: float | None = None) -> NDArray[np.float32]:
+    """Stack maps (H, W) of each frame and camera; smaller ones are continued by a value, or by their border."""
+    height, width = (max(each.shape[axis] for each in maps[0]) for axis in (0, 1))
+    how: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
+    grown = [[np.pad(each, ((0, height - each.shape[0]), (0, width - each.shape[1])), **how) for each in row] for row in maps]
+    return np.array(grown, np.float32)

@@ -1,0 +1,213 @@
+"""Where tracking in silhouettes starts, if no truth is known.
+
+It starts from the pose that explains the silhouettes of the first usable frame best: least squares on the residuals of
+:class:`poseppl.motion.likelihoods.Silhouettes` and on angles that differ from rest, from several headings at the place that the
+middles of the silhouettes point to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import least_squares
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, SilhouetteInputs
+from poseppl.motion.likelihoods import SilhouetteSeen
+from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, check_faces, noise_in_pixels
+from poseppl.motion.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, place_of_points, scales
+
+_REST_SPREAD = 0.4
+_WIDER = (4.0, 1.0)
+"""Factors of the noise, one solution after the other: gross errors, which count no more, are few at first."""
+_LATER, _WALKS = 100, 250.0
+"""Frames over which, and mm from which on, the way of the person tells where it faces."""
+_TOWARDS = 0.5
+"""Cosine of the angle up to which a person faces a camera."""
+_FRAMES, _EVERY = 4, 10
+"""How many frames decide which way the person faces, and how far apart they are."""
+
+
+def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
+    """Find a start in the first frame that most cameras see.
+
+    Raises:
+        InputError: No frame has a silhouette, or there is no camera of the name that was told.
+    """
+    count = seen.usable.sum(1)
+    if not count.max():
+        raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
+    usable = np.flatnonzero(count == count.max())
+    first = int(usable[0])
+    search = _Search(seen, params, first)
+    candidates = sorted((search.solve(guess, first) for guess in search.guesses()), key=lambda found: found.cost)
+    best = _turned(search, seen, candidates, usable).state.copy()
+    rest = np.asarray(seen.scene.body.rest, np.float64)
+    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
+    return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+
+
+def _turned(search: _Search, seen: SilhouetteScene, candidates: Sequence[_Found], usable: Any) -> _Found:
+    """The best of the candidates, sorted by their costs, that is not turned round.
+
+    A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, it is the
+    best candidate that faces it. Else, of the best candidate and the best one that faces the other way, that which faces where
+    the person goes; of one that stays in place, that which explains later frames better.
+    """
+    faced = _faced(seen)
+    if faced is not None:
+        towards = [search.forward(found.state) @ _unit(faced - found.state[:2]) for found in candidates]
+        return candidates[int(np.argmax(np.minimum(towards, _TOWARDS)))]
+    away = [found for found in candidates if search.faces_away(found.state, candidates[0].state)]
+    rivals = [candidates[0], *away[:1]]
+    going = search.way(int(usable[0]), int(usable[min(_LATER, len(usable) - 1)]))
+    if np.linalg.norm(going) >= _WALKS:
+        return max(rivals, key=lambda found: float(search.forward(found.state) @ going))
+    later = [int(frame) for frame in usable[: _FRAMES * _EVERY : _EVERY][1:]]
+    return min(rivals, key=lambda found: search.follow(found, later))
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+
+
+def _faced(seen: SilhouetteScene) -> Floats | None:
+    """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
+    if seen.faces is None:
+        return None
+    names = seen.scene.camera_names
+    check_faces(seen.faces, names)
+    return np.asarray(seen.scene.cameras.centre, np.float64)[names.index(seen.faces), :2]
+
+
+class _Found(NamedTuple):
+    cost: float
+    state: Floats
+
+
+class _Search:
+    """Least squares on the residuals of one frame after the other."""
+
+    def __init__(self, seen: SilhouetteScene, params: Mapping[str, float], first: int) -> None:
+        self._seen, body = seen, seen.scene.body
+        self._rest = np.asarray(body.rest, np.float64)
+        root = body.tree.coordinates[0][0]
+        self._headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
+        self._x_scale = scales(body, 100.0, 0.3)
+        self._place = _middle(seen, first, body, self._rest)
+        free = np.array([joint != root for joint, _ in body.tree.coordinates])
+        self._evaluate, self._derive = map(jax.jit, _residuals(seen, params, self._rest, free, self._place))
+
+    def guesses(self) -> list[Floats]:
+        """The rest pose at the place of the silhouettes, in every heading."""
+        found = []
+        for turn in 2 * np.pi * np.arange(NUM_HEADINGS if self._headings else 1) / NUM_HEADINGS:
+            guess = self._rest.copy()
+            guess[self._headings] += turn
+            guess[:3] = self._place
+            found.append(guess)
+        return found
+
+    def solve(self, guess: Floats, frame: int) -> _Found:
+        """The best pose near a guess."""
+        state = guess
+        for wider in _WIDER:
+            data = _data(self._seen, frame)._replace(wider=jnp.asarray(wider, float))
+            solution = least_squares(
+                lambda x, data=data: np.asarray(self._evaluate(x, data), np.float64),
+                state,
+                jac=lambda x, data=data: np.asarray(self._derive(x, data), np.float64),
+                x_scale=self._x_scale,
+                ftol=1e-3,
+                xtol=1e-4,
+                gtol=None,
+                max_nfev=40,
+            )
+            state = np.asarray(solution.x, np.float64)
+        return _Found(float(solution.cost), state)
+
+    def follow(self, found: _Found, frames: Sequence[int]) -> float:
+        """Sum of the costs of a pose and of what becomes of it."""
+        total = found.cost
+        for frame in frames:
+            found = self.solve(found.state, frame)
+            total += found.cost
+        return total
+
+    def way(self, first: int, last: int) -> Floats:
+        """How far the person goes between two frames on the ground (2,), mm."""
+        places = (_middle(self._seen, frame, self._seen.scene.body, self._rest) for frame in (last, first))
+        return np.asarray(next(places) - next(places))[:2]
+
+    def forward(self, state: Floats) -> Floats:
+        """Where a state faces (2,): along y, turned by its heading."""
+        heading = float(state[self._headings].sum())
+        return np.array([-np.sin(heading), np.cos(heading)])
+
+    def faces_away(self, state: Floats, other: Floats) -> bool:
+        """Whether the headings of two states differ by more than a right angle."""
+        return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
+
+
+class _Data(NamedTuple):
+    """What was seen in a frame, which points of the contours count (C, K), which cameras (C,), and the noise by its factor."""
+
+    seen: SilhouetteSeen
+    on_outline: jax.Array
+    usable: jax.Array
+    wider: jax.Array
+
+
+def _data(seen: SilhouetteScene, frame: int) -> _Data:
+    contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
+    on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
+    edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
+    return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable, jnp.ones(()))
+
+
+def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
+    """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
+    names = body.tree.marker_names
+    points = np.full((len(seen.usable[0]), len(names), 2), np.nan)
+    for camera in np.flatnonzero(seen.usable[frame]):
+        contour = seen.contour[frame, camera]
+        low, high = contour.min(0), contour.max(0)
+        # the box of the silhouette, seen as the box of the markers
+        spread = np.linspace(0.0, 1.0, len(names))[:, None]
+        points[camera] = np.where([False, True], low + spread * (high - low), (low + high) / 2)
+    return place_of_points(body, seen.scene.cameras, points, rest)
+
+
+def _residuals(
+    seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats
+) -> tuple[Callable[..., jax.Array], Callable[..., jax.Array]]:
+    """Residuals of a state and the data of a frame, and their derivatives by the state."""
+    body, cameras = seen.scene.body, seen.scene.cameras
+    guess = rest.copy()
+    guess[:3] = place
+    noise = jnp.asarray(noise_in_pixels(seen, guess), float)
+
+    def inputs(data: _Data) -> SilhouetteInputs:
+        return SilhouetteInputs(cameras, data.seen, noise * data.wider, jnp.asarray(guess, float), *2 * (jnp.ones(len(guess)),))
+
+    model = body.program.compile(inputs(_data(seen, 0)), dict(params))
+
+    def weights(data: _Data, count: int) -> jax.Array:
+        """Of all residuals: those of the outline first, then those of parts that stick out."""
+        beyond = jnp.broadcast_to(data.usable[:, None], (len(noise), count // len(noise) - data.on_outline.shape[1]))
+        return (jnp.concatenate([data.on_outline, beyond], 1) / (noise * data.wider)[:, None]).ravel()
+
+    def residuals(x: jax.Array, data: _Data) -> jax.Array:
+        distances = model.observation_moments(x, inputs(data))[0]
+        return jnp.concatenate([distances * weights(data, len(distances)), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+
+    def derivatives(x: jax.Array, data: _Data) -> jax.Array:
+        slope = model.observation_slope(x, inputs(data))
+        return jnp.concatenate([slope * weights(data, len(slope))[:, None], jnp.diag(jnp.where(free, 1 / _REST_SPREAD, 0.0))])
+
+    return residuals, derivatives

@@ -1,0 +1,129 @@
+"""Smooth a tracking result: every frame given all data, also those after it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics import diagnose
+from poseppl.errors import InputError
+from poseppl.motion.tracking.problem import Problem, problem_of_result
+from poseppl.motion.tracking.refiltering import filter_again
+from poseppl.motion.tracking.track import affordable_draws, versions
+from poseppl.runs.outcome import parts_of_smoothing, timing_of_smoothing
+from poseppl.runs.results import Names, Truth, build_result, provenance
+from poseppl.runs.smoothing import run_smoother
+from poseppl.smoothers.base import History
+from poseppl.smoothers.registry import SMOOTHERS, build_smoother
+
+_NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
+"""Where a result has the names of its degrees of freedom, markers and cameras."""
+
+
+class SmoothSettings(NamedTuple):
+    """How a result is smoothed.
+
+    Attributes:
+        method: Name of the smoother.
+        options: Its settings, as words; absent ones are its defaults.
+        seed: Of the smoother.
+        max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
+        model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
+    """
+
+    method: str = "nuts"
+    options: Mapping[str, str] = {}
+    seed: int = 0
+    max_draws: int | None = None
+    model: str | None = None
+
+
+def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
+    """Smooth a result of :func:`poseppl.motion.tracking.track.track`.
+
+    The smoother starts from the draws that the result holds, and the model is built anew from its provenance. A smoother that
+    follows ancestors starts from all particles of the filter, which is run again.
+
+    Args:
+        tree: The result.
+        settings: How.
+
+    Returns:
+        The smoothed result, with diagnostics; its provenance holds that of the filter.
+
+    Raises:
+        InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
+            range, or its filter keeps no genealogy for a smoother that follows ancestors.
+        RunError: The filter is run again, and cannot go on.
+        SmoothingError: The smoothed states are not finite.
+    """
+    settings = settings or SmoothSettings()
+    known = provenance(tree)
+    if "smoother" in known:
+        raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
+    problem = problem_of_result(tree, settings.model)
+    smoother, options = build_smoother(settings.method, problem.model, settings.options)
+    follows = SMOOTHERS[settings.method].follows_ancestors
+    run = run_smoother(
+        smoother,
+        jax.random.key(settings.seed),
+        filter_again(tree, problem) if follows else history_of_result(tree),
+        problem.observations,
+        problem.inputs,
+        collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
+    )
+    stats = {str(name): values.values for name, values in tree["sample_stats"].dataset.data_vars.items()}
+    attrs = {
+        **known,
+        "model": settings.model or known["model"],
+        "smoother": settings.method,
+        "smoother settings": options,
+        "smoother seed": settings.seed,
+        "versions": versions(),
+        "filter seconds": known.get("wall_seconds"),
+        **timing_of_smoothing(run),
+    }
+    return diagnose(_result(tree, problem, parts_of_smoothing(run, stats), attrs))
+
+
+def history_of_result(tree: xr.DataTree) -> History:
+    """The draws of a result as a filter's history; those of weighted particles were resampled, and have no genealogy."""
+    state = tree["posterior"].dataset["state"].transpose("frame", "chain", "draw", "dof").values
+    particles = state.reshape(state.shape[0], -1, state.shape[-1])
+    frames, count = particles.shape[:2]
+    failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
+    log_weights = np.full((frames, count), -np.log(count), particles.dtype)
+    return History(particles, log_weights, np.zeros((frames, 0), np.int32), failed)  # type: ignore[arg-type]
+
+
+def _result(tree: xr.DataTree, problem: Problem, parts: Mapping[str, Any], attrs: Mapping[str, Any]) -> xr.DataTree:
+    """The parts of the smoothing, with what else the result of the filter tells."""
+
+    def arrays(group: str) -> dict[str, Any]:
+        if group not in tree.children:
+            return {}
+        return {str(name): values.values for name, values in tree[group].dataset.data_vars.items()}
+
+    truth = arrays("truth")
+    cameras = arrays("camera")
+    return build_result(
+        **parts,
+        names=Names(*([str(name) for name in _coordinate(tree, *place)] for place in _NAMED)),
+        observed=arrays("observed_data"),
+        truth=Truth(truth.get("state"), truth.get("markers")),
+        cameras=cameras,
+        edges=arrays("body")["edges"],
+        root=problem.body.root,
+        inputs=arrays("inputs"),
+        frames=_coordinate(tree, "posterior", "frame"),
+        rate=tree.attrs.get("rate"),
+        attrs={name: value for name, value in attrs.items() if value is not None},
+    )
+
+
+def _coordinate(tree: xr.DataTree, group: str, name: str) -> Any:
+    return tree[group].dataset.coords[name].values

@@ -1,0 +1,139 @@
+"""Where tracking starts: a mean and standard deviations of the first state.
+
+Where the truth is known, the start is the truth, with the spread of one step of the random walk. Elsewhere it is the pose that
+explains the best-seen frame: nonlinear least squares on the image points,
+
+    minimise  sum over seen points |projected - observed|^2 / noise^2 + |angles - rest|^2 / 0.5^2,
+
+from several headings, for a body seen from its front and from its back looks alike in one camera. The place to begin with comes
+from the rays of several cameras, or from the apparent size in one.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.geometry import Cameras, marker_positions, project
+
+Floats = NDArray[np.float64]
+NUM_HEADINGS = 8
+START_ANGLE = 0.3
+"""Standard deviation (radians) of the angles of a start that was sought."""
+START_POSITION = 150.0
+"""Standard deviation (mm) of its position."""
+_REST_SPREAD = 0.5
+_LEAST_MARKERS = 4
+
+
+class Start(NamedTuple):
+    """Mean (d,) and standard deviations (d,) of the first state."""
+
+    mean: Floats
+    scale: Floats
+
+
+def scales(body: Body, position: float, angle: float) -> Floats:
+    """Standard deviations (d,): one for the root's translations (mm), one for all angles (radians)."""
+    return np.array([position if axis in ("tx", "ty", "tz") else angle for _, axis in body.tree.coordinates])
+
+
+def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Start:
+    """Find a start in the image points.
+
+    Args:
+        body: The body.
+        cameras: C cameras.
+        points: (T, C, K, 2), NaN where missing; the earliest of the best-seen frames is taken.
+        noise: (C, K) or (T, C, K), in image units.
+
+    Raises:
+        InputError: No frame shows enough markers.
+    """
+    seen = np.isfinite(points).all(-1).sum((1, 2))
+    enough = seen >= max(_LEAST_MARKERS, 0.8 * seen.max())
+    if not enough.any():
+        problem = f"no frame shows more than {seen.max()} markers, too few to start from"
+        raise InputError(problem, expected=f"a frame with {_LEAST_MARKERS} or more")
+    frame = int(np.argmax(enough))
+    spread = noise if noise.ndim == 2 else noise[frame]
+    mean = _best_pose(body, cameras, points[frame], spread)
+    return Start(mean, scales(body, START_POSITION, START_ANGLE))
+
+
+def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
+    rest = np.asarray(body.rest, np.float64)
+    root = body.tree.coordinates[0][0]
+    headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
+    free = np.array([joint != root for joint, _ in body.tree.coordinates])
+    seen = np.isfinite(points)
+    shown = np.asarray(seen.all(axis=2).any(axis=0))
+    shape = np.where(seen, points, 0.0)
+
+    def residuals(x: jax.Array) -> jax.Array:
+        offset = (project(cameras, marker_positions(body.tree, x)) - shape) * seen / noise[..., None]
+        return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+
+    evaluate, derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+    solve = partial(
+        least_squares,
+        lambda x: np.asarray(evaluate(x), np.float64),
+        jac=lambda x: np.asarray(derive(x), np.float64),
+        x_scale=scales(body, 100.0, 0.3),
+        method="trf",
+        ftol=1e-4,
+        xtol=1e-5,
+        gtol=None,
+        max_nfev=60,
+    )
+    found = []
+    for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
+        guess = rest.copy()
+        guess[headings] += turn
+        guess[:3] = guess[:3] + place_of_points(body, cameras, points, guess) - _centre(body, guess, shown)
+        solution = solve(x0=guess)
+        found.append((float(solution.cost), solution.x))
+    best = min(found, key=lambda candidate: candidate[0])[1]
+    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
+    return np.asarray(best, np.float64)
+
+
+def _centre(body: Body, state: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Mean place (3,) of the seen markers of a state."""
+    places = np.asarray(marker_positions(body.tree, jnp.asarray(state)), np.float64)
+    return np.asarray(places[seen].mean(0))
+
+
+def place_of_points(body: Body, cameras: Cameras, points: Floats, guess: Floats) -> Floats:
+    """Where the middle of the seen markers is: the nearest point to the rays of all cameras that see some, else by size."""
+    places, normals = [], []
+    for camera in range(len(points)):
+        seen = np.isfinite(points[camera]).all(-1)
+        if not seen.any():
+            continue
+        focal, principal = (np.asarray(field[camera], np.float64) for field in (cameras.focal, cameras.principal))
+        image = (points[camera, seen] - principal) / focal
+        ray = np.append(image.mean(0), 1.0)
+        rotation, centre = (np.asarray(field[camera], np.float64) for field in (cameras.rotation, cameras.centre))
+        markers = np.asarray(marker_positions(body.tree, jnp.asarray(guess)), np.float64)[seen]
+        across = ((markers - markers.mean(0)) @ rotation.T)[:, :2]
+        size = np.sqrt(np.square(image - image.mean(0)).sum())
+        depth = np.sqrt(np.square(across).sum()) / max(float(size), 1e-9)
+        direction = rotation.T @ ray
+        places.append(centre + direction * np.clip(depth, 100.0, 1e5))
+        direction = direction / np.linalg.norm(direction)
+        normals.append((np.eye(3) - np.outer(direction, direction), centre))
+    if len(places) == 1:
+        return np.asarray(places[0], np.float64)
+    # a little of the sizes' answer, for cameras that stand together
+    middle = np.mean(places, axis=0)
+    matrix = sum(normal for normal, _ in normals) + 1e-3 * np.eye(3)
+    return np.asarray(np.linalg.solve(matrix, sum(n @ c for n, c in normals) + 1e-3 * middle), np.float64)

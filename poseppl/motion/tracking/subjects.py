@@ -1,0 +1,151 @@
+"""Whom to track where the truth is known: the built-in walk, or a recorded person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from os import PathLike
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.bodies.subject import fit_subject
+from poseppl.motion.geometry import marker_positions
+from poseppl.motion.io import Motion, read_motion, read_names, slice_frames
+from poseppl.motion.tracking.body_sizes import read_lengths
+
+DEFAULT_MODEL = "poseppl_models.choo_fleet:full_body"
+"""The body that is tracked by default; resolved when it is used."""
+DEFAULT_WALK = "poseppl_models.gait:walk"
+"""The built-in walk; resolved when it is used."""
+WALK_FRAMES = 60
+WALK_RATE = 30.0
+
+
+class MovingSubject(NamedTuple):
+    """A body in motion.
+
+    Attributes:
+        body: The body, with the subject's limb lengths.
+        states: (T, d) true states.
+        markers: (T, K, 3) mm, true places of the markers; NaN where unknown.
+        residual: Mean distance in mm between the markers and those of the states; None where the states are exact.
+        frames: (T,) frame numbers.
+        rate: Frames a second.
+        source: Where it came from.
+    """
+
+    body: Body
+    states: NDArray[np.float64]
+    markers: NDArray[np.float64]
+    residual: float | None
+    frames: NDArray[np.int64]
+    rate: float
+    source: str
+
+
+def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, rate: float | None = None) -> MovingSubject:
+    """Let a body walk the built-in gait.
+
+    Args:
+        model: Its builder, ``package.module:builder``.
+        frames: Range "start:stop:step" of the walk; the first 60 frames if None.
+        rate: Frames a second, 30 by default.
+
+    Raises:
+        InputError: The model is not found, or is no body that the walk fits.
+    """
+    rate = WALK_RATE if rate is None else rate
+    if not 0 < rate <= 10_000:
+        raise InputError(f"{rate:g} frames a second", field="--rate", expected="above 0, at most 10000")
+    stop = WALK_FRAMES if frames is None else _end(frames)
+    gait: Any = load_builder(DEFAULT_WALK)(rate, stop)
+    build = load_builder(model)
+    body = build(dict(gait.lengths))
+    states = np.asarray(gait.states, np.float64)
+    if states.shape[1] != body.tree.dimension:
+        problem = f"the body has {body.tree.dimension} coordinates, and the built-in walk {states.shape[1]}"
+        raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
+    whole = Motion(body.tree.marker_names, markers, (), None, rate, "z", "built-in walk")
+    part, index = _sliced(whole, frames)
+    return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
+
+
+def recorded_subject(
+    path: str | PathLike[str],
+    skeleton: str | PathLike[str] | None = None,
+    *,
+    model: str = DEFAULT_MODEL,
+    frames: str | None = None,
+    rate: float | None = None,
+    scale: float | None = None,
+    up: str | None = None,
+    names: str | PathLike[str] | None = None,
+    lengths: str | PathLike[str] | None = None,
+) -> MovingSubject:
+    """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
+
+    Args:
+        path: A .amc, .bvh, .c3d or .trc file, or a .txt motion of DeepMimic or of exponential maps.
+        skeleton: The .asf file of an .amc file, the character file of a DeepMimic motion, the .json file of exponential maps.
+        model: Builder of the body.
+        frames: Range "start:stop:step"; all if None.
+        rate: Frames a second, where the format does not tell.
+        scale: Millimetres a unit, where the format does not tell.
+        up: The axis that points up, where the format does not tell.
+        names: A TOML file that says which points are which markers (`poseppl.motion.io.read_names`), where the names
+            are unusual.
+        lengths: A TOML file of segment lengths, mm, that are known; the others are measured.
+
+    Raises:
+        InputError: A file, the range or the model cannot be used.
+    """
+    build = load_builder(model)
+    motion, index = _sliced(read_motion(path, skeleton, rate=rate, scale=scale, up=up), frames)
+    _check_markers(motion, build)
+    given = None if names is None else read_names(names)
+    known = None if lengths is None else read_lengths(lengths, model)
+    subject = fit_subject(motion, build, known, given)
+    residual = float(np.nanmean(subject.residual))
+    return MovingSubject(subject.body, subject.states, subject.markers, residual, index, motion.rate, str(path))
+
+
+def _check_markers(motion: Motion, build: Callable[[Mapping[str, float] | None], Body]) -> None:
+    if not np.isfinite(motion.positions).all(-1).any():
+        raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
+    build(None)
+
+
+def _sliced(motion: Motion, frames: str | None) -> tuple[Motion, NDArray[np.int64]]:
+    """A range of frames, and their numbers."""
+    if frames is None:
+        return motion, np.arange(len(motion.positions), dtype=np.int64)
+    numbered = replace(
+        motion,
+        names=("number",),
+        parents=(),
+        angles=None,
+        positions=np.repeat(np.arange(len(motion.positions), dtype=float)[:, None, None], 3, axis=2),
+    )
+    return slice_frames(motion, frames), slice_frames(numbered, frames).positions[:, 0, 0].astype(np.int64)
+
+
+def _end(frames: str) -> int:
+    """Where a range ends, for a motion of any length."""
+    parts = frames.split(":")
+    try:
+        end = int(parts[1]) if len(parts) > 1 and parts[1].strip() else None
+        start = int(parts[0]) if parts[0].strip() else 0
+    except ValueError:
+        return WALK_FRAMES
+    if end is None:
+        return start + 1 if len(parts) == 1 else max(WALK_FRAMES, start + 1)
+    if end > 100_000:
+        raise InputError(f"{frames!r} is out of range", field="--frames", expected="at most 100000 frames of the walk")
+    return max(end, 1)

@@ -1,0 +1,241 @@
+"""Track a scene: model, start, filter, run, result."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from poseppl.diagnostics import diagnose
+from poseppl.errors import InputError
+from poseppl.filters import Filter, sharded
+from poseppl.filters.registry import build_filter
+from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.tracking.first_frames import first_frames
+from poseppl.motion.tracking.problem import Problem, pose_problem
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_overlap import silhouette_record, silhouette_stats
+from poseppl.motion.tracking.silhouette_problem import silhouette_problem
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
+from poseppl.motion.tracking.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.walk_learning import learn_walk
+from poseppl.runs.checkpoint import Checkpoint
+from poseppl.runs.outcome import parts_of_run, timing_of_run
+from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.results import Names, Truth, build_result
+from poseppl.runs.run import Progress, Run, RunError, frame_inputs, run_filter
+
+_ROOM = 2**28
+"""Bytes of the draws that are kept, unless told otherwise."""
+_PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
+
+
+class TrackSettings(NamedTuple):
+    """How a scene is tracked.
+
+    Attributes:
+        model: Name of the body's builder, for the record.
+        filter: Name of the filter.
+        options: Settings of the filter; absent ones, or None, are its defaults.
+        sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
+        sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
+        walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
+            the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`.
+        seed: Of the filter.
+        max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
+        chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
+        on_failure: "continue" or "stop" at a frame of impossible data.
+        devices: How many JAX devices share the particles or chains.
+    """
+
+    model: str = DEFAULT_MODEL
+    filter: str = "assumed-density"
+    options: Mapping[str, Any] = {}
+    sigma_position: float | None = None
+    sigma_angle: float | None = None
+    walk: Literal["fixed", "learned"] = "fixed"
+    seed: int = 0
+    max_draws: int | None = None
+    chunk: int | None = None
+    on_failure: Literal["continue", "stop"] = "continue"
+    devices: int = 1
+
+
+class TrackStopped(RunError):
+    """A track that cannot go on.
+
+    Attributes:
+        result: The result of the frames before, with diagnostics; its attribute ``stopped`` says why there are no more.
+    """
+
+    def __init__(self, error: RunError, result: xr.DataTree) -> None:
+        super().__init__(str(error), error.frame, error.done)
+        self.result = result
+
+
+def track(
+    seen: Scene | SilhouetteScene,
+    settings: TrackSettings | None = None,
+    *,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+) -> xr.DataTree:
+    """Track a scene.
+
+    Args:
+        seen: The scene, of points or of silhouettes.
+        settings: How.
+        progress: Who is told how it goes.
+        checkpoint: Folder that the run is saved to after each chunk of frames.
+        resume: Go on with the run that the folder holds.
+
+    Returns:
+        The result, with diagnostics.
+
+    Raises:
+        InputError: A setting is out of range, or the body's walk cannot be learned.
+        TrackStopped: The run cannot go on; holds the result of the frames before.
+        RunError: It cannot go on from the first frame.
+        CheckpointError: The folder holds another run.
+    """
+    settings = settings or TrackSettings()
+    if not 0 <= settings.seed < 2**32:
+        raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
+    if settings.max_draws is not None and settings.max_draws < 1:
+        raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
+    if settings.walk not in ("fixed", "learned"):
+        raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
+    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
+    params = walk_params(scene.body, settings)
+    problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)
+    if settings.walk == "learned":
+        problem = learn_walk(problem)
+    built, options = build_filter(settings.filter, problem.model, settings.options)
+    built = on_devices(built, options, settings.devices)
+    max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
+    obstacle = problem.model.prediction_obstacle(frame_inputs(problem.inputs, 0))
+    described = {
+        "model": settings.model,
+        "model source": source_of_model(settings.model),
+        "filter": settings.filter,
+        "settings": {**options, **params, "walk": settings.walk, "max_draws": max_draws},
+        "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
+        "predictive checks": f"not available: {obstacle}" if obstacle else None,
+        "versions": versions(),
+    }
+    told = {**described, "seed": settings.seed, "devices": settings.devices}
+    record = {key: value for key, value in told.items() if value is not None}
+    try:
+        run = run_filter(
+            built,
+            jax.random.key(settings.seed),
+            problem.observations,
+            problem.inputs,
+            num_frames=len(scene.points),
+            collect=problem.collector(max_draws),
+            predict=None if obstacle else predictive_checks(problem.model),
+            chunk=settings.chunk,
+            progress=progress,
+            checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
+            on_failure=settings.on_failure,
+            frame_numbers=scene.frames.tolist(),
+        )
+    except RunError as error:
+        if error.done is None:
+            raise
+        stopped = diagnose(_result(seen, problem, error.done, {**record, "stopped": str(error)}))
+        raise TrackStopped(error, stopped) from error
+    return diagnose(_result(seen, problem, run, record))
+
+
+def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
+    """The body's params with the scales of the random walk that are asked for.
+
+    Raises:
+        InputError: A scale is not positive, or the body has none.
+    """
+    params = dict(body.params)
+    for name in ("sigma_position", "sigma_angle"):
+        value = getattr(settings, name)
+        field = "--" + name.replace("_", "-")
+        if value is None:
+            continue
+        if name not in params:
+            raise InputError("the model has no such parameter", field=field, expected="no such option with this model")
+        if not 0 < value < 1e6:
+            raise InputError(f"{value:g}", field=field, expected="a positive number")
+        params[name] = float(value)
+    return params
+
+
+def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filter:
+    """The filter on so many devices.
+
+    Raises:
+        InputError: There are fewer, or they cannot share the particles or chains evenly.
+    """
+    if devices == 1:
+        return filter
+    name = "chains" if "chains" in options else "particles"
+    if devices > 1 and options[name] % devices:
+        expected = f"a number that divides the {options[name]} {name}"
+        raise InputError(f"{devices} devices cannot share {options[name]} {name}", field="--devices", expected=expected)
+    try:
+        return sharded(filter, devices)
+    except ValueError as error:
+        raise InputError(str(error), field="--devices") from error
+
+
+def affordable_draws(problem: Problem, chains: int) -> int:
+    """How many draws of a chain (or of all particles, at most 1000) fit into the room for results."""
+    frames = len(jax.tree.leaves(problem.observations)[0])
+    cameras, markers = problem.num_cameras, len(problem.body.tree.marker_names)
+    values = problem.model.dimension + markers * (3 + 2 * cameras)
+    draws = _ROOM // (4 * values * frames * chains)
+    return int(max(2, min(draws, 1000)))
+
+
+def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+    count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
+    seen = first_frames(seen, count)
+    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
+    parts, observed = parts_of_run(run), {"points": scene.points}
+    if isinstance(seen, SilhouetteScene):
+        parts["sample_stats"] |= silhouette_stats(seen, parts["summary"])
+        observed |= silhouette_record(seen)
+    body, tree = scene.body, scene.body.tree
+    free = list(body.free_coordinates)
+    names = [tree.coordinate_names[index] for index in free]
+    truth = None if scene.states is None else Truth(scene.states[:, free], scene.markers)
+    pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
+    return build_result(
+        **parts,
+        names=Names(names, tree.marker_names, scene.camera_names),
+        observed=observed,
+        truth=truth,
+        cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
+        edges=pairs,
+        root=body.root,
+        inputs=problem.record(slice(count)),
+        frames=scene.frames,
+        rate=scene.rate,
+        attrs={
+            **attrs,
+            "input": scene.source,
+            "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
+            "residual_mm": scene.residual,
+            **timing_of_run(run),
+        },
+    )
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides a result."""
+    return {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}}

@@ -1,0 +1,49 @@
+"""The truth behind simulated observations, as a file."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+
+import xarray as xr
+
+from poseppl.errors import InputError
+from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.subjects import MovingSubject
+
+
+def save_truth(scene: Scene, path: str | PathLike[str]) -> None:
+    """Write the truth of a scene as NetCDF: ``state`` (frame, dof), ``markers`` (frame, marker, axis) in mm.
+
+    Args:
+        scene: A scene whose truth is known.
+        path: The file.
+
+    Raises:
+        InputError: The truth is not known, or the file cannot be written.
+        PosepplError: The disk is full.
+    """
+    if scene.states is None or scene.markers is None:
+        raise InputError("the truth is not known", file=path)
+    rate = scene.rate or 0.0
+    save_subject_truth(
+        MovingSubject(scene.body, scene.states, scene.markers, scene.residual, scene.frames, rate, scene.source), path
+    )
+
+
+def save_subject_truth(subject: MovingSubject, path: str | PathLike[str]) -> None:
+    """Write a body in motion as :func:`save_truth` does."""
+    tree = subject.body.tree
+    truth = xr.Dataset(
+        {"state": (("frame", "dof"), subject.states), "markers": (("frame", "marker", "axis"), subject.markers)},
+        coords={
+            "frame": subject.frames,
+            "dof": list(tree.coordinate_names),
+            "marker": list(tree.marker_names),
+            "axis": ["x", "y", "z"],
+        },
+    )
+    lengths = {name: float(value) for name, value in subject.body.lengths.items()}
+    root = xr.Dataset(attrs={"input": subject.source, "rate": subject.rate, "lengths": json.dumps(lengths)})
+    write_netcdf(xr.DataTree.from_dict({"/": root, "truth": truth}), path)

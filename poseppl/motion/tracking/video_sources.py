@@ -1,0 +1,240 @@
+"""What tracking from video starts from: cameras, their pictures, their backgrounds, and the truth where it is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
+from poseppl.motion.io.text_parsing import finite_numbers, some
+from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.picture_sizes import resized
+from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.tracking.silhouette_scene import (
+    OnFailure,
+    SilhouetteScene,
+    SilhouetteSettings,
+    check_faces,
+    check_names,
+    scene_of_videos,
+)
+from poseppl.motion.vision import Background, BackgroundSettings, learn_background
+
+DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
+_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
+
+Image = NDArray[np.uint8]
+
+
+class SceneTruth(NamedTuple):
+    """The truth of a rendered scene: ``states`` (T, d), ``markers`` (T, K, 3) mm, and the subject's segment lengths, mm."""
+
+    states: Floats
+    markers: Floats
+    lengths: Mapping[str, float]
+
+
+class VideoSources(NamedTuple):
+    """Pictures and what is known of them, by the cameras' names.
+
+    Attributes:
+        records: Calibrated cameras.
+        videos: Their videos.
+        empty: For some cameras, pictures of the scene without a person, from which the background is learned; for the others it
+            is learned from the video itself.
+        hidden: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
+        masks: For some cameras, masks of the person as videos, in place of a background.
+        truth: The truth, where it is known.
+    """
+
+    records: tuple[CameraRecord, ...]
+    videos: tuple[Video, ...]
+    empty: Mapping[str, Video]
+    hidden: Mapping[str, Image]
+    masks: Mapping[str, Video]
+    truth: SceneTruth | None = None
+
+
+def sources_of_files(
+    videos: Sequence[str | PathLike[str]],
+    calibration: str | PathLike[str],
+    *,
+    empty: Sequence[str | PathLike[str]] = (),
+    hidden: Sequence[str | PathLike[str]] = (),
+    masks: Sequence[str | PathLike[str]] = (),
+) -> VideoSources:
+    """Open videos and what goes with them.
+
+    Args:
+        videos: Each ``FILE``, whose name without suffix is the camera's, or ``NAME=FILE``; a folder of images is a video.
+        calibration: Cameras as TOML; those without a video are left out.
+        empty: Pictures or clips of the empty scene, named alike.
+        hidden: Pictures that are white where furniture hides a person, named alike.
+        masks: Masks of the person, white on them, as :func:`~poseppl.motion.io.open_masks` opens them, named alike.
+
+    Raises:
+        InputError: A file cannot be read, or a name is not that of a calibrated camera.
+    """
+    records = read_cameras(calibration)
+    opened = [open_video(path, name) for name, path in map(_named, videos)]
+    names = [video.camera for video in opened]
+    known = [record.name for record in records]
+    strange = [name for name in names if name not in known]
+    if strange:
+        problem = f"the video of {strange[0]!r} has no calibration"
+        raise InputError(problem, file=str(calibration), field="--video", expected=f"{some(known)}; or NAME=FILE")
+    kept = tuple(record for record in records if record.name in names)
+    order = {record.name: number for number, record in enumerate(kept)}
+    beside = {name: open_video(path, name) for name, path in map(_named, empty)}
+    dark = {name: read_image(path, name)[..., 0] for name, path in map(_named, hidden)}
+    given = {name: open_masks(path, f"{name} (masks)") for name, path in map(_named, masks)}
+    for option, named in (("--empty", beside), ("--hidden", dark), ("--masks", given)):
+        for name in named:
+            if name not in order:
+                raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{some(order)}; or NAME=FILE")
+    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, dark, given)
+
+
+def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -> VideoSources:
+    """Open a rendered scene, a folder that ``poseppl simulate --video`` has made.
+
+    Args:
+        folder: The folder.
+        cameras: Names of the cameras to use; all if empty.
+
+    Raises:
+        InputError: The folder is none, or a file of it cannot be read.
+    """
+    place = Path(folder)
+    if not (place / "Calib.toml").is_file():
+        raise InputError("no scene", file=folder, expected="a folder of poseppl simulate --video, with Calib.toml")
+    records = tuple(record for record in read_cameras(place / "Calib.toml") if not cameras or record.name in cameras)
+    check_names(records, list(cameras) or [record.name for record in records])
+    for record in records:
+        if Path(record.name).name != record.name:
+            expected = "the name of a file in the scene's folder"
+            raise InputError(f"a camera called {record.name[:80]!r}", file=place / "Calib.toml", expected=expected)
+    videos = tuple(open_video(place / f"{record.name}.mp4", record.name) for record in records)
+    empty = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
+    hidden = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
+    truth = read_scene_truth(place / "truth.nc") if (place / "truth.nc").is_file() else None
+    return VideoSources(records, videos, empty, hidden, {}, truth)
+
+
+def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
+    """Read the truth that ``poseppl simulate`` wrote as NetCDF.
+
+    Raises:
+        InputError: The file holds none.
+    """
+    tree = read_netcdf(path, expected="a file of poseppl simulate")
+    try:
+        known = tree["truth"].dataset
+        states, markers = (np.asarray(known[name].values, np.float64) for name in ("state", "markers"))
+        return SceneTruth(states, markers, json.loads(tree.attrs["lengths"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"no truth: {error}", file=path, expected="a file of poseppl simulate") from error
+
+
+def is_video(path: str | PathLike[str]) -> bool:
+    """Whether a path looks like a video, and not like a rendered scene."""
+    return Path(path).suffix.lower() in _SUFFIXES or not (Path(path) / "scene.toml").is_file()
+
+
+def see_silhouettes(
+    sources: VideoSources,
+    *,
+    model: str = DEFAULT_MODEL,
+    stature: float | None = None,
+    lengths: str | PathLike[str] | None = None,
+    settings: SilhouetteSettings | None = None,
+    background: BackgroundSettings | None = None,
+    faces: str | None = None,
+    start: int = 0,
+    stop: int | None = None,
+    on_failure: OnFailure = "continue",
+    advance: Callable[[int], None] | None = None,
+) -> SilhouetteScene:
+    """Learn the backgrounds and find the silhouettes.
+
+    Args:
+        sources: Where the pictures come from.
+        model: Builder of the body.
+        stature: Of the person, mm: the segment lengths of the standard subject in proportion. Those of the truth, where it is
+            known, or of the standard subject, if None.
+        lengths: A TOML file of segment lengths, mm, that are known.
+        settings: Of the silhouettes.
+        background: How the foreground is found.
+        faces: Name of the camera that the person faces at first, if known.
+        start: The first frame.
+        stop: The frame after the last; None for all.
+        on_failure: As :func:`~poseppl.motion.tracking.silhouette_scene.scene_of_videos` takes it.
+        advance: Called with 1 after each frame.
+
+    Raises:
+        InputError: As :func:`~poseppl.motion.tracking.silhouette_scene.scene_of_videos`, the stature is not a person's, or
+        there is no
+            camera of the name that the person faces.
+    """
+    truth = sources.truth
+    if faces is not None:
+        check_faces(faces, [record.name for record in sources.records])
+    body = load_builder(model)(subject_lengths(model, stature, lengths, _known_lengths(model, truth)))
+    backgrounds = {
+        video.camera: _background(video, sources.empty.get(video.camera), background)
+        for video in sources.videos
+        if video.camera not in sources.masks
+    }
+    sizes = {video.camera: video.size for video in sources.videos}
+    hidden = {name: resized(mask, sizes[name], "picture of what is hidden", name) for name, mask in sources.hidden.items()}
+    seen = scene_of_videos(
+        body,
+        sources.records,
+        sources.videos,
+        backgrounds,
+        masks=sources.masks,
+        hidden=hidden,
+        settings=settings,
+        start=start,
+        stop=stop,
+        on_failure=on_failure,
+        advance=advance,
+    )
+    seen = seen._replace(faces=faces, found={**(seen.found or {}), **_found(sources, background, faces)})
+    if truth is None:
+        return seen
+    part = slice(start, start + len(seen.contour))
+    return seen._replace(scene=seen.scene._replace(states=truth.states[part], markers=truth.markers[part]))
+
+
+def _found(sources: VideoSources, background: BackgroundSettings | None, faces: str | None) -> dict[str, Any]:
+    """Where the silhouettes come from: cameras with masks or pictures of the empty scene, and how the others are found."""
+    given = {name: sorted(getattr(sources, name)) for name in ("masks", "empty", "hidden")}
+    settings = (background or BackgroundSettings())._asdict()
+    return {**given, "faces": faces, "background": settings if len(sources.masks) < len(sources.records) else None}
+
+
+def _known_lengths(model: str, truth: SceneTruth | None) -> Mapping[str, float] | None:
+    return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
+
+
+def _background(video: Video, empty: Video | None, settings: BackgroundSettings | None) -> Background:
+    if empty is None:
+        return learn_background(video.images(), settings)
+    pictures = [resized(picture, video.size, "picture of the empty scene", video.camera) for picture in empty.images()]
+    return learn_background(pictures, settings)
+
+
+def _named(word: str | PathLike[str]) -> tuple[str, str]:
+    """``NAME=FILE``, or a file whose name without suffix is the camera's."""
+    name, equals, path = str(word).partition("=")
+    return (name, path) if equals else (Path(str(word)).stem, str(word))

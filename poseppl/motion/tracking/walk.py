@@ -1,0 +1,50 @@
+"""The random walk of a body: its scales a root of a second, and what they make of the time between two frames.
+
+A coordinate moves by N(0, sigma^2 dt) in dt seconds, so that a second's motion has the same variance at any rate. Choo and
+Fleet's 15 mm and 0.15 radians a frame at 30 Hz are 82 mm and 0.82 radians a root of a second.
+
+>>> steps = time_steps(np.array([0, 1, 2, 5]), 30.0)
+>>> (30 * steps).round(6).tolist()
+[1.0, 1.0, 1.0, 3.0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.tracking.start import scales
+
+Floats = NDArray[np.float64]
+ASSUMED_RATE = 30.0
+"""Frames a second where nobody has said: the rate that the scales were published for."""
+SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5
+"""Of a body that does not tell its own: translations, mm a root of a second."""
+SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
+"""The same of angles, radians a root of a second."""
+
+
+def time_steps(frames: ArrayLike, rate: float | None) -> Floats:
+    """Seconds (T,) to each frame from the one before it; to the first frame, as to most.
+
+    Args:
+        frames: Frame numbers (T,), ascending.
+        rate: Frames a second, of frames that are as far apart as most; 30 if None.
+    """
+    gaps = np.diff(np.asarray(frames, np.float64))
+    usual = float(np.median(gaps)) if gaps.size else 1.0
+    return np.concatenate([[usual], gaps]) / usual / (rate or ASSUMED_RATE)
+
+
+def walk_scales(body: Body, params: Mapping[str, float]) -> Floats:
+    """Standard deviations (d,) of the body's motion in a second, mm and radians."""
+    return scales(body, params.get("sigma_position", SIGMA_POSITION), params.get("sigma_angle", SIGMA_ANGLE))
+
+
+def step_scales(body: Body, params: Mapping[str, float], seconds: Any = 1 / ASSUMED_RATE) -> Floats:
+    """Standard deviations (..., d) of the body's motion in some seconds (...), a thirtieth by default."""
+    return np.sqrt(np.asarray(seconds, np.float64))[..., None] * walk_scales(body, params)

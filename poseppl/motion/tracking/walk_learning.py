@@ -1,0 +1,167 @@
+"""The scales of a body's random walk, learned from the recording: expectation maximisation on a smoother.
+
+Under scales s_g, one for each joint that turns and one for the root's position, a smoother tells what the squared steps w^2 of
+each coordinate are expected to be; the most likely scales, those given, are their means over frames and coordinates in units of
+the body's own steps q:
+
+    s_g^2 = mean over t >= 1 and i in g of E[w_ti^2 | all data, s] / q_ti^2.
+
+Each round makes the data more likely in a linear Gaussian model (Shumway and Stoffer 1982,
+doi:10.1111/j.1467-9892.1982.tb00349.x). Here the likelihood is expanded around the last round's trajectory, by its gradient and
+its Gauss-Newton curvature, all frames at once, and around an extended Kalman smoother's in the first: one mode, of which the
+filter that then tracks with the learned scales may know more. Frames after a frame have their say in its steps.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from poseppl.errors import InputError
+from poseppl.gaussians.linearisation import Gaussian
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
+from poseppl.program import CompiledModel, Observation
+from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.smoothers import smoothed_moments
+
+NUM_ROUNDS = 20
+"""Rounds of expectation maximisation."""
+NARROWEST, WIDEST = 1 / 30, 30.0
+"""Bounds of the scales, in units of the body's own."""
+
+
+class Expansion(NamedTuple):
+    """log p(z_t | x) = y_t x - x I_t x / 2 + const.: y (T, d) and I (T, d, d)."""
+
+    vector: jax.Array
+    information: jax.Array
+
+
+def learn_walk(problem: Problem, num_rounds: int = NUM_ROUNDS) -> Problem:
+    """Give a problem the random walk that its data are most likely under.
+
+    Args:
+        problem: The problem, with the body's own steps.
+        num_rounds: Rounds of expectation maximisation.
+
+    Returns:
+        The problem with the learned steps; as it was, if it is of a single frame.
+
+    Raises:
+        InputError: The body's transition is not the random walk of its inputs' ``step_scale``, or its observation has no
+            Gaussian moments.
+    """
+    own = body_inputs(problem.inputs).step_scale
+    if len(own) < 2:
+        return problem
+    sequence = frame_sequence(problem.observations, problem.inputs, None)
+    data = jax.tree.map(jnp.asarray, sequence.observations), sequence.stacked_inputs()
+    free = problem.body.free_coordinates
+    try:
+        _check_walk(problem.model, free, data[1])
+        factors = _learn(problem.model, _groups(problem.body), free, num_rounds, *data)
+    except ValueError as error:
+        raise InputError(f"the walk of this body cannot be learned: {error}", field="--walk", expected="fixed") from error
+    return problem._replace(inputs=with_steps(problem.inputs, own * factors))
+
+
+def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> None:
+    """Refuse transitions that are not N(x, step_scale^2).
+
+    Raises:
+        ValueError: They are not.
+    """
+    x, second = jnp.ones(model.dimension), jax.tree.map(lambda leaf: leaf[1], inputs)
+    mean, covariance = jax.jit(model.transition_moments)(x, second)
+    steps = np.asarray(body_inputs(second).step_scale)[list(free)]
+    if not np.allclose(mean, x) or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
+        raise ValueError("its transition is not the random walk of its inputs' step_scale")
+
+
+def _groups(body: Body) -> tuple[int, ...]:
+    """Number of the group of each free coordinate: a joint's axes share one, and the root's position has its own."""
+    coordinates = [body.tree.coordinates[index] for index in body.free_coordinates]
+    names = [(joint, axis in ("tx", "ty", "tz")) for joint, axis in coordinates]
+    return tuple(list(dict.fromkeys(names)).index(name) for name in names)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+def _learn(
+    model: CompiledModel,
+    groups: tuple[int, ...],
+    free: tuple[int, ...],
+    num_rounds: int,
+    observations: Observation,
+    inputs: Any,
+) -> jax.Array:
+    """Scales (d,) of all coordinates in units of the inputs' own steps; 1 where they are clamped."""
+    whole = body_inputs(inputs).step_scale
+    own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
+    first = Gaussian(*model.initial_moments(jax.tree.map(lambda leaf: leaf[0], inputs)))
+    blank = jnp.zeros(number, own.dtype)
+    members = blank.at[group].add(1.0)
+
+    def update(_: int, carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        scales, trajectory = carry
+        expansion = _expand(model, trajectory, observations, inputs)
+        smoothed, squares = expected_steps(first, expansion, own * scales[group])
+        means = blank.at[group].add(jnp.mean(squares / jnp.square(own[1:]), 0)) / members
+        new = jnp.sqrt(jnp.clip(means, NARROWEST**2, WIDEST**2))
+        fine = jnp.all(jnp.isfinite(new)) & jnp.all(jnp.isfinite(smoothed))
+        return jnp.where(fine, new, scales), jnp.where(fine, smoothed, trajectory)
+
+    start = smoothed_moments(model, observations, inputs).mean
+    scales, _ = jax.lax.fori_loop(0, num_rounds, update, (blank + 1, start))
+    return jnp.ones_like(whole[0]).at[jnp.asarray(free)].set(scales[group])
+
+
+def _expand(model: CompiledModel, trajectory: jax.Array, observations: Observation, inputs: Any) -> Expansion:
+    """The likelihood of each frame around a state."""
+
+    def expand(x: jax.Array, observation: Observation, inputs: Any) -> Expansion:
+        information = model.observation_information(x, observation, inputs)
+        return Expansion(information @ x + jax.grad(model.log_observation)(x, observation, inputs), information)
+
+    expansion: Expansion = jax.vmap(expand)(trajectory, observations, inputs)
+    return expansion
+
+
+def expected_steps(first: Gaussian, expansion: Expansion, steps: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Smoothed means (T, d) of a random walk, and expected squares (T - 1, d) of its steps, given all data.
+
+    Args:
+        first: Mean (d,) and covariance (d, d) of the first state.
+        expansion: Log-likelihood of each frame.
+        steps: Standard deviations (T, d) of the step to each frame; the first is not read.
+    """
+
+    def forward(before: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, jax.Array]]:
+        (vector, information), step, is_first = row
+        covariance = before.covariance + jnp.where(is_first, 0.0, 1.0) * jnp.diag(jnp.square(step))
+        lower = jnp.linalg.cholesky(covariance)
+        inner = jnp.linalg.cholesky(jnp.eye(len(step), dtype=step.dtype) + lower.T @ information @ lower)
+        half = solve_triangular(inner, lower.T, lower=True)
+        updated = half.T @ half
+        new = Gaussian(before.mean + updated @ (vector - information @ before.mean), updated)
+        return new, (new, covariance)
+
+    is_first = jnp.arange(len(steps)) == 0
+    _, (filtered, predicted) = jax.lax.scan(forward, first, (expansion, steps, is_first))
+
+    def back(later: Gaussian, row: Any) -> tuple[Gaussian, tuple[jax.Array, jax.Array]]:
+        (mean, covariance), ahead = row
+        gain = cho_solve(cho_factor(ahead), covariance).T
+        smoothed = Gaussian(mean + gain @ (later.mean - mean), covariance + gain @ (later.covariance - ahead) @ gain.T)
+        variance = jnp.diagonal(smoothed.covariance + later.covariance - 2 * gain @ later.covariance)
+        return smoothed, (smoothed.mean, jnp.square(later.mean - smoothed.mean) + variance)
+
+    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+    earlier = jax.tree.map(lambda leaf: leaf[:-1], filtered)
+    _, (means, squares) = jax.lax.scan(back, last, (earlier, predicted[1:]), reverse=True)
+    return jnp.concatenate([means, last.mean[None]]), squares

@@ -1,0 +1,198 @@
+"""What is taken from one frame of one camera: foreground, edges, distances, colours, contour, flow.
+
+    background = learn_background(video.images(), settings.background)
+    features = extract(image, background, settings, previous=before, camera="front", frame=12)
+
+All maps have the size of the scaled image: a point (x, y) of the recording is at ((x + 0.5) s - 0.5, (y + 0.5) s - 0.5) in
+them, s being the scale, centres of pixels at whole numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.checks import check_at_least, check_fraction
+from poseppl.errors import InputError
+from poseppl.motion.io.opencv import Image, check_image, opencv, to_rgb
+from poseppl.motion.vision.background import Background, BackgroundSettings
+from poseppl.motion.vision.colour import ColourSettings, Histogram, colour_bins, colour_histogram
+from poseppl.motion.vision.contours import fourier_descriptors, outer_contour
+from poseppl.motion.vision.edges import EdgeSettings, Map, edge_proximity, find_edges
+from poseppl.motion.vision.flow import Flow, FlowSettings, foreground_flow
+from poseppl.motion.vision.maps import edge_distance, silhouette_distance
+from poseppl.motion.vision.masks import Mask, check_mask
+
+BadMask = Literal["raise", "unknown"]
+
+
+class FeatureSettings(NamedTuple):
+    """What is taken from a frame, and how.
+
+    Attributes:
+        background: Foreground.
+        edges: Edges.
+        colour: Colour histogram.
+        flow: Optical flow; None for none, which saves a third of the time.
+        scale: Images are scaled by this factor first, at most 1.
+        truncation: Largest distance told apart, px of the scaled image.
+        descriptors: Number of Fourier descriptors.
+    """
+
+    background: BackgroundSettings = BackgroundSettings()
+    edges: EdgeSettings = EdgeSettings()
+    colour: ColourSettings = ColourSettings()
+    flow: FlowSettings | None = FlowSettings()
+    scale: float = 1.0
+    truncation: float = 50.0
+    descriptors: int = 20
+
+    def check(self) -> FeatureSettings:
+        """Refuse settings that cannot be used.
+
+        Returns:
+            The settings.
+
+        Raises:
+            ValueError: A number is out of its range.
+        """
+        self.background.check()
+        self.edges.check()
+        self.colour.check()
+        if self.flow is not None:
+            self.flow.check()
+        check_fraction("(0, 1]", scale=self.scale)
+        check_at_least(1, truncation=self.truncation, descriptors=self.descriptors)
+        return self
+
+
+class FrameFeatures(NamedTuple):
+    """The features of one frame of one camera, (H, W) of the scaled image.
+
+    Attributes:
+        foreground: (H, W) uint8, 1 at the person.
+        unknown: (H, W) uint8, 1 where there is no evidence.
+        edges: (H, W) uint8, 1 at an edge.
+        edge_proximity: (H, W) float32 in [0, 1].
+        edge_distance: (H, W) float32 px to the nearest edge, truncated.
+        silhouette_distance: (H, W) float32 px to the silhouette's outline, negative inside, truncated.
+        histogram: (bins,) colours of the foreground, shares.
+        descriptors: (count,) Fourier descriptors of the outer contour; NaN without one.
+        flow: (H, W, 2) float32 px from the frame before to this one, sought around the foreground and 0 beyond; (0, 0, 2) in
+            the first frame and without flow.
+        flow_outliers: (H, W) uint8, 1 where the flow cannot be believed or was not sought; (0, 0) where there is no flow.
+    """
+
+    foreground: Mask
+    unknown: Mask
+    edges: Mask
+    edge_proximity: Map
+    edge_distance: Map
+    silhouette_distance: Map
+    histogram: Histogram
+    descriptors: NDArray[np.float64]
+    flow: Flow
+    flow_outliers: Mask
+
+
+def extract(
+    image: Image,
+    background: Background,
+    settings: FeatureSettings | None = None,
+    *,
+    previous: Image | None = None,
+    unknown: Mask | None = None,
+    camera: str = "camera",
+    frame: int = 0,
+    bad_mask: BadMask = "raise",
+) -> FrameFeatures:
+    """Take the features of a frame.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) gray, as recorded.
+        background: The background of the images scaled by ``settings.scale``.
+        settings: The settings; None for the default ones.
+        previous: The frame before, as recorded; None for none, and then there is no flow.
+        unknown: (H, W) as recorded, not 0 at pixels that give no evidence; None for none.
+        camera: The camera, for messages.
+        frame: The frame number, for messages.
+        bad_mask: What to do with a foreground that is (nearly) empty or full: "raise", or "unknown", which takes the whole
+            image as unknown, without foreground.
+
+    Returns:
+        The features.
+
+    Raises:
+        InputError: The image is malformed or of another size than the background; or the foreground is (nearly) empty or full.
+        ValueError: A setting is out of its range.
+    """
+    chosen = (settings or FeatureSettings()).check()
+    scaled = scale_image(image, chosen.scale, camera, frame)
+    blind = None if unknown is None else scale_mask(unknown, scaled)
+    foreground, not_known = background.subtract(scaled, blind)
+    try:
+        check_mask(foreground, camera, frame)
+    except InputError:
+        if bad_mask == "raise":
+            raise
+        foreground, not_known = np.zeros_like(foreground), np.ones_like(foreground)
+    edges = find_edges(scaled, chosen.edges, foreground)
+    edges[not_known != 0] = 0
+    flow, outliers = np.zeros((0, 0, 2), np.float32), np.zeros((0, 0), np.uint8)
+    if previous is not None and chosen.flow is not None:
+        before = scale_image(previous, chosen.scale, camera, frame - 1)
+        flow, outliers = foreground_flow(before, scaled, foreground, chosen.flow)
+    return FrameFeatures(
+        foreground=foreground,
+        unknown=not_known,
+        edges=edges,
+        edge_proximity=edge_proximity(edges, chosen.edges.sigma),
+        edge_distance=edge_distance(edges, chosen.truncation),
+        silhouette_distance=silhouette_distance(foreground, chosen.truncation),
+        histogram=colour_histogram(colour_bins(scaled[foreground != 0][None], chosen.colour), chosen.colour),
+        descriptors=fourier_descriptors(outer_contour(foreground), chosen.descriptors),
+        flow=flow,
+        flow_outliers=outliers,
+    )
+
+
+def scale_image(image: Image, scale: float, camera: str | None = None, frame: int | None = None) -> Image:
+    """Scale an image down, each new pixel the mean of those that it covers.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) gray.
+        scale: The factor, at most 1.
+        camera: The camera, for messages.
+        frame: The frame number, for messages.
+
+    Returns:
+        (round(scale H), round(scale W), 3) RGB.
+    """
+    cv2 = opencv()
+    checked = check_image(image, camera, frame)
+    rgb = checked if checked.ndim == 3 else to_rgb(checked)
+    if scale == 1.0:
+        return rgb
+    size = (max(1, round(rgb.shape[1] * scale)), max(1, round(rgb.shape[0] * scale)))
+    scaled: Image = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    return scaled
+
+
+def scale_mask(mask: Mask, image: Image) -> Mask:
+    """Scale a mask to the size of an image: a pixel is marked where any pixel that it covers is.
+
+    Args:
+        mask: (h, w), not 0 where marked.
+        image: (H, W, 3).
+
+    Returns:
+        (H, W) uint8, 0 or 1.
+    """
+    cv2 = opencv()
+    marked = (np.asarray(mask) != 0).astype(np.float32)
+    if marked.shape != image.shape[:2]:
+        marked = cv2.resize(marked, image.shape[1::-1], interpolation=cv2.INTER_AREA)
+    scaled: Mask = (marked > 0).astype(np.uint8)
+    return scaled

@@ -1,0 +1,1 @@
+"""Weights, resampling, prefix sums and keys: what every particle method is made of."""

@@ -1,0 +1,129 @@
+"""What is kept of a run: collectors, which the driver calls with every frame.
+
+Kept are a thinning of the draws and, made over all of them, their mean, standard deviation and quantiles; so the memory of a
+long run is bounded by the thinning, and its intervals do not depend on it. Extras (such as the markers of a body) are functions
+of a state, and are kept in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.checks import check_at_least
+from poseppl.particles.quantiles import column_quantiles
+from poseppl.particles.resampling import systematic
+from poseppl.particles.weights import normalise
+from poseppl.program import CompiledModel
+from poseppl.runs.results import QUANTILES
+from poseppl.runs.run import Collect
+
+Extras = Callable[[jax.Array, Any], Mapping[str, jax.Array]]
+"""`(x, inputs) -> values by name` for one state (d,)."""
+
+_NUM_QUANTILE_DRAWS = 2000
+"""Weighted particles are resampled to so many draws for their quantiles: a standard error of 1 % of a probability."""
+
+
+class Draws(NamedTuple):
+    """What is kept of a frame.
+
+    Attributes:
+        state: Draws (chains, draws, d).
+        extras: Draws of the extras by name (chains, draws, ...).
+        summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of the extras, by name.
+    """
+
+    state: jax.Array
+    extras: dict[str, jax.Array]
+    summary: dict[str, jax.Array]
+
+
+def collect_draws(
+    model: CompiledModel,
+    *,
+    max_draws: int = 200,
+    extras: Extras | None = None,
+    mean_only: Sequence[str] = (),
+    quantiles: Sequence[float] = QUANTILES,
+) -> Collect:
+    """Build a collector of draws and summaries.
+
+    Args:
+        model: The model that the filter was built for.
+        max_draws: How many draws are kept, of each chain (every k-th), or of all weighted particles (resampled, as one chain).
+        extras: Functions of a state; the model's own deterministic sites if None.
+        mean_only: Extras of which only the mean is kept.
+        quantiles: Levels of the quantiles.
+
+    Returns:
+        The collector; it returns :class:`Draws`.
+    """
+    check_at_least(1, max_draws=max_draws)
+    of_state = model.extras if extras is None else extras
+    levels = jnp.asarray(quantiles)
+
+    def values_of(states: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+        """State and extras of states (N, d), each (N, ...)."""
+        return {"state": states, **jax.vmap(lambda x: of_state(x, inputs))(states)}
+
+    def summarise(
+        values: Mapping[str, jax.Array], weights: jax.Array | None, sample: Mapping[str, jax.Array]
+    ) -> dict[str, jax.Array]:
+        summary = {f"{name}_mean": _average(value, weights) for name, value in values.items()}
+        # Bessel's correction where draws count alike
+        count = values["state"].shape[0]
+        scale = count / max(count - 1, 1) if weights is None else 1.0
+        spread = {name: value for name, value in values.items() if name not in mean_only}
+        for name, value in spread.items():
+            summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
+        between = _quantiles({name: sample[name] for name in spread}, levels)
+        return summary | {f"{name}_quantile": value for name, value in between.items()}
+
+    def of_chains(state: Any, inputs: Any) -> Draws:
+        chains, length, dimension = state.particles.shape
+        values = values_of(state.particles.reshape(chains * length, dimension), inputs)
+        summary = summarise(values, None, values)
+        every = -(-length // max_draws)
+        kept = {
+            name: value.reshape(chains, length, *value.shape[1:])[:, (length - 1) % every :: every]
+            for name, value in values.items()
+            if name not in mean_only
+        }
+        return Draws(kept.pop("state"), kept, summary)
+
+    def of_particles(rng_key: jax.Array, state: Any, inputs: Any) -> Draws:
+        key_sample, key_kept = jax.random.split(rng_key)
+        log_weights = normalise(state.log_weights).log_weights
+        weights = jnp.exp(log_weights)
+        # particles of no weight may hold anything
+        states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
+        values = values_of(states, inputs)
+        chosen = systematic(key_sample, log_weights, min(_NUM_QUANTILE_DRAWS, max(states.shape[0], 1)))
+        thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
+        summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()})
+        kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
+        return Draws(kept.pop("state"), kept, summary)
+
+    def collect(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Draws:
+        return of_chains(state, inputs) if state.particles.ndim == 3 else of_particles(rng_key, state, inputs)
+
+    return collect
+
+
+def _average(values: jax.Array, weights: jax.Array | None) -> jax.Array:
+    return jnp.mean(values, 0) if weights is None else jnp.tensordot(weights, values, 1)
+
+
+def _quantiles(sample: Mapping[str, jax.Array], levels: jax.Array) -> dict[str, jax.Array]:
+    """Quantiles (levels, ...) of each array (N, ...), all of them side by side."""
+    sizes = [value[0].size for value in sample.values()]
+    together = jnp.concatenate([value.reshape(value.shape[0], -1).astype(float) for value in sample.values()], 1)
+    parts = jnp.split(column_quantiles(together, levels), np.cumsum(sizes)[:-1], axis=1)
+    return {
+        name: part.reshape(len(levels), *value.shape[1:]) for (name, value), part in zip(sample.items(), parts, strict=True)
+    }

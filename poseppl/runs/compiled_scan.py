@@ -1,0 +1,204 @@
+"""The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays.
+
+Both programs are compiled before either runs, so that no compilation counts as time of the frames. JAX keeps what it compiled:
+a run whose filter, collector and shapes are equal to those of an earlier one compiles nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.program import Observation
+from poseppl.runs.checkpoint import Part
+from poseppl.runs.frame_sequence import FrameSequence, Layout
+from poseppl.runs.predictive import Predict, Prediction
+
+Collect = Callable[[jax.Array, Any, Any, Any], Any]
+"""`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
+
+_CHECKS = 2
+"""What the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
+
+
+class Kept(NamedTuple):
+    """What is kept of a frame; of a sequence, with a leading T.
+
+    Attributes:
+        outputs: What `collect` returned.
+        info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
+        unique_ancestors: How many particles of the frame before have offspring.
+        finite: Whether all particles of positive weight were finite.
+        prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
+    """
+
+    outputs: Any
+    info: Info
+    unique_ancestors: Any
+    finite: Any
+    prediction: Prediction | None
+
+
+def frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+    """Keys of the filter and of the collector at a frame."""
+    key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
+    return key_filter, key_collect
+
+
+def _prediction_key(rng_key: jax.Array, frame: Any) -> jax.Array:
+    """Key of the predictive checks at a frame; those of filter and collector do not depend on whether it is used."""
+    return jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS)
+
+
+def _keep(
+    collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None
+) -> Kept:
+    offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
+    alive = state.log_weights > -jnp.inf
+    finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
+    outputs = collect(rng_key, state, info, inputs)
+    told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
+    return Kept(outputs, told, jnp.sum(offspring), finite, prediction)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+def _first(
+    filter: Filter,
+    collect: Collect,
+    predict: Predict | None,
+    layout: Layout,
+    rng_key: jax.Array,
+    observation: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """The first frame."""
+    key_filter, key_collect = frame_keys(rng_key, 0)
+    inputs = layout.join(varying, constant)
+    key_check = _prediction_key(rng_key, 0)
+    prediction = predict(key_check, None, True, observation, inputs) if predict else None
+    state, info = filter.init(key_filter, observation, inputs)
+    kept = _keep(collect, key_collect, state, info, inputs, prediction)
+    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+def _scan_frames(
+    filter: Filter,
+    collect: Collect,
+    predict: Predict | None,
+    layout: Layout,
+    state: Any,
+    blank: Kept,
+    rng_key: jax.Array,
+    frames: jax.Array,
+    active: jax.Array,
+    observations: Observation,
+    varying: list[Any],
+    constant: list[Any],
+) -> tuple[Any, Kept]:
+    """Later frames of the numbers `frames` (chunk,), of which the `active` (chunk,) ones count."""
+
+    def body(state: Any, row: Any) -> tuple[Any, Kept]:
+        frame, wanted, observation, varying = row
+
+        def run(state: Any) -> tuple[Any, Kept]:
+            key_filter, key_collect = frame_keys(rng_key, frame)
+            inputs = layout.join(varying, constant)
+            first = False if filter.before is None else frame == 0
+            key_check = _prediction_key(rng_key, frame)
+            prediction = predict(key_check, state, first, observation, inputs) if predict else None
+            new, info = filter.step(key_filter, state, observation, inputs)
+            return new, _keep(collect, key_collect, new, info, inputs, prediction)
+
+        result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
+        return result
+
+    return jax.lax.scan(body, state, (frames, active, observations, varying))
+
+
+class Calls:
+    """The two compiled programs of a run, and their data.
+
+    Args:
+        filter: The filter.
+        collect: What is kept of a frame.
+        predict: Predictive checks of a frame, or None.
+        sequence: The data.
+        rng_key: Key of the run.
+        length: Frames in a scan.
+
+    Attributes:
+        state: A state of the right shapes; nothing is compiled for it.
+        blank: What is kept of a frame, of the right shapes.
+    """
+
+    def __init__(
+        self,
+        filter: Filter,
+        collect: Collect,
+        predict: Predict | None,
+        sequence: FrameSequence,
+        rng_key: jax.Array,
+        length: int,
+    ) -> None:
+        self._what = filter, collect, predict, sequence.layout
+        self._sequence, self._rng_key, self._length = sequence, rng_key, length
+        trace: Any = _first
+        shapes = trace.eval_shape(*self._what, *self._first_data())
+        self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
+        self.blank: Kept = jax.tree.map(lambda leaf: leaf[0], kept)
+        self._before: Any = None
+        self._first: Any = None
+        self._scan: Any = None
+
+    def compile(self, first: bool) -> None:
+        """Compile both programs side by side; that of the first frame only if it is wanted."""
+        filter, sequence = self._what[0], self._sequence
+        with ThreadPoolExecutor(1) as pool:
+            alone = first and filter.before is None
+            compiling = pool.submit(self._compiled, _first, self._first_data()) if alone else None
+            if first and filter.before is not None:
+                self._before = _before(filter, sequence)
+            if sequence.num_frames > 1 or filter.before is not None:
+                self._scan = self._compiled(_scan_frames, self._scan_data(self.state, 1, 1))
+            self._first = compiling.result() if compiling else None
+
+    def advance(self, state: Any, start: int, stop: int) -> Part:
+        """The frames from `start` up to `stop`, from the state after the frame before; the first frame is advanced alone."""
+        if start == 0 and self._first is not None:
+            return _part(self._first(*self._first_data()), 1)
+        state = self._before if start == 0 else state
+        return _part(self._scan(*self._scan_data(state, start, stop)), stop - start)
+
+    def _compiled(self, program: Any, data: tuple[Any, ...]) -> Any:
+        return program.lower(*self._what, *data).compile()
+
+    def _first_data(self) -> tuple[Any, ...]:
+        return self._rng_key, *self._sequence.frame(0), self._sequence.constant
+
+    def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
+        numbers = np.arange(start, start + self._length, dtype=np.int32)
+        rows, varying = self._sequence.rows(start, self._length)
+        placed = self._what[0].place(state)
+        return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
+
+
+def _before(filter: Filter, sequence: FrameSequence) -> Any:
+    """The state before the first frame."""
+    observation, varying = sequence.frame(0)
+    build: Any = filter.before
+    return build(observation, sequence.layout.join(varying, sequence.constant))
+
+
+def _part(result: tuple[Any, Kept], num_frames: int) -> Part:
+    """The frames of a call on the host; the state stays where it is."""
+    state, kept = result
+    return Part(jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept), state)

@@ -1,0 +1,144 @@
+r"""Predictive checks, which need no truth: each frame's data against what the filter expected before it saw them.
+
+From the filter's state after frame t - 1, whatever the filter, S independent draws of x_(t-1) are moved by the transition, and
+give S replicates y^(s) of the data of frame t. If the filter's posterior and the model are right, the data z_t and the
+replicates are S + 1 exchangeable draws, so that ranks among them are uniform, exactly and for any S (Dawid 1984,
+doi:10.2307/2981683; for counts randomised, Czado, Gneiting and Held 2009, doi:10.1111/j.1541-0420.2009.01191.x):
+
+* the probability integral transform of each entry,  u = (#{y < z} + U (#{y = z} + 1)) / (S + 1),  U uniform in (0, 1);
+* the rank of the innovation chi-square  (z - m)' C^-1 (z - m),  with m and C from one half of the replicates, among the others.
+
+Kept are besides the innovation z - m and its expected variance in two parts, that of E[y | x] over the states and the mean of
+Var[y | x]: the first is what the filter claims of the state, and what a calibrated filter's errors bear out
+(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.checks import check_at_least
+from poseppl.filters.base import FilterState
+from poseppl.particles.resampling import multinomial
+from poseppl.program import CompiledModel, Observation
+
+_MAX_JOINT = 400
+"""Entries of a frame's data up to which the chi-square knows their covariances."""
+_RIDGE = 1e-4
+"""Added to the diagonal of correlations: states that hardly differ leave a singular matrix."""
+_LEAST = 1e-30
+"""Least variance of an entry."""
+
+
+class Prediction(NamedTuple):
+    """A frame's data against their prediction; of a sequence, with a leading T.
+
+    Attributes:
+        transform: Probability integral transform (k,) of each entry, in the order of the model's `flat_observation`.
+        innovation: Data minus their predicted mean (k,).
+        state_variance: Variance (k,) of E[y | x] over the predicted states.
+        noise_variance: Mean (k,) of Var[y | x] over the predicted states.
+        chi_square: Innovation chi-square over its mean under the prediction, a scalar.
+        chi_square_transform: Its randomised rank, a scalar in (0, 1).
+    """
+
+    transform: Any
+    innovation: Any
+    state_variance: Any
+    noise_variance: Any
+    chi_square: Any
+    chi_square_transform: Any
+
+
+class Predict(Protocol):
+    """Check a frame's data before the filter sees them."""
+
+    def __call__(
+        self, rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any
+    ) -> Prediction:
+        """From the state after the frame before; where it is the first frame, from the initial program."""
+
+
+def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
+    """Build the checks for :func:`poseppl.runs.run.run_filter`.
+
+    Args:
+        model: The model that the filter was built for.
+        num_draws: S, at least 8.
+
+    Returns:
+        The checks; they raise a ValueError where the observation program has a heuristic likelihood, which predicts no data
+        (`model.prediction_obstacle` tells).
+    """
+    check_at_least(8, num_draws=num_draws)
+
+    def draw_states(rng_key: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> jax.Array:
+        key_choose, key_initial, key_move = jax.random.split(rng_key, 3)
+
+        def initial() -> jax.Array:
+            return jax.vmap(lambda key: model.sample_initial(key, inputs))(jax.random.split(key_initial, num_draws))
+
+        if state is None:
+            return initial()
+        chosen = multinomial(key_choose, jnp.ravel(state.log_weights), num_draws)
+        previous = state.particles.reshape(-1, state.particles.shape[-1])[chosen]
+        keys = jax.random.split(key_move, num_draws)
+        moved = jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, previous)
+        return moved if first is False else jnp.where(first, initial(), moved)
+
+    def predict(rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any) -> Prediction:
+        key_states, key_data, key_ties = jax.random.split(rng_key, 3)
+        states = draw_states(key_states, state, first, inputs)
+        drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(jax.random.split(key_data, num_draws), states)
+        # a distribution that tells no moments counts as all noise of the state
+        known = jnp.isfinite(drawn.mean) & jnp.isfinite(drawn.variance)
+        means, variances = jnp.where(known, drawn.mean, drawn.values), jnp.where(known, drawn.variance, 0.0)
+        data, seen = model.flat_observation(observation)
+        key_entries, key_chi_square = jax.random.split(key_ties)
+        chi_square = _chi_square(means, variances, data, seen)
+        half = num_draws // 2
+        others = jax.vmap(chi_square)(drawn.values[half:])
+        found = chi_square(data)
+        entries = (
+            _rank(key_entries, drawn.values, data),
+            data - jnp.mean(means, 0),
+            jnp.var(means, 0, ddof=1),
+            jnp.mean(variances, 0),
+        )
+        whole = found / jnp.mean(others), _rank(key_chi_square, others, found)
+        return Prediction(
+            *(jnp.where(seen, entry, jnp.nan) for entry in entries),
+            *(jnp.where(jnp.any(seen), value, jnp.nan) for value in whole),
+        )
+
+    return predict
+
+
+def _rank(rng_key: jax.Array, draws: jax.Array, value: jax.Array) -> jax.Array:
+    """Randomised rank of `value` (...) among `draws` (S, ...), over S + 1."""
+    below, equal = jnp.sum(draws < value, 0), jnp.sum(draws == value, 0)
+    return (below + jax.random.uniform(rng_key, value.shape, value.dtype) * (equal + 1)) / (draws.shape[0] + 1)
+
+
+def _chi_square(means: jax.Array, variances: jax.Array, data: jax.Array, seen: jax.Array) -> Callable[[jax.Array], jax.Array]:
+    """The innovation chi-square of data (k,), from the first half of the draws (S, k)."""
+    half = means.shape[0] // 2
+    centre = jnp.mean(means[:half], 0)
+    centred = means[:half] - centre
+    noise = jnp.mean(variances[:half], 0)
+    scale = jnp.sqrt(jnp.maximum(noise + jnp.sum(centred**2, 0) / (half - 1), _LEAST))
+    if data.shape[0] > _MAX_JOINT:
+        return lambda y: jnp.sum(jnp.where(seen, (y - centre) / scale, 0.0) ** 2)
+    white = jnp.where(seen, centred / scale, 0.0)
+    diagonal = jnp.where(seen, noise / scale**2, 1.0) + _RIDGE
+    lower = jnp.linalg.cholesky(white.T @ white / (half - 1) + jnp.diag(diagonal))
+
+    def chi_square(y: jax.Array) -> jax.Array:
+        residual = jnp.where(seen, (y - centre) / scale, 0.0)
+        return jnp.sum(jax.scipy.linalg.solve_triangular(lower, residual, lower=True) ** 2)
+
+    return chi_square

@@ -1,0 +1,320 @@
+"""What a run returns: an xarray DataTree with named coordinates, which ArviZ's functions take as it is.
+
+=================  =============================================================================================
+group              variables
+=================  =============================================================================================
+``posterior``      ``state`` (chain, draw, frame, dof) and the model's extras, such as ``markers``
+                   (chain, draw, frame, marker, axis) in mm and the projections ``points``
+                   (chain, draw, frame, camera, marker, xy)
+``sample_stats``   one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
+``summary``        ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of ``markers``,
+                   made over all draws or particles, where ``posterior`` may hold a thinning of them
+``observed_data``  ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
+``truth``          where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
+``camera``         the calibration, one row a camera
+``body``           ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
+``inputs``         what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof), the
+                   standard deviations of the random walk's step to each frame, mm and radians
+``predictive``     each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`: ``transform``,
+                   ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry), ``chi_square`` and
+                   ``chi_square_transform`` (frame,)
+``diagnostics``    added by :func:`poseppl.diagnostics.diagnose`
+=================  =============================================================================================
+
+Weighted particles have no chains: their ``posterior`` is one chain of draws resampled by weight, and the root attribute
+``num_particles`` holds the number of particles behind each frame. The provenance is in the root attributes, as JSON.
+
+>>> tree = build_result(state=np.zeros((2, 5, 3, 1)), names=Names(dof=("level",)), attrs={"model": "random walk"})
+>>> tree["posterior/state"].sizes["draw"], provenance(tree)["model"]
+(5, 'random walk')
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.netcdf_reading import read_netcdf
+from poseppl.files.netcdf_writing import write_netcdf
+
+VERSION = 1
+"""Version of the layout, in the root attribute ``poseppl_result``."""
+
+QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
+"""The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
+
+_AXES = ("x", "y", "z")
+_DIMS = {
+    "state": ("dof",),
+    "markers": ("marker", "axis"),
+    "points": ("camera", "marker", "xy"),
+    "overlap": ("camera",),
+    "silhouette_area": ("camera",),
+    "silhouette_centre": ("camera", "xy"),
+}
+
+
+class Names(NamedTuple):
+    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty."""
+
+    dof: Sequence[str]
+    marker: Sequence[str] = ()
+    camera: Sequence[str] = ()
+
+
+class Truth(NamedTuple):
+    """What is known to be true: ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm, each None if unknown."""
+
+    state: ArrayLike | None = None
+    markers: ArrayLike | None = None
+
+
+def build_result(
+    *,
+    state: ArrayLike,
+    names: Names,
+    extras: Mapping[str, ArrayLike] | None = None,
+    sample_stats: Mapping[str, ArrayLike] | None = None,
+    summary: Mapping[str, ArrayLike] | None = None,
+    quantiles: Sequence[float] = QUANTILES,
+    observed: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    truth: Truth | None = None,
+    cameras: Mapping[str, ArrayLike | None] | None = None,
+    edges: ArrayLike | None = None,
+    root: str | None = None,
+    inputs: Mapping[str, ArrayLike] | None = None,
+    predictive: Mapping[str, ArrayLike] | None = None,
+    frames: ArrayLike | None = None,
+    rate: float | None = None,
+    num_particles: int | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.DataTree:
+    """Assemble the result of a run.
+
+    Args:
+        state: (chain, draw, frame, dof) draws.
+        names: Names of the coordinates.
+        extras: Draws of the model's deterministic sites, (chain, draw, frame, ...).
+        sample_stats: (frame,) each.
+        summary: ``state_mean`` (frame, dof), ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the like for extras.
+            Whatever is absent for ``state`` and ``markers`` is computed from the draws.
+        quantiles: Levels of the quantiles, ascending.
+        observed: (frame, camera, marker, xy) image points, NaN where missing; or any data by name, (frame, ...) each.
+        truth: The truth, where known.
+        cameras: Arrays with a leading axis of cameras, e.g. ``rotation``, ``centre`` (mm), ``focal``, ``principal``.
+        edges: (edge, 2) indices into the markers.
+        root: The marker that relative errors are measured from.
+        inputs: What else the model was given, by name, so that a smoother finds it again.
+        predictive: Predictive checks, (frame, entry) or (frame,) each.
+        frames: (frame,) frame numbers; 0, 1, ... if None.
+        rate: Frames a second.
+        num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
+        attrs: Provenance: anything that JSON can hold.
+
+    Returns:
+        The tree.
+
+    Raises:
+        ValueError: A shape does not agree with the names.
+    """
+    draws = np.asarray(state)
+    if draws.ndim != 4:
+        raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
+    known = _coordinates(names, draws.shape, frames, quantiles)
+    posterior = {"state": draws} | {name: np.asarray(values) for name, values in (extras or {}).items()}
+    groups = {
+        "posterior": _dataset(posterior, ("chain", "draw", "frame"), known),
+        "sample_stats": _dataset(sample_stats or {}, ("frame",), known),
+        "summary": _summary(posterior, summary or {}, known),
+    }
+    if observed is not None:
+        data = observed if isinstance(observed, Mapping) else {"points": observed}
+        groups["observed_data"] = _dataset(data, ("frame",), known)
+    if truth is not None and any(part is not None for part in truth):
+        parts = {name: values for name, values in truth._asdict().items() if values is not None}
+        groups["truth"] = _dataset(parts, ("frame",), known)
+    if cameras is not None:
+        parts = {name: values for name, values in cameras.items() if values is not None}
+        groups["camera"] = _dataset(parts, ("camera",), known)
+    if edges is not None:
+        groups["body"] = xr.Dataset({"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))})
+        groups["body"].attrs |= {"root": root} if root else {}
+    if inputs is not None:
+        arrays = {name: np.asarray(values) for name, values in inputs.items()}
+        steps = {name: arrays.pop(name) for name in ("step_scale",) if name in arrays}
+        groups["inputs"] = _checked({name: (("frame", "dof"), values) for name, values in steps.items()}, known).assign(
+            {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
+        )
+    if predictive is not None:
+        checks = {name: np.asarray(values) for name, values in predictive.items()}
+        groups["predictive"] = _checked(
+            {name: (("frame", "entry")[: values.ndim], values) for name, values in checks.items()}, known
+        )
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = _root_attrs(rate, num_particles, attrs or {})
+    return tree
+
+
+def save_result(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+    """Write a result as NetCDF, compressed; the file appears under its name only when it is whole.
+
+    Args:
+        tree: The result.
+        path: The file, overwritten if it exists.
+
+    Raises:
+        InputError: The folder is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    encoding: dict[str, dict[str, Any]] = {}
+    for node in tree.subtree:
+        numeric = [str(name) for name, values in node.dataset.data_vars.items() if values.dtype.kind in "fiub" and values.ndim]
+        if numeric:
+            encoding[node.path] = {name: {"zlib": True, "complevel": 2, "shuffle": True} for name in numeric}
+    write_netcdf(tree, path, encoding)
+
+
+def load_result(path: str | PathLike[str], *, max_bytes: int | None = None) -> xr.DataTree:
+    """Read a result into memory.
+
+    Args:
+        path: A file that :func:`save_result` wrote.
+        max_bytes: The most that it may hold when unpacked; 4 GiB by default, or what POSEPPL_MAX_GIB says.
+
+    Returns:
+        The tree.
+
+    Raises:
+        InputError: The file is missing, no NetCDF, damaged, declares too much, or holds no result of poseppl.
+    """
+    expected = "a results file written by poseppl track"
+    tree = read_netcdf(path, expected=expected, max_bytes=max_bytes)
+    version = tree.attrs.get("poseppl_result")
+    if version is None or "posterior" not in tree.children or "state" not in tree["posterior"].dataset:
+        raise InputError("a NetCDF file, but not a result of poseppl", file=path, expected=expected)
+    if version != VERSION:
+        raise InputError(f"results of layout {version}", file=path, expected=f"layout {VERSION}: run the tracking again")
+    return tree
+
+
+def provenance(tree: xr.DataTree) -> dict[str, Any]:
+    """Read the provenance of a result from its root attributes.
+
+    Args:
+        tree: The result.
+
+    Returns:
+        What was given as ``attrs`` to :func:`build_result`.
+    """
+    return {str(name): _decode(value) for name, value in tree.attrs.items() if name not in _RESERVED}
+
+
+def is_weighted(tree: xr.DataTree) -> bool:
+    """Whether the draws of a result were resampled from weighted particles, rather than made by Markov chains."""
+    return "num_particles" in tree.attrs
+
+
+_RESERVED = ("poseppl_result", "rate", "num_particles")
+
+
+def _root_attrs(rate: float | None, num_particles: int | None, attrs: Mapping[str, Any]) -> dict[str, Any]:
+    clash = sorted(set(attrs) & set(_RESERVED))
+    if clash:
+        raise ValueError(f"the attributes {clash} are reserved; give rate and num_particles as arguments")
+    root: dict[str, Any] = {"poseppl_result": VERSION}
+    if rate is not None:
+        root["rate"] = float(rate)
+    if num_particles is not None:
+        root["num_particles"] = int(num_particles)
+    return root | {name: json.dumps(value) for name, value in attrs.items()}
+
+
+def _decode(value: Any) -> Any:
+    try:
+        return _printable(json.loads(value))
+    except (TypeError, ValueError, RecursionError):
+        return _printable(str(value)) if isinstance(value, str) else value
+
+
+def _printable(value: Any) -> Any:
+    """The value with "?" for what is no character: names of files need not be text."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    if isinstance(value, dict):
+        return {_printable(name): _printable(item) for name, item in value.items()}
+    return value
+
+
+def _coordinates(
+    names: Names, shape: tuple[int, ...], frames: ArrayLike | None, quantiles: Sequence[float]
+) -> dict[str, NDArray[Any]]:
+    markers_and_cameras = {"marker": names.marker, "camera": names.camera}
+    return {
+        "chain": np.arange(shape[0]),
+        "draw": np.arange(shape[1]),
+        "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
+        "dof": np.array(names.dof, dtype=str),
+        **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
+        "axis": np.array(_AXES),
+        "xy": np.array(_AXES[:2]),
+        "quantile": np.array(quantiles, float),
+    }
+
+
+def _dataset(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
+    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
+    for name, given in variables.items():
+        values = np.asarray(given)
+        rest = values.ndim - len(leading)
+        dims = _DIMS.get(name, ())
+        if len(dims) != rest:
+            dims = tuple(f"{name}_dim_{i}" for i in range(rest))
+        data[name] = (leading + dims, values)
+    return _checked(data, known)
+
+
+def _checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    for name, (dims, values) in data.items():
+        wanted = tuple(len(known[dim]) if dim in known else size for dim, size in zip(dims, values.shape, strict=False))
+        if values.ndim != len(dims) or values.shape != wanted:
+            raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
+    used = {dim for dims, _ in data.values() for dim in dims if dim in known}
+    return xr.Dataset(dict(data), coords={dim: known[dim] for dim in known if dim in used})
+
+
+def _summary(
+    posterior: Mapping[str, NDArray[Any]], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]
+) -> xr.Dataset:
+    computed: dict[str, NDArray[Any]] = {}
+    for name in ("state", "markers"):
+        if name in posterior and f"{name}_mean" not in given:
+            computed |= _moments(name, posterior[name], known["quantile"])
+    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
+    for name, values in (computed | dict(given)).items():
+        site, _, statistic = name.rpartition("_")
+        middle = ("quantile",) if statistic == "quantile" else ()
+        array = np.asarray(values)
+        dims = _DIMS.get(site, ())
+        if len(dims) != array.ndim - 1 - len(middle):
+            dims = tuple(f"{site}_dim_{i}" for i in range(array.ndim - 1 - len(middle)))
+        data[name] = (("frame", *middle, *dims), array)
+    return _checked(data, known)
+
+
+def _moments(name: str, draws: NDArray[Any], levels: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    dtype = draws.dtype
+    pooled = draws.reshape(-1, *draws.shape[2:])
+    quantile = np.moveaxis(np.quantile(pooled, levels, axis=0), 0, 1)
+    spread = pooled.std(axis=0, ddof=1) if len(pooled) > 1 else np.full(pooled.shape[1:], np.nan)
+    parts = {"mean": pooled.mean(axis=0, dtype=np.float64), "sd": spread, "quantile": quantile}
+    return {f"{name}_{part}": values.astype(dtype) for part, values in parts.items()}

@@ -1,0 +1,132 @@
+"""The driver of smoothers: from a filter's history to what is kept of the smoothed frames.
+
+    history = run_filter(filter, rng_key, observations, inputs, collect=collect_history).outputs
+    run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect_draws(model))
+
+The data of frames that the filter reported as failed are masked, so that a smoother passes over them as over frames without
+data. What is kept is kept by the collectors that :func:`poseppl.runs.run.run_filter` takes.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import PosepplError
+from poseppl.particles.resampling import systematic
+from poseppl.program import Observation
+from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.run import Collect
+from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
+
+
+class SmoothingError(PosepplError):
+    """A smoothing whose result is not finite."""
+
+
+class SmoothingRun(NamedTuple):
+    """What a smoothing returns, as NumPy arrays.
+
+    Attributes:
+        outputs: What `collect` kept of each frame, with a leading T.
+        info: Diagnosis.
+        num_particles: N, where a frame is weighted particles or single trajectories; None where it is M chains.
+        compile_seconds: Time to trace and compile.
+        wall_seconds: Time of the smoothing itself.
+    """
+
+    outputs: Any
+    info: SmoothingInfo
+    num_particles: int | None
+    compile_seconds: float
+    wall_seconds: float
+
+
+class _Frame(NamedTuple):
+    """A smoothed frame in the form that collectors read."""
+
+    particles: jax.Array
+    log_weights: jax.Array
+
+
+def run_smoother(
+    smoother: Smoother,
+    rng_key: jax.Array,
+    history: History,
+    observations: Observation,
+    inputs: Any = None,
+    *,
+    collect: Collect,
+) -> SmoothingRun:
+    """Smooth a sequence.
+
+    Args:
+        smoother: The smoother.
+        rng_key: PRNG key; the same key gives the same result.
+        history: What the filter left.
+        observations: The data that the filter saw, with a leading T.
+        inputs: Its inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`.
+        collect: What is kept of a frame; see :mod:`poseppl.runs.collectors`.
+
+    Raises:
+        ValueError: The history is no History, the data are no Observation, or an array does not have T rows.
+        SmoothingError: The result is not finite.
+    """
+    if not isinstance(history, History):
+        raise ValueError(
+            f"The history is a {type(history).__name__}. Expected what the filter left: the outputs of run_filter(..., "
+            "collect=collect_history), with all particles, weights and ancestors."
+        )
+    history = jax.tree.map(jnp.asarray, history)
+    num_frames = history.particles.shape[0]
+    sequence = frame_sequence(observations, inputs, num_frames)
+    whole = sequence.stacked_inputs()
+    data = mask_failed(jax.tree.map(jnp.asarray, sequence.observations), history.failed)
+    key_smooth, key_collect = jax.random.split(rng_key)
+    started = time.perf_counter()
+    compiled: Any = jax.jit(smoother.smooth).lower(key_smooth, history, data, whole).compile()
+    ready = time.perf_counter()
+    smoothed: Smoothed = compiled(key_smooth, history, data, whole)
+    smoothed.particles.block_until_ready()
+    seconds = ready - started, time.perf_counter() - ready
+    if not _is_finite(smoothed):
+        raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
+    outputs = jax.tree.map(np.asarray, _collected(collect, smoother.joint, key_collect, smoothed, whole))
+    count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
+    return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds)
+
+
+def mask_failed(observations: Observation, failed: jax.Array | NDArray[np.bool_]) -> Observation:
+    """Hide the data of failed frames; `failed` is (T,)."""
+
+    def hide(mask: jax.Array) -> jax.Array:
+        return mask & ~jnp.asarray(failed).reshape(-1, *(1,) * (mask.ndim - 1))
+
+    return observations._replace(mask=jax.tree.map(hide, observations.mask))
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _collected(collect: Collect, joint: bool, rng_key: jax.Array, smoothed: Smoothed, inputs: Any) -> Any:
+    """Let the collector see one frame after another; trajectories count as one chain, so that they stay whole.
+
+    Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
+    """
+    frames = _Frame(smoothed.particles, smoothed.log_weights)
+    key_trajectories, key_frames = jax.random.split(rng_key)
+    if joint and smoothed.particles.ndim == 3:
+        chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
+        frames = jax.tree.map(lambda leaf: leaf[:, None, chosen], frames)
+    keys = jax.random.split(key_frames, smoothed.particles.shape[0])
+    return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
+
+
+def _is_finite(smoothed: Smoothed) -> bool:
+    alive = (smoothed.log_weights > -jnp.inf)[..., None]
+    fine = jnp.all(jnp.isfinite(smoothed.particles) | ~alive) & ~jnp.any(jnp.isnan(smoothed.log_weights))
+    return bool(fine)

@@ -1,0 +1,107 @@
+"""A Dask cluster of two local workers."""
+
+from __future__ import annotations
+
+import importlib.util
+import socket
+import sys
+import time
+
+import numpy as np
+import pytest
+from job_samples import Draw, draw
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.experiments.jobs import Cluster, JobError, run_jobs
+
+needs_dask = pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None, reason="Dask is not installed: poseppl[cluster]"
+)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: poseppl[cluster]")
+    dask = pytest.importorskip("dask")
+    one_death = dask.config.set({"distributed.scheduler.allowed-failures": 1})
+    with one_death, distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
+        yield cluster
+
+
+def test_a_killed_worker_loses_nothing_and_counts_nothing_twice(cluster, tmp_path):
+    (tmp_path / "marks").mkdir()
+    jobs = [Draw(run, mishap="die" if run == 8 else "", folder=str(tmp_path / "marks")) for run in range(16)]
+    results = run_jobs(draw, jobs, tmp_path / "cluster", executor=cluster.scheduler_address)
+    assert len(list((tmp_path / "marks").iterdir())) == 1  # the worker did die
+    expected = run_jobs(draw, jobs, tmp_path / "inline", executor="inline")
+    assert list(results) == list(expected)
+    for key, arrays in expected.items():
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(results[key][name], array, strict=True)
+    files = sorted(path.name for path in (tmp_path / "cluster").iterdir())
+    assert files == sorted(path.name for path in (tmp_path / "inline").iterdir())
+    again = run_jobs(draw, jobs, tmp_path / "cluster", executor="tcp://127.0.0.1:1")  # all is there: nobody is asked
+    assert sum(arrays["mean"] for arrays in again.values()) == sum(arrays["mean"] for arrays in expected.values())
+
+
+def test_failures_are_named_and_the_others_are_done(cluster, tmp_path):
+    jobs = [Draw(0), Draw(1, mishap="fail"), Draw(2), Draw(3, mishap="die")]
+    with pytest.raises(JobError) as caught:
+        run_jobs(draw, jobs, tmp_path, executor=Cluster(cluster.scheduler_address, timeout=30))
+    assert caught.value.failures == {
+        jobs[1].key: "ArithmeticError: run 1 does not work",
+        jobs[3].key: "its workers died, each time that it was tried (killed, crashed or out of memory)",
+    }
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@needs_dask
+def test_schedulers_that_are_not_there(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    for address in (f"tcp://127.0.0.1:{port}", "carrier-pigeon://host:1"):
+        with pytest.raises(InputError, match=f"no Dask scheduler answers at {address}"):
+            run_jobs(draw, [Draw(0)], tmp_path, executor=Cluster(address, timeout=1))
+
+
+@needs_dask
+def test_a_scheduler_without_workers(tmp_path):
+    from distributed import LocalCluster
+
+    with LocalCluster(1, processes=False, dashboard_address=":0", silence_logs=50, protocol="tcp://") as cluster:
+        cluster.scale(0)
+        deadline = time.monotonic() + 30
+        while cluster.scheduler_info["workers"] and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with pytest.raises(InputError, match="has no workers"):
+            run_jobs(draw, [Draw(0)], tmp_path, executor=Cluster(cluster.scheduler_address, timeout=1))
+
+
+@needs_dask
+def test_a_lost_scheduler(tmp_path):
+    from distributed import LocalCluster
+
+    cluster = LocalCluster(1, threads_per_worker=1, dashboard_address=":0", silence_logs=50)
+    jobs = [Draw(0), Draw(1), Draw(2, mishap="sleep"), Draw(3)]
+    address = cluster.scheduler_address
+
+    class Closing:
+        def started(self, total, done, cost):
+            pass
+
+        def finished(self, cost):
+            cluster.close()
+
+        def note(self, message):
+            pass
+
+    with pytest.raises(PosepplError, match="was lost; what is done is kept"):
+        run_jobs(draw, jobs, tmp_path, executor=Cluster(address, timeout=1), progress=Closing())
+    assert [path.name for path in tmp_path.iterdir()] == [f"{jobs[3].key}.npz"]
+
+
+def test_a_missing_dask_is_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"Dask is not installed \(expected pip install 'poseppl\[cluster\]'\)"):
+        run_jobs(draw, [Draw(0)], tmp_path, executor="tcp://127.0.0.1:8786")

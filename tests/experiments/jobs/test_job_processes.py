@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from job_samples import Draw, draw, prepare, where
+
+from poseppl.experiments.jobs import JobError, Processes, run_jobs
+from poseppl.experiments.jobs.processes import available_cores, core_shares
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="cores and processes are looked up as Linux has them")
+
+
+def assert_same(results, expected):
+    assert list(results) == list(expected)
+    for key, arrays in expected.items():
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(results[key][name], array, strict=True)
+
+
+def test_processes_give_what_this_process_gives(tmp_path):
+    jobs = [Draw(run) for run in range(6)]
+    results = run_jobs(draw, jobs, tmp_path / "many", executor=Processes(2))
+    assert_same(results, run_jobs(draw, jobs, tmp_path / "one", executor="inline"))
+
+
+def test_a_killed_worker_loses_nothing(tmp_path, capfd):
+    (tmp_path / "marks").mkdir()
+    mishaps = {2: "die", 4: "die"}
+    jobs = [Draw(run, mishap=mishaps.get(run, ""), folder=str(tmp_path / "marks")) for run in range(6)]
+    results = run_jobs(draw, jobs, tmp_path / "many", executor=Processes(2))
+    assert len(list((tmp_path / "marks").iterdir())) == 2  # both did die
+    assert_same(results, run_jobs(draw, jobs, tmp_path / "one", executor="inline"))
+    assert len(list((tmp_path / "many").iterdir())) == len(jobs)
+
+
+def test_a_job_that_always_dies_is_named_and_the_others_are_done(tmp_path):
+    jobs = [Draw(run, mishap="die" if run == 1 else "exit" if run == 2 else "fail" if run == 3 else "") for run in range(5)]
+    with pytest.raises(JobError) as caught:
+        run_jobs(draw, jobs, tmp_path, executor=Processes(1))
+    assert caught.value.failures == {
+        jobs[1].key: "its process died 3 times (killed, crashed or out of memory)",
+        jobs[2].key: "SystemExit: 3",
+        jobs[3].key: "ArithmeticError: run 3 does not work",
+    }
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@linux
+def test_each_worker_has_its_share_of_the_cores(tmp_path):
+    results = run_jobs(where, [Draw(run) for run in range(8)], tmp_path, executor=Processes(2, prepare=prepare))
+    shares = core_shares(available_cores(), 2)
+    found = {int(arrays["pid"]): arrays["cores"].tolist() for arrays in results.values()}
+    assert sorted(found.values()) == sorted([share] for share in shares)
+    assert all(arrays["prepared"] == "yes" and not arrays["jax"] for arrays in results.values())
+
+
+def test_shares():
+    assert core_shares([0, 1, 2, 3, 4], 2) == [[0, 1], [2, 3, 4]]
+    assert core_shares([3, 5], 3) == [[3], [5], [3]]
+    assert core_shares([3, 5], 1) == [[3, 5]]
+
+
+def test_no_workers_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="max_workers is 0"):
+        run_jobs(draw, [Draw(0)], tmp_path, executor=Processes(0))
+
+
+SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from job_samples import Draw, draw
+from poseppl.experiments.jobs import Processes, run_jobs
+
+if __name__ == "__main__":
+    jobs = [Draw(0), *(Draw(run, mishap="sleep", folder=sys.argv[3]) for run in (1, 2)), Draw(3)]
+    run_jobs(draw, jobs, sys.argv[2], executor=Processes(2))
+"""
+
+
+@linux
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_run_leaves_no_process_behind(tmp_path, how):
+    folder, marks, script = tmp_path / "results", tmp_path / "marks", tmp_path / "script.py"
+    marks.mkdir()
+    script.write_text(SCRIPT)
+    command = [sys.executable, str(script), str(Path(__file__).parent), str(folder), str(marks)]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+    wait_until(lambda: len(list(marks.iterdir())) == 2 and (folder / f"{Draw(3).key}.npz").exists())
+    assert len(members(process.pid)) >= 3
+    if how == signal.SIGINT:
+        os.killpg(process.pid, how)  # as a terminal does
+    else:
+        process.kill()
+    assert process.wait(30) != 0
+    wait_until(lambda: not members(process.pid))
+    assert [path.name for path in folder.iterdir()] == [f"{Draw(3).key}.npz"]
+
+
+def members(session):
+    """Processes of a session."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, _, owner = path.read_text().rpartition(")")[2].split()[:4]
+            if int(owner) == session and state != "Z":
+                found.append(int(path.parent.name))
+    return found
+
+
+def wait_until(true, seconds=30.0):
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.05)

@@ -1,0 +1,58 @@
+"""Small mixtures of Gaussians: density, curvature, draws and fit against SciPy and closed forms."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.stats
+
+from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
+
+WEIGHTS = np.array([0.7, 0.3])
+MEANS = np.array([[0.0, 1.0], [6.0, -2.0]])
+COVARIANCES = np.array([[[1.0, 0.4], [0.4, 0.5]], [[0.2, 0.0], [0.0, 3.0]]])
+MIXTURE = GaussianMixture(*(jnp.asarray(part, jnp.float32) for part in (np.log(WEIGHTS), MEANS, COVARIANCES)))
+
+
+def test_density():
+    points = np.random.default_rng(0).normal(2.0, 2.0, (20, 2))
+    parts = [scipy.stats.multivariate_normal(m, c).pdf(points) for m, c in zip(MEANS, COVARIANCES, strict=True)]
+    found = jax.vmap(log_mixture(MIXTURE))(jnp.asarray(points))
+    np.testing.assert_allclose(found, np.log(WEIGHTS @ np.array(parts)), rtol=1e-5, atol=1e-4)
+
+
+def test_curvature_at_a_component_is_its_precision():
+    """Far from the others its responsibility is 1; between them each counts by its own."""
+    curvature = mixture_curvature(MIXTURE)
+    for mean, covariance in zip(MEANS, COVARIANCES, strict=True):
+        np.testing.assert_allclose(curvature(jnp.asarray(mean)), np.linalg.inv(covariance), rtol=1e-3, atol=1e-3)
+    middle = np.array([3.6, -0.5])
+    parts = [scipy.stats.multivariate_normal(m, c).pdf(middle) for m, c in zip(MEANS, COVARIANCES, strict=True)]
+    share = WEIGHTS * parts / (WEIGHTS @ parts)
+    expected = np.tensordot(share, np.linalg.inv(COVARIANCES), 1)
+    np.testing.assert_allclose(curvature(jnp.asarray(middle)), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_draws_come_from_their_components():
+    draws, component = (np.asarray(part) for part in draw_mixture(jax.random.key(0), MIXTURE, 20_000))
+    assert abs((component == 1).mean() - 0.3) < 5 * np.sqrt(0.21 / 20_000)
+    for k in (0, 1):
+        own = draws[component == k]
+        error = np.sqrt(np.diagonal(COVARIANCES[k]) / len(own))
+        assert (np.abs(own.mean(0) - MEANS[k]) < 5 * error).all()
+        np.testing.assert_allclose(np.cov(own.T), COVARIANCES[k], atol=5 * 3 * np.sqrt(2 / len(own)))
+
+
+def test_fit_finds_the_mixture():
+    """40 chains of 100 draws, each of one component."""
+    rng = np.random.default_rng(1)
+    component = (np.arange(40) < 12).astype(int)
+    chains = np.stack([rng.multivariate_normal(MEANS[k], COVARIANCES[k], 100) for k in component])
+    mixture, residuals = fit_mixture(jnp.asarray(chains, jnp.float32), 2)
+    order = np.argsort(np.asarray(mixture.means)[:, 0])
+    np.testing.assert_allclose(np.exp(mixture.log_weights)[order], WEIGHTS, atol=1e-3)
+    np.testing.assert_allclose(np.asarray(mixture.means)[order], MEANS, atol=5 * np.sqrt(3 / 1200))
+    # each covariance is shrunk by one pseudo-draw a dimension, among thousands
+    np.testing.assert_allclose(np.asarray(mixture.covariances)[order], COVARIANCES, atol=5 * 3 * np.sqrt(2 / 1200))
+    np.testing.assert_allclose(residuals, chains - MEANS[component][:, None], atol=0.3)

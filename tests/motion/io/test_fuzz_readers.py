@@ -1,0 +1,179 @@
+"""Damaged files: every reader answers with a value or with one clear error, in bounded time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from recording_samples import AMC, ASF, BVH, CHARACTER, CLIP, CSV, TOML, c3d_bytes
+
+from poseppl.errors import PosepplError
+from poseppl.motion.io.bvh import read_bvh
+from poseppl.motion.io.c3d import read_c3d
+from poseppl.motion.io.c3d_layout import check_layout
+from poseppl.motion.io.cameras import read_cameras
+from poseppl.motion.io.observations import read_observations
+from poseppl.motion.io.recording import read_motion
+
+C3D = c3d_bytes(np.random.default_rng(0).normal(0, 300, (3, 4, 3)), ["LASI", "RASI", "*1", "LHipAngles"])
+TOKENS = [
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-308",
+    "99999999999999999999",
+    "9" * 5000,
+    "{",
+    "}",
+    "(",
+    ":",
+    "[",
+    "]]",
+    '"',
+    "",
+]
+TOKENS += ["\n", "#", "\x0c", "\u0663", "\ud7ff", "\x85", "begin", "end", "root", "JOINT", "End Site", "MOTION", "=", ",", "\0"]
+
+
+def fuzz(examples):
+    def decorate(test):
+        checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+        bounds = settings(max_examples=examples, derandomize=True, deadline=20_000, database=None, suppress_health_check=checks)
+        return bounds(test)
+
+    return decorate
+
+
+@st.composite
+def damaged(draw, text):
+    """The text with some of its tokens or lines removed, doubled, swapped or replaced, or cut off."""
+    for _ in range(draw(st.integers(1, 3))):
+        separator = draw(st.sampled_from([" ", "\n", ",", ""]))
+        parts = list(text) if separator == "" else text.split(separator)
+        if not parts:
+            break
+        i, j = (draw(st.integers(0, len(parts) - 1)) for _ in range(2))
+        match draw(st.sampled_from(["remove", "double", "swap", "replace", "cut"])):
+            case "remove":
+                del parts[i]
+            case "double":
+                parts.insert(j, parts[i])
+            case "swap":
+                parts[i], parts[j] = parts[j], parts[i]
+            case "replace":
+                parts[i] = draw(st.sampled_from(TOKENS))
+            case "cut":
+                del parts[i:]
+        text = separator.join(parts)
+    return text
+
+
+@st.composite
+def damaged_bytes(draw, data):
+    changed = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(changed) - 1) if draw(st.booleans()) else st.integers(0, min(900, len(changed) - 1)))
+        changed[at] = draw(st.sampled_from([0, 1, 2, 4, 127, 128, 255]) | st.integers(0, 255))
+    return bytes(changed[: draw(st.sampled_from([len(changed), len(changed), draw(st.integers(1, len(changed)))]))])
+
+
+def accept(read, *arguments, **options):
+    try:
+        return read(*arguments, **options)
+    except PosepplError as error:
+        assert 0 < len(str(error)) < 1000
+        return None
+
+
+@pytest.fixture
+def write(tmp_path):
+    def put(name, content):
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+        return tmp_path / name
+
+    return put
+
+
+@fuzz(150)
+@given(asf=damaged(ASF))
+def test_asf(write, asf):
+    motion = accept(read_motion, write("leg.amc", AMC), write("leg.asf", asf))
+    assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(150)
+@given(amc=damaged(AMC))
+def test_amc(write, amc):
+    motion = accept(read_motion, write("leg.amc", amc), write("leg.asf", ASF))
+    assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(60)
+@given(clip=damaged(CLIP), character=damaged(CHARACTER))
+def test_deepmimic(write, clip, character):
+    accept(read_motion, write("clip.txt", clip), write("character.txt", CHARACTER))
+    accept(read_motion, write("clip.txt", CLIP), write("character.txt", character))
+
+
+@fuzz(150)
+@given(bvh=damaged(BVH))
+def test_bvh(write, bvh):
+    motion = accept(read_bvh, write("leg.bvh", bvh))
+    assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(150)
+@given(table=damaged(CSV))
+def test_csv(write, table):
+    observations = accept(read_observations, write("points.csv", table), ("hip", "knee"), ("left", "right"))
+    assert observations is None or not np.isinf(observations.points).any()
+
+
+@fuzz(150)
+@given(rig=damaged(TOML))
+def test_toml(write, rig):
+    for camera in accept(read_cameras, write("rig.toml", rig)) or ():
+        assert all(np.isfinite(getattr(camera, field)).all() for field in ("matrix", "distortion", "rotation", "translation"))
+
+
+@fuzz(300)
+@given(data=damaged_bytes(C3D))
+def test_c3d_layout(write, data):
+    accept(check_layout, write("small.c3d", data))
+
+
+@fuzz(12)
+@given(data=damaged_bytes(C3D))
+def test_c3d(write, data):
+    motion = accept(read_c3d, write("small.c3d", data))
+    assert motion is None or not np.isinf(motion.positions).any()
+
+
+@fuzz(60)
+@given(
+    data=st.binary(min_size=1, max_size=200), suffix=st.sampled_from(["leg.bvh", "rig.toml", "points.csv", "leg.asf", "x.c3d"])
+)
+def test_noise(write, data, suffix):
+    path = write(suffix, data)
+    if suffix == "rig.toml":
+        accept(read_cameras, path)
+    elif suffix == "points.csv":
+        accept(read_observations, path, ("hip",))
+    elif suffix == "leg.asf":
+        accept(read_motion, write("leg.amc", AMC), path)
+    else:
+        accept(read_motion, path)
+
+
+@pytest.mark.parametrize("depth", [200, 100_000])
+def test_deep_nesting(write, depth):
+    assert accept(read_cameras, write("rig.toml", "x = " + "[" * depth)) is None
+    joint = "JOINT J%d\n{\nOFFSET 0 1 0\nCHANNELS 3 Xrotation Yrotation Zrotation\n"
+    nested = "".join(joint % i for i in range(depth)).replace("JOINT J0\n", "ROOT J0\n", 1)
+    accept(
+        read_bvh,
+        write("leg.bvh", "HIERARCHY\n" + nested + "}\n" * depth + "MOTION\nFrames: 1\nFrame Time: 1\n" + "0 " * 3 * depth),
+    )

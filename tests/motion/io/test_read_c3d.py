@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import importlib.util
+import struct
+
+import numpy as np
+import pytest
+from damage import damaged_copies
+from recording_samples import c3d_bytes
+
+from poseppl.errors import InputError, PosepplError
+from poseppl.motion.io import c3d, c3d_worker
+from poseppl.motion.io.c3d import read_c3d
+from poseppl.motion.io.c3d_byte_order import DEC, _floats
+from poseppl.motion.io.c3d_layout import check_layout
+
+POINTS = np.random.default_rng(0).normal(0.0, 300.0, (6, 4, 3)).astype(np.float32).astype(np.float64)
+LABELS = ["LASI", "RASI", "*1", "LHipAngles"]
+
+
+def read(tmp_path, data, **options):
+    (tmp_path / "small.c3d").write_bytes(data)
+    return read_c3d(tmp_path / "small.c3d", **options)
+
+
+def test_markers_come_back(tmp_path):
+    points = POINTS.copy()
+    points[2, 1] = np.nan
+    motion = read(tmp_path, c3d_bytes(points, LABELS, angles=("LHipAngles",)))
+    assert motion.names == ("LASI", "RASI") and motion.parents == () and motion.angles is None
+    assert motion.rate == 100.0 and motion.up == "z"
+    np.testing.assert_array_equal(motion.positions, points[:, :2])
+
+
+def test_units_and_axes(tmp_path):
+    motion = read(tmp_path, c3d_bytes(POINTS / 1000.0, list("ABCD"), units="m", vertical="+Y"))
+    np.testing.assert_allclose(motion.positions, POINTS[..., [0, 2, 1]] * (1, -1, 1), rtol=1e-6)
+    explicit = read(tmp_path, c3d_bytes(POINTS, list("ABCD"), vertical="-Z"), up="z")
+    np.testing.assert_array_equal(explicit.positions, POINTS)
+
+
+def test_plug_in_gait(data_dir):
+    motion = read_c3d(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d")
+    assert motion.positions.shape == (315, 35, 3) and motion.rate == 100.0
+    assert {"C7", "LASI", "RTOE", "LFHD"} <= set(motion.names)
+    assert not {"LFEO", "PELP", "CentreOfMass", "LHipAngles", "LAnklePower"} & set(motion.names)
+    head, toe = motion.positions[:, motion.index("RFHD"), 2], motion.positions[:, motion.index("RTOE"), 2]
+    assert 1300 < np.nanmedian(head) < 1700 and 0 < np.nanmin(toe) < 100
+    legs = read_c3d(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d")
+    assert legs.positions.shape == (293, 16, 3)
+
+
+def test_malformed_dance_is_refused(data_dir):
+    with pytest.raises(InputError, match=r"Dance\.c3d, LABELS: the parameter ends outside its section"):
+        read_c3d(data_dir / "btk_c3d" / "Dance.c3d")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:900], "no C3D header"),
+        (lambda data: data[:1300], "parameter blocks"),
+        (lambda data: data[:1600], "do not fit into the file"),
+        (lambda data: data.replace(b"DATA_START\x07\x00\x02\x00\x04", b"DATA_START\x07\x00\x02\x00\x00"), "POINT:DATA_START"),
+        (lambda data: b"\x02\x51" + data[2:], "no C3D header"),
+        (lambda data: b"\x00" + data[1:], "parameters in block 0"),
+        (lambda data: data[:2] + b"\x05" + data[3:], "the header has 5 points"),
+        (lambda data: data[:515] + b"\x57" + data[516:], "byte order 87"),
+        (lambda data: data.replace(b"POINT", b"PAINT"), "POINT:USED: the parameter is missing"),
+        (lambda data: data.replace(b"mm", b"ft"), "unit 'ft'"),
+    ],
+)
+def test_bad_c3d(tmp_path, change, message):
+    data = c3d_bytes(POINTS, LABELS)
+    changed = change(data)
+    assert changed != data
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, changed)
+    assert message in str(caught.value) and "small.c3d" in str(caught.value)
+
+
+def test_a_crash_of_the_library_is_one_error(tmp_path, monkeypatch):
+    (tmp_path / "abort.py").write_text("import os\nos.kill(os.getpid(), 11)\n")
+    monkeypatch.setattr(c3d_worker, "__file__", str(tmp_path / "abort.py"))
+    with pytest.raises(InputError, match="ezc3d crashed on it"):
+        read(tmp_path, c3d_bytes(POINTS, LABELS))
+
+
+def test_what_the_library_refuses_is_one_error(tmp_path):
+    # POINT:LABELS as bytes instead of text.
+    data = c3d_bytes(POINTS, LABELS)
+    at = data.index(b"LABELS") + 8
+    with pytest.raises(InputError, match="POINT: 0 labels"):
+        read(tmp_path, data[:at] + b"\x01" + data[at + 1 :])
+
+
+def test_a_worker_that_hangs_is_stopped(tmp_path, monkeypatch):
+    monkeypatch.setattr(c3d, "WORKER_SECONDS", 0.001)
+    with pytest.raises(InputError, match="did not end"):
+        read(tmp_path, c3d_bytes(POINTS, LABELS))
+
+
+def test_markers_of_one_name(tmp_path):
+    with pytest.raises(InputError, match="two markers are called 'A'"):
+        read(tmp_path, c3d_bytes(POINTS, list("AABC")))
+
+
+def test_missing_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(PosepplError, match=r"pip install 'poseppl\[mocap\]'"):
+        read(tmp_path, c3d_bytes(POINTS, LABELS))
+
+
+@pytest.mark.parametrize(("unit", "per_mm"), [("mm", 1.0), ("cm", 0.1), ("dm", 0.01), ("m", 0.001), ("in", 1 / 25.4)])
+def test_lengths_come_out_in_mm(tmp_path, unit, per_mm):
+    motion = read(tmp_path, c3d_bytes(POINTS * per_mm, list("ABCD"), units=unit))
+    np.testing.assert_allclose(motion.positions, POINTS, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize("order", ["dec", "mips"])
+@pytest.mark.parametrize("scale", [-1.0, 0.25])
+def test_other_byte_orders_read_alike(tmp_path, order, scale):
+    """Numbers as VAX and big-endian machines wrote them, floating-point and whole."""
+    points = np.random.default_rng(0).normal(0, 300, (5, 3, 3))
+    points[2, 1] = np.nan
+    labels = ["LASI", "RASI", "SACR"]
+    for name in ("intel", order):
+        (tmp_path / f"{name}.c3d").write_bytes(c3d_bytes(points, labels, order=name, scale=scale, rate=59.94))
+    expected, found = (read_c3d(tmp_path / f"{name}.c3d") for name in ("intel", order))
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    np.testing.assert_allclose(found.positions, points, atol=1e-3 if scale < 0 else 0.13)
+    assert found.names == expected.names and found.rate == expected.rate == pytest.approx(59.94)
+
+
+def test_numbers_of_a_vax():
+    # from the VAX Architecture reference: 1.0 is 0x00004080, -6.25 is 0x0000C1C8 as little-endian words
+    numbers = struct.pack("<3I", 0x00004080, 0x0000C1C8, 0)
+    assert struct.unpack("<3f", _floats(numbers, DEC)) == (1.0, -6.25, 0.0)
+
+
+def test_damaged_files_of_other_orders_are_refused(tmp_path):
+    refused = 0
+    for order in ("dec", "mips"):
+        data = c3d_bytes(np.zeros((3, 2, 3)), ["A", "B"], order=order)
+        for damaged in damaged_copies(data, 150):
+            (tmp_path / "damaged.c3d").write_bytes(damaged)
+            try:
+                check_layout(tmp_path / "damaged.c3d")
+            except InputError as error:
+                refused += 1
+                assert len(str(error).splitlines()) == 1
+    assert refused > 150

@@ -1,0 +1,144 @@
+"""What a result may say of its model: a file never chooses what is run."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import os
+import pkgutil
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import poseppl_models
+import pytest
+
+import poseppl.motion.bodies.body
+from poseppl.cli import main
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, place_cameras, smooth, track, walking_subject
+from poseppl.motion.tracking.recorded_model import recorded_model
+from poseppl.runs.results import load_result, save_result
+
+ARM = "poseppl_models.choo_fleet:arm"
+OWN = """
+from pathlib import Path
+from poseppl_models.choo_fleet import arm
+Path({mark!r}).touch()
+def build(lengths=None):
+    return arm(lengths)
+"""
+
+
+@pytest.fixture(scope="module")
+def result() -> Any:
+    subject = walking_subject(ARM, frames="0:3")
+    scene = observe_motion(subject, place_cameras(subject.markers[:, 0], 0.0), ("camera",))
+    return track(scene, TrackSettings(ARM, "extended-kalman", {"particles": 20}))
+
+
+def saying(result: Any, **attrs: Any) -> Any:
+    """The result with other attributes."""
+    other = result.copy()
+    other.attrs = {**result.attrs, **{name: json.dumps(value) for name, value in attrs.items()}}
+    return other
+
+
+def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    called: list[Any] = []
+    monkeypatch.setattr(os, "system", called.append)
+    Path("beside.py").write_text(OWN.format(mark=str(tmp_path / "ran")))
+    names = [
+        "os:system",
+        "beside:build",
+        "beside.py:build",
+        f"{tmp_path}/beside.py:build",
+        "poseppl_models.gait:walk",
+        "",
+        ":",
+        7,
+    ]
+    for name in [
+        *names,
+        "poseppl_models.choo_fleet:measure",
+        "poseppl.runs.results:load_result",
+        None,
+        ["os:system"],
+        {"a": 1},
+    ]:
+        save_result(saying(result, model=name, lengths="touch ran"), "bad.nc")
+        with pytest.raises(InputError, match="installed|does not tell"):
+            smooth(load_result("bad.nc"), SmoothSettings("rauch-tung-striebel"))
+    assert main(["smooth", "bad.nc", "-q"]) == 1
+    assert not called and not Path("ran").exists() and "beside" not in sys.modules
+    load_builder("os:system")("it would notice")  # the user's own word
+    assert called == ["it would notice"]
+
+
+def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(OWN.format(mark=str(tmp_path / "ran")))
+    source = poseppl.motion.bodies.body.source_of_model("own.py:build")
+    tree = saying(result, **{"model": "own.py:build", "model source": source})
+    with pytest.raises(InputError, match=r"'own.py:build', which is none of the installed.*--model"):
+        recorded_model(tree)
+    assert not Path("ran").exists()
+    smoothed = smooth(tree, SmoothSettings("rauch-tung-striebel", model="own.py:build"))
+    assert Path("ran").exists() and json.loads(smoothed.attrs["model"]) == "own.py:build"
+    plain = smooth(result, SmoothSettings("rauch-tung-striebel"))
+    np.testing.assert_array_equal(smoothed["posterior/state"], plain["posterior/state"])
+    Path("ran").unlink()
+    Path("own.py").write_text("import os\n")
+    with pytest.raises(InputError, match="no longer, what the result was made with"):
+        recorded_model(tree, "own.py:build")
+    with pytest.raises(InputError, match="other coordinates"):
+        recorded_model(result, "poseppl_models.choo_fleet:full_body")
+
+
+def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint("arm-of-theirs", ARM, "poseppl.models")
+    monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [entry] if group == entry.group else [])
+    monkeypatch.setattr(poseppl_models, "BODIES", ())
+    assert recorded_model(result).name == ARM
+    assert recorded_model(saying(result, model="arm-of-theirs")).name == "arm-of-theirs"
+    assert load_builder("arm-of-theirs") is load_builder(ARM)
+    monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [])
+    with pytest.raises(InputError, match="none of the installed"):
+        recorded_model(result)
+
+
+@pytest.mark.parametrize("field", ["lengths", "settings"])
+@pytest.mark.parametrize("value", ["text", None, [1.0], float("nan"), float("inf"), True, 1e300, {"a": 1}])
+def test_numbers_that_are_none_are_refused(result: Any, field: str, value: Any) -> None:
+    name = {"lengths": "thigh", "settings": "sigma_angle"}[field]
+    with pytest.raises(InputError, match=f"{field}: {name} is"):
+        recorded_model(saying(result, **{field: {name: value}}))
+    if not isinstance(value, dict):
+        with pytest.raises(InputError, match=f"{field}: no numbers by name"):
+            recorded_model(saying(result, **{field: value}))
+
+
+def test_unknown_lengths_are_refused(result: Any) -> None:
+    with pytest.raises(InputError, match="lengths: unknown name 'tail'"):
+        recorded_model(saying(result, lengths={"tail": 100.0}))
+
+
+def test_every_body_of_the_models_is_listed() -> None:
+    found = set()
+    for module in pkgutil.iter_modules(poseppl_models.__path__, "poseppl_models."):
+        loaded = importlib.import_module(module.name)
+        for name, function in inspect.getmembers(loaded, inspect.isfunction):
+            hints = inspect.signature(function)
+            if (
+                function.__module__ == module.name
+                and hints.return_annotation in ("Body", Body)
+                and "lengths" in hints.parameters
+            ):
+                found.add(f"{module.name}:{name}")
+    assert found == set(poseppl_models.BODIES)

@@ -1,0 +1,34 @@
+"""A run that is right has no error among its verdicts, and one that is told the wrong noise or walk has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseppl.diagnostics import verdicts
+from poseppl.motion.tracking import TrackSettings, observe_motion, track, walking_subject
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The arm of the walk in two cameras; the rest of the body is known."""
+    subject = walking_subject("poseppl_models.choo_fleet:arm", frames="0:30")
+    return observe_motion(subject, cameras_around(subject, count=2), camera_names(2))
+
+
+def errors_of(scene, **settings):
+    tree = track(scene, TrackSettings(filter="extended-kalman", options={"particles": 100}, max_draws=50, **settings))
+    return [verdict.text for verdict in verdicts(tree) if verdict.severity == "error"]
+
+
+def test_a_run_that_is_right_has_no_error(scene):
+    assert errors_of(scene) == []
+
+
+def test_noise_and_walk_that_are_wrong_are_named_with_their_options(scene):
+    (noise,) = (text for text in errors_of(scene._replace(noise=scene.noise / 3)) if text.startswith("Image points"))
+    assert 2.7 < float(noise.split()[3]) < 3.3 and "raise --noise by that factor" in noise
+    assert any("--sigma-angle" in text for text in errors_of(scene, sigma_angle=0.05))
+    shifted = scene.points + np.array([0.0, 0.02])[:, None, None]
+    assert any(text.startswith("Points of camera") for text in errors_of(scene._replace(points=shifted)))

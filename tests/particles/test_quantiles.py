@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from precision import DTYPES, precision
+
+from poseppl.particles.quantiles import column_quantiles, sort_rows
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 7, 8, 100, 600])
+def test_every_column_is_sorted(number):
+    values = np.random.default_rng(number).normal(size=(number, 5)).astype(np.float32)
+    values[: number // 2, 1] = 3.0  # ties
+    values[: number // 3, 2] = np.inf
+    values[number // 2 :, 3] = -np.inf
+    np.testing.assert_array_equal(jax.jit(sort_rows)(values), np.sort(values, axis=0))
+
+
+def test_a_network_that_leaves_out_a_stage_would_be_seen():
+    """All rows of zeros and ones are sorted: then everything is (Knuth's 0-1 principle)."""
+    every = ((np.arange(2**8)[:, None] >> np.arange(8)) & 1).T.astype(np.float32)
+    np.testing.assert_array_equal(sort_rows(jnp.asarray(every)), np.sort(every, axis=0))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_quantiles_are_numpys(dtype):
+    with precision(dtype):
+        sample = np.random.default_rng(0).gamma(2.0, size=(601, 2, 3)).astype(dtype)
+        levels = np.array([0.0, 0.05, 0.25, 0.5, 0.9, 1.0])
+        found = column_quantiles(jnp.asarray(sample), jnp.asarray(levels))
+        np.testing.assert_allclose(found, np.quantile(sample, levels, axis=0), rtol=200 * np.finfo(dtype).eps)
+
+
+def test_nan_is_told():
+    sample = jnp.array([[1.0, 1.0], [jnp.nan, 2.0], [3.0, 3.0]])
+    found = np.asarray(column_quantiles(sample, jnp.array([0.5])))
+    assert np.isnan(found[0, 0]) and found[0, 1] == 2.0

@@ -1,0 +1,81 @@
+"""What is kept of a frame: thinnings, and summaries over everything."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
+
+from poseppl.filters import Info, ParticleState
+from poseppl.filters.chains import chain_state
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.results import QUANTILES
+
+MODEL = linear_gaussian(2).compile()
+KEY = jax.random.key(0)
+INFO = Info(*[jnp.zeros(())] * 9)
+
+
+def test_chains_are_thinned_evenly_and_summarised_whole() -> None:
+    draws = np.random.default_rng(0).normal(size=(3, 21, 2)).astype(np.float32)
+    collect = collect_draws(MODEL, max_draws=5, extras=lambda x, inputs: {"square": x**2}, mean_only=("square",))
+    kept = jax.jit(collect)(KEY, chain_state(jnp.asarray(draws), jnp.zeros(())), INFO, None)
+    np.testing.assert_array_equal(kept.state, draws[:, 0::5])
+    assert kept.extras == {}
+    pooled = draws.reshape(-1, 2)
+    np.testing.assert_allclose(kept.summary["state_mean"], pooled.mean(0), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(kept.summary["state_sd"], pooled.std(0, ddof=1), rtol=1e-5)
+    np.testing.assert_allclose(kept.summary["state_quantile"], np.quantile(pooled, QUANTILES, axis=0), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(kept.summary["square_mean"], (pooled**2).mean(0), rtol=1e-5)
+
+
+def test_all_draws_of_short_chains_are_kept() -> None:
+    draws = jnp.arange(24.0).reshape(2, 6, 2)
+    kept = jax.jit(collect_draws(MODEL, max_draws=6))(KEY, chain_state(draws, jnp.zeros(())), INFO, None)
+    np.testing.assert_array_equal(kept.state, draws)
+
+
+def test_weighted_particles() -> None:
+    rng = np.random.default_rng(1)
+    number, shift = 20_000, 0.7
+    particles = rng.normal(size=(number, 2))
+    # importance weights that turn N(0, 1) into N(shift, 1) in the first coordinate
+    log_weights = shift * particles[:, 0]
+    collect = collect_draws(MODEL, max_draws=400, extras=lambda x, inputs: {})
+    kept = jax.jit(collect)(KEY, ParticleState(jnp.asarray(particles), jnp.asarray(log_weights)), INFO, None)
+    effective = number / np.exp(shift**2)
+    assert kept.state.shape == (1, 400, 2)
+    mean, spread, quantile = (kept.summary[f"state_{name}"] for name in ("mean", "sd", "quantile"))
+    np.testing.assert_allclose(mean, [shift, 0], atol=5 / np.sqrt(effective))
+    np.testing.assert_allclose(spread, 1, atol=5 / np.sqrt(2 * effective))
+    # the density at the 5 % quantile of a normal is 0.103
+    error = 5 * np.sqrt(0.05 * 0.95 / 2000) / 0.103
+    np.testing.assert_allclose(quantile[0], [shift - 1.645, -1.645], atol=error)
+    np.testing.assert_allclose(kept.state[0].mean(0), [shift, 0], atol=5 / np.sqrt(400))
+    # a deliberately wrong variant: the weights left out
+    assert abs(particles[:, 0].mean() - shift) > 5 / np.sqrt(effective)
+
+
+def test_weightless_particles_are_not_read() -> None:
+    particles = jnp.array([[1.0, 2.0], [jnp.nan, jnp.inf], [3.0, 4.0]])
+    log_weights = jnp.log(jnp.array([0.5, 0.0, 0.5]))
+    kept = jax.jit(collect_draws(MODEL, max_draws=4))(KEY, ParticleState(particles, log_weights), INFO, None)
+    np.testing.assert_allclose(kept.summary["state_mean"], [2.0, 3.0])
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(kept))
+
+
+def test_max_draws_is_checked() -> None:
+    with pytest.raises(ValueError, match="max_draws is 0"):
+        collect_draws(MODEL, max_draws=0)
+
+
+def test_no_key_is_used_twice() -> None:
+    """Draws that are kept and those for the quantiles are resampled apart."""
+    particles = jax.random.normal(jax.random.key(1), (50, 2))
+    with jax.debug_key_reuse(True):
+        collect = jax.jit(
+            lambda key: collect_draws(MODEL, max_draws=4)(key, ParticleState(particles, particles[:, 0]), INFO, None)
+        )
+        assert collect(jax.random.key(0)).state.shape == (1, 4, 2)

@@ -1,0 +1,187 @@
+"""Predictive checks: exact ranks under the truth, counts, masks, the first frame, and what they leave alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
+from scipy.stats import kstest
+
+from poseppl.filters import Filter, kalman_filter, particle_filter
+from poseppl.program import CompiledModel, StateSpaceModel
+from poseppl.runs.checkpoint import Checkpoint
+from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.run import Run, run_filter
+
+FRAMES = 300
+LINEAR = linear_gaussian(3, 2).compile()
+CHECKS = predictive_checks(LINEAR)
+KALMAN, PARTICLE = kalman_filter(LINEAR, 500), particle_filter(LINEAR, 64)
+
+
+def simulate(model: CompiledModel, frames: int, seed: int) -> dict[str, np.ndarray]:
+    """Data of a sequence that the model itself draws."""
+    key_first, key_states, key_data = jax.random.split(jax.random.key(seed), 3)
+    first = model.sample_initial(key_first)
+
+    def step(x: jax.Array, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        new = model.sample_transition(key, x)
+        return new, new
+
+    _, later = jax.lax.scan(step, first, jax.random.split(key_states, frames - 1))
+    states = jnp.concatenate([first[None], later])
+    data = jax.vmap(model.sample_observation)(jax.random.split(key_data, frames), states)
+    return {name: np.array(values) for name, values in data.items()}
+
+
+def collect(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Any:
+    return jax.random.normal(rng_key), state.particles[0]
+
+
+def check(filter: Filter, model: CompiledModel, data: dict[str, Any], **options: Any) -> Run:
+    predict = CHECKS if model is LINEAR else predictive_checks(model)
+    return run_filter(filter, jax.random.key(1), model.observe(data), collect=collect, predict=predict, **options)
+
+
+def overconfident(filter: Filter) -> Filter:
+    """The same filter, but it hands on a quarter of its covariance."""
+
+    def narrowed(result: Any) -> Any:
+        state, info = result
+        mean = state.posterior.mean
+        posterior = state.posterior._replace(covariance=state.posterior.covariance / 4)
+        return state._replace(particles=mean + (state.particles - mean) / 2, posterior=posterior), info
+
+    return filter._replace(init=lambda *a: narrowed(filter.init(*a)), step=lambda *a: narrowed(filter.step(*a)))
+
+
+def test_ranks_are_uniform_under_the_exact_filter() -> None:
+    prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
+    assert prediction.transform.shape == (FRAMES, 2) and prediction.chi_square.shape == (FRAMES,)
+    # innovations of a linear model are independent, and so are their ranks
+    assert kstest(prediction.transform.ravel(), "uniform").pvalue > 0.01
+    assert kstest(prediction.chi_square_transform, "uniform").pvalue > 0.01
+    variance = prediction.state_variance + prediction.noise_variance
+    squares = prediction.innovation**2 / variance
+    assert abs(squares.mean() - 1) < 4 * np.sqrt(2 / squares.size)
+    np.testing.assert_allclose(prediction.noise_variance, 0.25, rtol=1e-5)
+    settled = prediction.state_variance[50:].mean(axis=0)
+    np.testing.assert_allclose(settled, _settled_variance(), rtol=0.05)  # 250 estimates of 200 draws each: 0.6 %
+
+
+def _settled_variance() -> np.ndarray:
+    A, P = 0.9 * np.eye(3) + 0.1 * np.eye(3, k=1), np.eye(3)
+    H = np.eye(2, 3)
+    for _ in range(200):
+        gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + 0.25 * np.eye(2))
+        P = A @ (P - gain @ H @ P) @ A.T + 0.25 * np.eye(3)
+    return np.diag(P)[:2]
+
+
+def test_ranks_of_an_overconfident_filter_heap_at_both_ends() -> None:
+    filter = overconfident(KALMAN)
+    prediction = check(filter, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
+    outer = np.abs(prediction.transform - 0.5) > 0.45
+    assert outer.mean() - 0.1 > 3 * np.sqrt(0.09 / outer.size)
+    assert kstest(prediction.transform.ravel(), "uniform").pvalue < 0.05
+
+
+def counts_model() -> StateSpaceModel:
+    def initial(params, inputs):
+        numpyro.sample("level", dist.Normal(0.0, 1.0))
+
+    def transition(params, state, inputs):
+        numpyro.sample("level", dist.Normal(0.9 * state["level"], 0.4))
+
+    def observation(params, state, inputs):
+        numpyro.sample("count", dist.Poisson(jnp.exp(0.5 * state["level"]).repeat(2)))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+def test_ranks_of_counts_are_randomised_to_uniform() -> None:
+    model = counts_model().compile()
+    data = simulate(model, FRAMES, 3)
+    prediction = check(particle_filter(model, 500), model, data).prediction
+    ranks = prediction.transform.ravel()
+    assert (data["count"] == 0).mean() > 0.2  # without chance all of these would share one rank
+    assert kstest(ranks, "uniform").pvalue > 0.01 and len(np.unique(ranks)) > 0.95 * ranks.size
+    assert kstest(prediction.chi_square_transform, "uniform").pvalue > 0.01
+    assert np.isfinite(prediction.noise_variance).all()
+
+
+def test_what_was_not_seen_is_not_judged() -> None:
+    data = simulate(LINEAR, 12, 5)
+    whole = check(KALMAN, LINEAR, data).prediction
+    data["y"][4, 1] = np.nan
+    data["y"][7] = np.nan
+    prediction = check(KALMAN, LINEAR, data).prediction
+    for name in ("transform", "innovation", "state_variance", "noise_variance"):
+        values = getattr(prediction, name)
+        assert np.isnan(values[4, 1]) and np.isnan(values[7]).all() and np.isnan(values).sum() == 3, name
+    missing = np.isnan(prediction.chi_square)
+    assert missing[7] and missing.sum() == 1 and np.isnan(prediction.chi_square_transform).sum() == 1
+    np.testing.assert_array_equal(prediction.transform[:4], whole.transform[:4])
+
+
+def test_the_first_frame_is_judged_by_the_initial_program() -> None:
+    """Of many sequences of one frame; with `init` (particle) and with a state before the first frame (Kalman)."""
+    model = linear_gaussian(1, P=[[4.0]], m=[3.0], R=[[1.0]]).compile()
+    first = np.random.default_rng(0).normal(3.0, np.sqrt(5.0), 200)
+    for filter in (particle_filter(model, 50), kalman_filter(model, 50)):
+        runs = [check(filter, model, {"y": [[y]]}).prediction for y in (-20.0, 3.0, 26.0)]
+        assert [bool(run.transform[0, 0] < 0.01) for run in runs] == [True, False, False]
+        assert [bool(run.transform[0, 0] > 0.99) for run in runs] == [False, False, True]
+        assert 3.0 < runs[1].state_variance[0, 0] < 5.2
+    predict, empty = predictive_checks(model), model.unobserved()
+
+    def rank(key: jax.Array, y: jax.Array) -> jax.Array:
+        seen = empty._replace(values={"y": y[None]}, mask={"y": jnp.ones(1, bool)})
+        return predict(key, None, True, seen, None).transform
+
+    ranks = jax.vmap(rank)(jax.random.split(jax.random.key(0), 200), jnp.asarray(first))
+    assert kstest(np.asarray(ranks).ravel(), "uniform").pvalue > 0.01
+
+
+def test_a_filter_does_the_same_with_checks_as_without() -> None:
+    data = LINEAR.observe(simulate(LINEAR, 20, 2))
+    for filter in (PARTICLE, KALMAN):
+        plain = run_filter(filter, jax.random.key(4), data, collect=collect)
+        checked = run_filter(filter, jax.random.key(4), data, collect=collect, predict=CHECKS)
+        assert plain.prediction is None and checked.prediction is not None
+        for one, other in ((plain.outputs, checked.outputs), (plain.info, checked.info), (plain.state, checked.state)):
+            jax.tree.map(np.testing.assert_array_equal, one, other)
+
+
+def test_a_resumed_run_has_the_same_predictions(tmp_path: Path) -> None:
+    data = simulate(LINEAR, 20, 2)
+    for number, filter in enumerate((PARTICLE, KALMAN)):
+        whole = check(filter, LINEAR, data, chunk=4)
+        folder = tmp_path / str(number)
+        check(filter, LINEAR, data, chunk=4, checkpoint=Checkpoint(folder))
+        parts = sorted(folder.glob("part-*"))
+        for part in parts[3:]:
+            part.unlink()
+        resumed = check(filter, LINEAR, data, chunk=4, checkpoint=Checkpoint(folder, resume=True))
+        assert resumed.resumed == 9
+        jax.tree.map(np.testing.assert_array_equal, whole.prediction, resumed.prediction)
+
+
+def test_heuristic_likelihoods_predict_nothing() -> None:
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], 1.0))
+        numpyro.factor("hint", -jnp.sum(state["x"] ** 2))
+
+    programs = linear_gaussian(2)
+    model = StateSpaceModel(programs.initial, programs.transition, observation).compile()
+    assert "'hint' is a factor" in str(model.prediction_obstacle())
+    assert LINEAR.prediction_obstacle() is None
+    with pytest.raises(ValueError, match="predicts no data: 'hint' is a factor"):
+        check(particle_filter(model, 10), model, {"y": np.zeros((2, 2))})
