@@ -95,14 +95,19 @@ def test_exact_backward_simulation_draws_by_the_formula():
         assert (np.abs(share - weights[t]) <= 5 * np.sqrt(weights[t] * (1 - weights[t]) / num) + 1e-4).all()
 
 
-def test_metropolis_moves_forget_where_they_started():
-    """Without a genealogy, and with many moves, shares are those of forward-backward weights."""
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_metropolis_moves_forget_where_they_started(unit):
+    """Without a genealogy, and with many moves, shares are those of forward-backward weights, in whatever unit: in the smaller
+    one the densities of transitions are up to a million, and a move is weighed by their ratio all the same."""
     history, observations, inputs = history_for_conduct()
     weights = np.exp(smooth(forward_backward_smoother(MODEL), history, observations, inputs).log_weights)
-    chains = history._replace(ancestors=jnp.zeros((5, 3), jnp.int32))
-    smoother = backward_simulation_smoother(MODEL, 20_000, method="metropolis", num_moves=60)
+    matrices = problem().matrices
+    narrow = {"Q": unit**2 * matrices.Q, "P": unit**2 * matrices.P, "B": unit * matrices.B}
+    model = linear_gaussian_model(matrices._replace(**narrow)).compile(inputs[0])
+    chains = history._replace(particles=unit * history.particles, ancestors=jnp.zeros((5, 3), jnp.int32))
+    smoother = backward_simulation_smoother(model, 20_000, method="metropolis", num_moves=60)
     found = smooth(smoother, chains, observations, inputs)
-    through = np.isclose(np.asarray(found.particles[0])[:, None], np.asarray(history.particles[0])[None]).all(-1)
+    through = np.isclose(np.asarray(found.particles[0])[:, None], np.asarray(chains.particles[0])[None], atol=0.0).all(-1)
     assert np.abs(through.mean(0) - weights[0]).max() < 5 * np.sqrt(0.25 / 20_000)
     assert (found.info.acceptance[:-1] > 0.02).all()
 

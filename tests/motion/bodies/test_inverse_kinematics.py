@@ -71,6 +71,22 @@ def test_no_other_angles_for_the_same_rotation_after_a_leap(walker):
     assert np.abs(np.diff(found[:, shoulder], axis=0)).max() < 0.5
 
 
+def test_the_angles_of_an_arm_go_on_through_leaps(walker):
+    """An arm that has come back to where it hung by half a turn about each axis; from rest it is found by angles near zero.
+
+    The same rotation has other angles, which are within half a turn of those before.
+    """
+    body, states, _ = walker
+    path = np.repeat(states[:1], 16, axis=0)
+    shoulder = [i for i, (joint, _) in enumerate(body.tree.coordinates) if joint == "shoulder_l"]
+    path[:, shoulder] = np.linspace([0.3, -0.3, -0.2], [2.9, -2.8, -2.6], 16)
+    path[12:, 1] += 300.0 * np.arange(1, 5)
+    markers = jax.vmap(lambda x: marker_positions(body.tree, x))(path.astype(np.float32))
+    found, residual = fit_states(body.tree, np.asarray(markers, np.float64), body.rest)
+    assert residual[12:].max() < 0.2
+    np.testing.assert_allclose(found[12:, shoulder], path[12:, shoulder], atol=0.02)
+
+
 def test_missing_markers(walker):
     """A marker, a limb, a whole frame: what is left decides, and what nothing shows stays as it was."""
     body, _, markers = walker

@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from recording_samples import AMC, ASF, BVH, CHARACTER, CLIP, CSV, TOML, c3d_bytes
+from recording_samples import (
+    AMC,
+    ASF,
+    BVH,
+    CHARACTER,
+    CLIP,
+    CSV,
+    EXPONENTIAL_MAPS,
+    EXPONENTIAL_SKELETON,
+    TOML,
+    TRC,
+    c3d_bytes,
+)
 
 from poseppl.errors import PosepplError
 from poseppl.motion.io.bvh import read_bvh
@@ -51,7 +63,7 @@ def fuzz(examples):
 def damaged(draw, text):
     """The text with some of its tokens or lines removed, doubled, swapped or replaced, or cut off."""
     for _ in range(draw(st.integers(1, 3))):
-        separator = draw(st.sampled_from([" ", "\n", ",", ""]))
+        separator = draw(st.sampled_from([*(mark for mark in (" ", "\n", ",", "\t") if mark in text), ""]))
         parts = list(text) if separator == "" else text.split(separator)
         if not parts:
             break
@@ -126,6 +138,29 @@ def test_bvh(write, bvh):
 
 
 @fuzz(150)
+@given(trc=damaged(TRC), commas=st.booleans(), up=st.sampled_from([None, "z"]))
+def test_trc(write, trc, commas, up):
+    motion = accept(read_motion, write("walk.trc", trc.replace("\t", ",") if commas else trc), up=up)
+    if motion is not None:
+        assert not np.isinf(motion.positions).any() and motion.positions.shape[1] == len(motion.names) > 0
+        assert np.isfinite(motion.positions).all(-1).any(0).all() and 0 < motion.rate < np.inf
+
+
+@fuzz(150)
+@given(maps=damaged(EXPONENTIAL_MAPS))
+def test_exponential_maps(write, maps):
+    motion = accept(read_motion, write("walk.txt", maps), write("skeleton.json", EXPONENTIAL_SKELETON))
+    assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(150)
+@given(skeleton=damaged(EXPONENTIAL_SKELETON))
+def test_skeleton_of_exponential_maps(write, skeleton):
+    motion = accept(read_motion, write("walk.txt", EXPONENTIAL_MAPS), write("skeleton.json", skeleton))
+    assert motion is None or (np.isfinite(motion.positions).all() and motion.positions.shape[1] == len(motion.parents))
+
+
+@fuzz(150)
 @given(table=damaged(CSV))
 def test_csv(write, table):
     observations = accept(read_observations, write("points.csv", table), ("hip", "knee"), ("left", "right"))
@@ -154,7 +189,8 @@ def test_c3d(write, data):
 
 @fuzz(60)
 @given(
-    data=st.binary(min_size=1, max_size=200), suffix=st.sampled_from(["leg.bvh", "rig.toml", "points.csv", "leg.asf", "x.c3d"])
+    data=st.binary(min_size=1, max_size=200),
+    suffix=st.sampled_from(["leg.bvh", "rig.toml", "points.csv", "leg.asf", "x.c3d", "walk.trc", "walk.txt", "skeleton.json"]),
 )
 def test_noise(write, data, suffix):
     path = write(suffix, data)
@@ -164,6 +200,10 @@ def test_noise(write, data, suffix):
         accept(read_observations, path, ("hip",))
     elif suffix == "leg.asf":
         accept(read_motion, write("leg.amc", AMC), path)
+    elif suffix == "walk.txt":
+        accept(read_motion, path, write("skeleton.json", EXPONENTIAL_SKELETON))
+    elif suffix == "skeleton.json":
+        accept(read_motion, write("walk.txt", EXPONENTIAL_MAPS), path)
     else:
         accept(read_motion, path)
 
