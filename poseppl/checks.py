@@ -7,7 +7,7 @@ ValueError: num_particles is 0. Expected at least 1.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, get_args
 
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
 
@@ -25,6 +25,21 @@ def check_at_least(least: float, **settings: float) -> None:
     for name, value in settings.items():
         if value < least:
             raise ValueError(f"{name} is {value}. Expected at least {least}.")
+
+
+def check_choice(choices: Any, **settings: Any) -> None:
+    """Refuse settings that are none of the values of a ``Literal``.
+
+    Args:
+        choices: The type, such as ``Literal["exact", "linear"]``.
+        **settings: Values by name.
+
+    Raises:
+        ValueError: A value is none of them.
+    """
+    for name, value in settings.items():
+        if value not in get_args(choices):
+            raise ValueError(f"{name} is {value!r}. Expected one of {', '.join(get_args(choices))}.")
 
 
 def check_fraction(interval: Interval, **settings: float) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import pytest
 
-from poseppl.checks import check_at_least, check_fraction
+from poseppl.checks import check_at_least, check_choice, check_fraction
 
 
 def test_numbers_that_are_too_small_are_refused():
@@ -21,3 +23,9 @@ def test_fractions_are_refused_outside_their_interval(interval, refused):
     for value in (*refused, -0.1, 1.1, float("nan")):
         with pytest.raises(ValueError, match=f"jitter is {value}"):
             check_fraction(interval, jitter=value)
+
+
+def test_words_are_refused_that_a_literal_does_not_name():
+    check_choice(Literal["exact", "linear"], method="linear")
+    with pytest.raises(ValueError, match=r"method is 'quick'\. Expected one of exact, linear\."):
+        check_choice(Literal["exact", "linear"], method="quick")

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_fraction
-from poseppl.particles.resampling import Resampling, resampling_scheme
+from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import effective_sample_size
 
 
@@ -62,7 +62,7 @@ class AdaptiveResampling(NamedTuple):
         return chosen
 
 
-def adaptive_resampling(num_particles: int, resampling: str, ess_threshold: float) -> AdaptiveResampling:
+def adaptive_resampling(num_particles: int, resampling: Scheme, ess_threshold: float) -> AdaptiveResampling:
     """Check a particle filter's settings and gather them.
 
     Raises:

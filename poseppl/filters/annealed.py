@@ -31,7 +31,7 @@ import numpy as np
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info
-from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
 
@@ -64,15 +64,15 @@ class _Layer(NamedTuple):
 
 def annealed_filter(
     model: CompiledModel,
-    num_particles: int,
+    num_particles: int = 1000,
     *,
     num_layers: int = 10,
     survival: float = 0.5,
     diffusion: jax.Array | None = None,
     crossover: Sequence[Sequence[int | str]] | None = None,
-    resampling: str = "multinomial",
+    resampling: Scheme = "multinomial",
 ) -> Filter:
-    """Build the filter.
+    """The annealed particle filter: it seeks a mode of the likelihood, and does not sample the posterior.
 
     Args:
         model: The compiled model.
@@ -151,7 +151,7 @@ def annealed_filter(
 
         return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
 
-    return Filter(init, step)
+    return Filter(init, step, genealogy=True)
 
 
 def _cross(

@@ -68,9 +68,11 @@ class Filter(NamedTuple):
         place: `state -> state`, moves a state that comes from elsewhere, such as a file, to the devices where `step` keeps it.
         before: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it, too;
             nothing but `step` is then compiled.
+        genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
     """
 
     init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
     step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
     place: Callable[[Any], Any] = stay
     before: Callable[[Any, Any], Any] | None = None
+    genealogy: bool = False

@@ -33,17 +33,21 @@ predicted, and the velocity, which led nowhere, is dropped. `log_evidence` is th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
-from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise
 from poseppl.program import CompiledModel, Observation
+
+Target = Literal["likelihood", "posterior"]
+Prediction = Literal["transition", "velocity"]
+NoiseFollows = Literal["survival", "degeneracy", "nothing"]
 
 
 class DEMCState(NamedTuple):
@@ -82,17 +86,17 @@ class _Evolved(NamedTuple):
 
 def demc_filter(
     model: CompiledModel,
-    num_particles: int,
+    num_particles: int = 1000,
     *,
     num_layers: int = 7,
-    target: str = "likelihood",
-    prediction: str = "transition",
+    target: Target = "likelihood",
+    prediction: Prediction = "transition",
     noise: float = 0.1,
-    noise_follows: str = "survival",
+    noise_follows: NoiseFollows = "survival",
     snooker: float = 0.0,
-    resampling: str = "systematic",
+    resampling: Scheme = "systematic",
 ) -> Filter:
-    """Build the filter.
+    """The DE-MC particle filter of Du and Guan 2006, moved by differential evolution: it seeks a mode.
 
     Args:
         model: The compiled model.
@@ -112,7 +116,10 @@ def demc_filter(
         ValueError: A setting out of its range.
     """
     settings = DEMCSettings(num_updates=num_layers, noise=noise, snooker=snooker).check()
-    _check(num_particles, target, prediction, noise_follows)
+    check_at_least(1, num_particles=num_particles)
+    check_choice(Target, target=target)
+    check_choice(Prediction, prediction=prediction)
+    check_choice(NoiseFollows, noise_follows=noise_follows)
     scheme = resampling_scheme(resampling)
     posterior = target == "posterior"
     identity = jnp.arange(num_particles, dtype=jnp.int32)
@@ -181,7 +188,7 @@ def demc_filter(
         evolved = evolve(key_evolve, predicted, log_prior, (observation, inputs), previous if by_velocity else None)
         return _conclude(evolved, ancestors, state, posterior)
 
-    return Filter(init, step)
+    return Filter(init, step, genealogy=True)
 
 
 def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
@@ -208,17 +215,6 @@ def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | Non
 def _noise_factor(values: jax.Array, follows: str) -> jax.Array:
     survival = jnp.maximum(normalise(values).ess, 1.0) / values.shape[0]
     return {"survival": survival, "degeneracy": 1.0 / survival, "nothing": jnp.ones_like(survival)}[follows]
-
-
-def _check(num_particles: int, target: str, prediction: str, noise_follows: str) -> None:
-    check_at_least(1, num_particles=num_particles)
-    for name, value, known in (
-        ("target", target, ("likelihood", "posterior")),
-        ("prediction", prediction, ("velocity", "transition")),
-        ("noise_follows", noise_follows, ("survival", "degeneracy", "nothing")),
-    ):
-        if value not in known:
-            raise ValueError(f"{name} is {value!r}. Expected one of {', '.join(known)}.")
 
 
 def _safe(values: jax.Array) -> jax.Array:

@@ -25,6 +25,7 @@ from poseppl.filters.base import Filter, Info
 from poseppl.filters.local_proposal import LocalProposal, local_proposal
 from poseppl.filters.particle import ParticleState
 from poseppl.particles.keys import particle_keys
+from poseppl.particles.resampling import Scheme
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation, Proposal
 from poseppl.program.proposal import Proposing, propose_initial, propose_transition
@@ -46,14 +47,14 @@ class _Outlook(NamedTuple):
 
 def guided_filter(
     model: CompiledModel,
-    num_particles: int,
+    num_particles: int = 2000,
     *,
     proposal: Proposal | None = None,
     auxiliary: bool = False,
-    resampling: str = "systematic",
+    resampling: Scheme = "systematic",
     ess_threshold: float = 1.0,
 ) -> Filter:
-    """Build the filter.
+    """The guided or auxiliary particle filter: particles are drawn from a linearisation that has seen the frame.
 
     Args:
         model: The compiled model; without a `proposal`, or with `auxiliary`, its sites over the real line and its initial and
@@ -148,4 +149,4 @@ def guided_filter(
         log_ratio = log_prior - log_proposal
         return weigh(particles, log_ratio, ancestry, observation, inputs, outlook.num_gradient, first_stage)
 
-    return Filter(init, step)
+    return Filter(init, step, genealogy=True)

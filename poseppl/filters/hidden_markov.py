@@ -27,7 +27,7 @@ _MOST = 10_000
 
 
 def hidden_markov_filter(model: CompiledModel) -> Filter:
-    """Build the filter.
+    """The exact filter of hidden Markov models, whose state has finitely many values.
 
     Args:
         model: The compiled model; all its sites discrete, of finite support.

@@ -26,25 +26,28 @@ from poseppl.filters.base import Filter, Info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
-from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+
+PAPER = HMCSettings()
+"""The paper's 28-D row of Table 1, with an adapted step size."""
 
 
 def hmc_filter(
     model: CompiledModel,
     num_chains: int = 10,
-    settings: HMCSettings | None = None,
+    settings: HMCSettings = PAPER,
     *,
     dense_mass: bool = False,
     curvature: jax.Array | None = None,
-    resampling: str = "systematic",
+    resampling: Scheme = "systematic",
 ) -> Filter:
-    """Build the HMC filter.
+    """The HMC filter of Choo and Fleet 2001: the temporal prior is a mixture over the last state of every chain.
 
     Args:
         model: The compiled model, its sites over the real line.
         num_chains: M.
-        settings: R, L, b, epsilon and so on; the paper's 28-D row of Table 1 by default, with an adapted step size.
+        settings: R, L, b, epsilon and so on.
         dense_mass: Whether the mass matrix has the curvature's off-diagonal entries.
         curvature: Second derivatives of the energy by coordinate (d,), to be used for Eq. 17 instead of our estimate.
         resampling: Scheme of step 2: "systematic", "stratified", "residual" or "multinomial".
@@ -52,7 +55,7 @@ def hmc_filter(
     Returns:
         The filter; its state is :class:`~poseppl.filters.chains.ChainState`.
     """
-    settings = (settings or HMCSettings()).check()
+    settings = settings.check()
     check_at_least(1, num_chains=num_chains)
     scheme = resampling_scheme(resampling)
 

@@ -11,12 +11,12 @@ them.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info
 from poseppl.gaussians.linearisation import Gaussian, Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
@@ -39,7 +39,7 @@ class KalmanState(NamedTuple):
 
 
 def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order") -> Filter:
-    """Build the filter.
+    """The Kalman filter, extended or unscented where programs are not linear: one Gaussian.
 
     Args:
         model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
@@ -53,7 +53,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         ValueError: A number below 1 or an unknown linearisation; a program without Gaussian moments when the filter is traced.
     """
     check_at_least(1, num_particles=num_particles)
-    check_method(linearisation)
+    check_choice(Method, linearisation=linearisation)
 
     def before(observation: Observation, inputs: Any = None) -> KalmanState:
         initial = Gaussian(*model.initial_moments(inputs))
@@ -87,16 +87,6 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         return step(rng_key, before(observation, inputs), observation, inputs)
 
     return Filter(init, step, before=before)
-
-
-def check_method(method: str) -> None:
-    """Refuse an unknown linearisation.
-
-    Raises:
-        ValueError: It is none of the known ones.
-    """
-    if method not in get_args(Method):
-        raise ValueError(f"linearisation is {method!r}. Expected one of {', '.join(get_args(Method))}.")
 
 
 def assimilate(

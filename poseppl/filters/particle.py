@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.keys import particle_keys
+from poseppl.particles.resampling import Scheme
 from poseppl.particles.weights import effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
 
@@ -40,9 +41,9 @@ class ParticleState(NamedTuple):
 
 
 def particle_filter(
-    model: CompiledModel, num_particles: int, *, resampling: str = "systematic", ess_threshold: float = 1.0
+    model: CompiledModel, num_particles: int = 10_000, *, resampling: Scheme = "systematic", ess_threshold: float = 1.0
 ) -> Filter:
-    """Build the filter.
+    """The particle filter with the temporal prior as proposal.
 
     Args:
         model: The compiled model.
@@ -89,4 +90,4 @@ def particle_filter(
         particles = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
         return weigh(particles, ancestry, observation, inputs)
 
-    return Filter(init, step)
+    return Filter(init, step, genealogy=True)

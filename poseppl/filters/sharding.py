@@ -74,7 +74,7 @@ def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     def place(state: Any) -> Any:
         return jax.device_put(state, shardings(state))
 
-    return Filter(init, step, place, filter.before)
+    return filter._replace(init=init, step=step, place=place)
 
 
 def _find_devices(devices: int | Sequence[jax.Device]) -> list[jax.Device]:

@@ -24,17 +24,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_fraction
+from poseppl.checks import check_at_least, check_choice, check_fraction
 from poseppl.filters.base import Filter, Info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, MoveSettings
-from poseppl.particles.resampling import resampling_scheme
+from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+
+Target = Literal["ancestor", "mixture"]
 
 
 class TemperedState(NamedTuple):
@@ -53,18 +55,18 @@ class TemperedState(NamedTuple):
 
 def tempered_filter(
     model: CompiledModel,
-    num_particles: int,
+    num_particles: int = 500,
     *,
-    target: str = "ancestor",
+    target: Target = "ancestor",
     moves: MoveSettings = HMC_MOVES,
     ess_target: float = 0.5,
     max_temperatures: int = 100,
     temperatures: tuple[float, ...] | None = None,
     chain_length: int = 1,
     whiten: bool = True,
-    resampling: str = "systematic",
+    resampling: Scheme = "systematic",
 ) -> Filter:
-    """Build the filter.
+    """The tempered SMC filter: particles are cooled from the prediction to the posterior, with HMC moves.
 
     Args:
         model: The compiled model; with HMC moves its densities are differentiated.
@@ -146,7 +148,7 @@ def tempered_filter(
         ancestors = jax.vmap(lambda k, x: jax.random.categorical(k, terms(x)))(keys, tempered.particles)
         return _state(tempered), _info(tempered, ancestors.astype(jnp.int32))
 
-    return Filter(init, step)
+    return Filter(init, step, genealogy=True)
 
 
 def _prior_covariance(particles: jax.Array, draw: Callable[[], jax.Array], *, needed: bool, given_ancestor: bool) -> jax.Array:
@@ -179,19 +181,18 @@ def _info(tempered: Tempered, ancestors: jax.Array) -> Info:
 
 def _check(
     num_particles: int,
-    target: str,
+    target: Target,
     moves: MoveSettings,
     ess_target: float,
     max_temperatures: int,
     temperatures: tuple[float, ...] | None,
     chain_length: int,
     whiten: bool,
-    resampling: str,
+    resampling: Scheme,
 ) -> Tempering:
     """Check the builder's settings and gather them."""
     check_at_least(1, num_particles=num_particles, max_temperatures=max_temperatures)
-    if target not in ("ancestor", "mixture"):
-        raise ValueError(f"target is {target!r}. Expected ancestor or mixture.")
+    check_choice(Target, target=target)
     check_fraction("(0, 1)", ess_target=ess_target)
     if temperatures is not None:
         steps = [b - a for a, b in zip((0.0, *temperatures), temperatures, strict=False)]

@@ -69,7 +69,7 @@ def window_filter(
     num_starts: int = 40,
     num_mode_steps: int = 4,
 ) -> Filter:
-    """Build the filter.
+    """HMC on the last few frames together, the older past summarised by a Gaussian: slower, and less is summarised.
 
     Args:
         model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 
-from poseppl.checks import check_at_least, check_fraction
+from poseppl.checks import check_at_least, check_choice, check_fraction
 
 Kernel = Literal["nuts", "hmc"]
 
@@ -43,8 +43,7 @@ class ChainSettings(NamedTuple):
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_draws=self.num_draws, num_leapfrog=self.num_leapfrog, max_doublings=self.max_doublings)
         check_at_least(0, num_warmup=self.num_warmup)
-        if self.kernel not in ("nuts", "hmc"):
-            raise ValueError(f"kernel is {self.kernel!r}. Expected 'nuts' or 'hmc'.")
+        check_choice(Kernel, kernel=self.kernel)
         check_fraction("(0, 1)", target_acceptance=self.target_acceptance)
         return self
 

@@ -44,9 +44,9 @@ class HMCSettings(NamedTuple):
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_updates=self.num_updates, num_leapfrog=self.num_leapfrog)
         if not 0 <= self.burn_in < self.num_updates:
-            raise ValueError(f"burn_in is {self.burn_in}; it must be from 0 to num_updates - 1 = {self.num_updates - 1}")
+            raise ValueError(f"burn_in is {self.burn_in}. Expected 0 to num_updates - 1 = {self.num_updates - 1}.")
         if not self.step_size > 0:
-            raise ValueError(f"step_size is {self.step_size}; it must be positive")
+            raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")
         if self.target_rejection is not None:
             check_fraction("(0, 1)", target_rejection=self.target_rejection)
         check_fraction("[0, 1)", jitter=self.jitter)

@@ -15,17 +15,20 @@ population only through averages, whose effect on an estimate vanishes as the po
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import blackjax
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_fraction
+from poseppl.checks import check_at_least, check_choice, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
 
 ConditionalDensity = Callable[[jax.Array, Any], jax.Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
+
+
+Kernel = Literal["hmc", "random-walk"]
 
 
 class MoveSettings(NamedTuple):
@@ -40,7 +43,7 @@ class MoveSettings(NamedTuple):
         jitter: Fraction by which a member's step size is shortened at random in each update, in [0, 1).
     """
 
-    kernel: str = "hmc"
+    kernel: Kernel = "hmc"
     num_moves: int = 2
     num_leapfrog: int = 4
     step_size: float = 0.5
@@ -49,8 +52,7 @@ class MoveSettings(NamedTuple):
 
     def check(self) -> MoveSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        if self.kernel not in ("hmc", "random-walk"):
-            raise ValueError(f"kernel is {self.kernel!r}. Expected hmc or random-walk.")
+        check_choice(Kernel, kernel=self.kernel)
         check_at_least(1, num_moves=self.num_moves, num_leapfrog=self.num_leapfrog)
         if not self.step_size > 0:
             raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")

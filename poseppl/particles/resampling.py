@@ -23,13 +23,16 @@ Example:
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 
+from poseppl.checks import check_choice
 from poseppl.particles.prefix_sum import Split, largest_sum, running_split_sum, running_sum, split_number, unit
 
 Resampling = Callable[[jax.Array, jax.Array, int], jax.Array]
+Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
 
 def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
@@ -122,7 +125,7 @@ def _draw_independently(rng_key: jax.Array, expected: jax.Array, num: int) -> ja
     return jnp.minimum(jnp.searchsorted(ends, drawn, side="right").astype(jnp.int32), _last(expected > 0))
 
 
-SCHEMES: dict[str, Resampling] = {
+SCHEMES: dict[Scheme, Resampling] = {
     "systematic": systematic,
     "stratified": stratified,
     "residual": residual,
@@ -130,18 +133,17 @@ SCHEMES: dict[str, Resampling] = {
 }
 
 
-def resampling_scheme(name: str) -> Resampling:
+def resampling_scheme(name: Scheme) -> Resampling:
     """The scheme of a name.
 
     Raises:
         ValueError: An unknown name.
     """
-    if name not in SCHEMES:
-        raise ValueError(f"resampling is {name!r}. Expected one of {', '.join(SCHEMES)}.")
+    check_choice(Scheme, resampling=name)
     return SCHEMES[name]
 
 
-def resample(rng_key: jax.Array, log_weights: jax.Array, num: int, scheme: str = "systematic") -> jax.Array:
+def resample(rng_key: jax.Array, log_weights: jax.Array, num: int, scheme: Scheme = "systematic") -> jax.Array:
     """Ancestors (num,) int32 by the scheme of a name.
 
     Raises:

@@ -22,12 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -35,13 +35,13 @@ from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, spli
 
 Step = Callable[[jax.Array, jax.Array, Any], tuple[jax.Array, jax.Array]]
 
-METHODS = ("exact", "metropolis")
+Method = Literal["exact", "metropolis"]
 
 
 def backward_simulation_smoother(
-    model: CompiledModel, num_trajectories: int, *, method: str = "exact", num_moves: int = 1, tile: int | None = None
+    model: CompiledModel, num_trajectories: int = 500, *, method: Method = "exact", num_moves: int = 1, tile: int | None = None
 ) -> Smoother:
-    """Build the smoother.
+    """Backward simulation: trajectories drawn through the filter's particles, from the last frame to the first.
 
     Args:
         model: The compiled model.
@@ -58,8 +58,7 @@ def backward_simulation_smoother(
     """
     check_tile(tile)
     check_at_least(1, num_trajectories=num_trajectories, num_moves=num_moves)
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
+    check_choice(Method, method=method)
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_last, key_deal, key_steps = jax.random.split(rng_key, 3)

@@ -74,10 +74,12 @@ class Smoother(NamedTuple):
     Attributes:
         smooth: `(rng_key, history, observations, inputs) -> smoothed`.
         joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
+        follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
     """
 
     smooth: Callable[[jax.Array, History, Observation, Any], Smoothed]
     joint: bool
+    follows_ancestors: bool = False
 
 
 def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:

@@ -37,12 +37,6 @@ class _Sweep(NamedTuple):
     ancestors: jax.Array
 
 
-def check_method(method: str) -> None:
-    """Raise ``ValueError`` unless the method is one of the two."""
-    if method not in ("ancestor", "backward"):
-        raise ValueError(f"method is {method!r}. Expected 'ancestor' or 'backward'.")
-
-
 def conditional_smc(
     model: CompiledModel,
     rng_key: jax.Array,

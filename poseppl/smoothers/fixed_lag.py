@@ -89,7 +89,7 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
 
 
 def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
-    """Build the smoother that does the same with a history.
+    """Fixed-lag smoothing: the ancestors of the particles a few frames later.
 
     Args:
         model: The compiled model; not used, as everything stands in the history.
@@ -123,7 +123,7 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
         ess = jax.vmap(shared_ess)(jnp.exp(ends), ancestry)
         return Smoothed(particles, ends, smoothing_info(num_frames, ess))
 
-    return Smoother(smooth, joint=False)
+    return Smoother(smooth, joint=False, follows_ancestors=True)
 
 
 def normalise_rows(log_weights: jax.Array) -> jax.Array:

@@ -27,7 +27,7 @@ from poseppl.smoothers.tiles import check_tile, log_transitions, split_rows, til
 
 
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
-    """Build the smoother.
+    """Forward-backward smoothing (FBS): the filter's particles, weighted anew by what comes after them.
 
     Args:
         model: The compiled model.

@@ -18,7 +18,7 @@ from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 
 def genealogy_smoother(model: CompiledModel) -> Smoother:
-    """Build the smoother.
+    """The ancestors of the last frame's particles: the baseline of smoothing.
 
     Args:
         model: The compiled model; not used, as everything stands in the history.
@@ -38,7 +38,7 @@ def genealogy_smoother(model: CompiledModel) -> Smoother:
         log_weights = jnp.broadcast_to(last.log_weights, indices.shape)
         return Smoothed(particles, log_weights, smoothing_info(num_frames, ess))
 
-    return Smoother(smooth, joint=True)
+    return Smoother(smooth, joint=True, follows_ancestors=True)
 
 
 def check_genealogy(history: History) -> None:

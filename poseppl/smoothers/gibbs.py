@@ -20,12 +20,12 @@ evaluated at every move, and chains converge to the smoothing distribution.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_fraction
+from poseppl.checks import check_choice, check_fraction
 from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
@@ -40,7 +40,7 @@ from poseppl.smoothers.likelihood_mixture import (
 )
 from poseppl.smoothers.starts import draw_trajectories
 
-TARGETS = ("mixture", "model")
+Target = Literal["mixture", "model"]
 
 
 class GibbsChains(NamedTuple):
@@ -57,13 +57,13 @@ def gibbs_smoother(
     num_draws: int = 2000,
     burn_in: float = 0.05,
     num_chains: int = 4,
-    target: str = "mixture",
+    target: Target = "mixture",
     collapsed: bool = True,
     blocked: bool = False,
     quantise: Any = None,
     mixture: MixtureSettings | None = None,
 ) -> Smoother:
-    """Build the smoother.
+    """Gibbs sampling, the likelihood replaced by a mixture learned from the filter.
 
     Args:
         model: The compiled model, its initial and transition programs with Gaussian moments.
@@ -85,12 +85,11 @@ def gibbs_smoother(
         ValueError: A setting out of range; when it is run, `blocked` with a transition that is not linear.
     """
     if num_chains < 1 or num_draws % num_chains or num_draws < num_chains:
-        raise ValueError(f"num_draws is {num_draws}; it must be a multiple of num_chains = {num_chains}, which is at least 1")
+        raise ValueError(f"num_draws is {num_draws}. Expected a multiple of num_chains = {num_chains}, which is at least 1.")
     check_fraction("[0, 1)", burn_in=burn_in)
-    if target not in TARGETS:
-        raise ValueError(f"target is {target!r}. Expected one of {', '.join(TARGETS)}.")
+    check_choice(Target, target=target)
     if blocked and target == "model":
-        raise ValueError("blocked rounds draw from the mixture: leave out blocked, or set target='mixture'.")
+        raise ValueError("blocked is True. Expected False with target='model': blocked rounds draw from the mixture.")
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
     num_rounds = num_draws // num_chains
     discarded = int(burn_in * num_rounds)

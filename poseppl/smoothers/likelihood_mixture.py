@@ -31,12 +31,12 @@ A frame of which nothing was seen has a flat likelihood whatever the correction.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.linear_transitions import inverse_root
 from poseppl.gaussians.weighted_em import Components, choose_seeds, fit_fixed, fit_free
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
@@ -44,7 +44,8 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
 from poseppl.smoothers.prediction import log_predicted, map_frames, predicted_moments
 
-CORRECTIONS = ("none", "weights", "moments")
+Covariance = Literal["fixed", "free"]
+Correction = Literal["none", "weights", "moments"]
 
 
 class MixtureSettings(NamedTuple):
@@ -61,19 +62,17 @@ class MixtureSettings(NamedTuple):
     """
 
     num_components: int = 50
-    covariance: str = "fixed"
+    covariance: Covariance = "fixed"
     scales: Any = None
-    correction: str = "moments"
+    correction: Correction = "moments"
     num_steps: int = 20
     num_predecessors: int = 200
 
     def check(self) -> MixtureSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_components=self.num_components, num_steps=self.num_steps, num_predecessors=self.num_predecessors)
-        if self.covariance not in ("fixed", "free"):
-            raise ValueError(f"covariance is {self.covariance!r}. Expected fixed or free.")
-        if self.correction not in CORRECTIONS:
-            raise ValueError(f"correction is {self.correction!r}. Expected one of {', '.join(CORRECTIONS)}.")
+        check_choice(Covariance, covariance=self.covariance)
+        check_choice(Correction, correction=self.correction)
         return self
 
 

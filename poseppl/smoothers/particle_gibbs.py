@@ -14,10 +14,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.conditional_smc import Method, check_method, conditional_smc
+from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 
@@ -31,7 +31,7 @@ def particle_gibbs_smoother(
     num_warmup: int = 25,
     method: Method = "ancestor",
 ) -> Smoother:
-    """Build the smoother.
+    """Particle Gibbs: conditional particle filters with ancestor sampling or backward simulation.
 
     Args:
         model: The compiled model.
@@ -51,7 +51,7 @@ def particle_gibbs_smoother(
     check_at_least(2, num_particles=num_particles)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
-    check_method(method)
+    check_choice(Method, method=method)
     num_moves = num_warmup + num_draws
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:

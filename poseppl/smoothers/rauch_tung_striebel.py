@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_factor, cho_solve
 
-from poseppl.checks import check_at_least
-from poseppl.filters.kalman import assimilate, check_method
+from poseppl.checks import check_at_least, check_choice
+from poseppl.filters.kalman import assimilate
 from poseppl.gaussians.linearisation import Gaussian, Method, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -26,7 +26,7 @@ from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 def rauch_tung_striebel_smoother(
     model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order"
 ) -> Smoother:
-    """Build the smoother.
+    """Rauch-Tung-Striebel smoothing of a Kalman filter, extended or unscented: one Gaussian.
 
     Args:
         model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
@@ -37,7 +37,7 @@ def rauch_tung_striebel_smoother(
         ValueError: A number below 1 or an unknown linearisation.
     """
     check_at_least(1, num_draws=num_draws)
-    check_method(linearisation)
+    check_choice(Method, linearisation=linearisation)
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         filtered, predicted, gains = _forward(model, observations, inputs, linearisation)

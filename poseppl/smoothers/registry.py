@@ -45,18 +45,14 @@ class SmootherEntry(NamedTuple):
         return {p.name: p.default for p in plain if isinstance(p.default, bool | int | float | str)}
 
 
-def _backward_simulation(
-    model: CompiledModel, *, num_trajectories: int = 500, method: str = "exact", num_moves: int = 1
-) -> Smoother:
-    return backward_simulation_smoother(model, num_trajectories, method=method, num_moves=num_moves)
-
-
 SMOOTHERS: Mapping[str, SmootherEntry] = {
     "nuts": SmootherEntry(trajectory_smoother, "NUTS on the joint density of all frames, whitened by the model's curvature."),
     "forward-backward": SmootherEntry(
         forward_backward_smoother, "The filter's particles, weighted anew by what comes after them (FBS)."
     ),
-    "backward-simulation": SmootherEntry(_backward_simulation, "Trajectories drawn backwards through the filter's particles."),
+    "backward-simulation": SmootherEntry(
+        backward_simulation_smoother, "Trajectories drawn backwards through the filter's particles."
+    ),
     "two-filter": SmootherEntry(two_filter_smoother, "A filter from either end, combined; new particles at each frame."),
     "viterbi": SmootherEntry(viterbi_smoother, "The most probable path through the filter's particles."),
     "genealogy": SmootherEntry(genealogy_smoother, "The ancestors of the last frame's particles: the baseline.", True),

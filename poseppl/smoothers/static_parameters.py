@@ -27,14 +27,14 @@ import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterChart, parameter_chart
 from poseppl.smoothers.base import Smoothed, smoothing_info
-from poseppl.smoothers.conditional_smc import Method, check_method, conditional_smc
+from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.inner_filter import filter_history
 from poseppl.smoothers.particle_marginal import starting_points
@@ -123,7 +123,7 @@ def particle_gibbs(
     check_at_least(2, num_particles=num_particles)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
-    check_method(method)
+    check_choice(Method, method=method)
     chart = parameter_chart(model)
     setting = _Setting(model, chart, observations, inputs, num_particles, method, num_warmup)
     key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)

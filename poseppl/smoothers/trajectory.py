@@ -52,7 +52,7 @@ def trajectory_smoother(
     num_mode_steps: int = 5,
     num_curvatures: int = 32,
 ) -> Smoother:
-    """Build the smoother.
+    """NUTS, or HMC, on the joint density of all frames, whitened by the model's curvature.
 
     Args:
         model: The compiled model; all its sites are continuous.

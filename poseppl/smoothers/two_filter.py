@@ -26,12 +26,12 @@ two or three of twenty the backward filter misses a mode that decides (benchmark
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -39,7 +39,7 @@ from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
 
-METHODS = ("exact", "linear")
+Method = Literal["exact", "linear"]
 
 
 class _Backward(NamedTuple):
@@ -51,9 +51,14 @@ class _Backward(NamedTuple):
 
 
 def two_filter_smoother(
-    model: CompiledModel, *, method: str = "exact", num_pairs: int = 4, inflation: float | None = None, tile: int | None = None
+    model: CompiledModel,
+    *,
+    method: Method = "exact",
+    num_pairs: int = 4,
+    inflation: float | None = None,
+    tile: int | None = None,
 ) -> Smoother:
-    """Build the smoother.
+    """Two-filter smoothing: a filter from either end, combined; new particles at each frame.
 
     Args:
         model: The compiled model, its state continuous.
@@ -69,8 +74,7 @@ def two_filter_smoother(
         ValueError: An unknown method, a number below 1, or a state with integer sites.
     """
     check_tile(tile)
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}. Expected one of {', '.join(METHODS)}.")
+    check_choice(Method, method=method)
     widening = 1.0 + 2.0 / model.dimension if inflation is None else inflation
     check_at_least(1, num_pairs=num_pairs, inflation=widening)
     discrete = [name for name, site in model.sites.items() if site.discrete]
@@ -200,7 +204,7 @@ def _log_predictive_of_pairs(
 
 
 def _first_frame(
-    model: CompiledModel, method: str, tile: int | None, rng_key: jax.Array, history: History, after: tuple[_Backward, Any]
+    model: CompiledModel, method: Method, tile: int | None, rng_key: jax.Array, history: History, after: tuple[_Backward, Any]
 ) -> tuple[jax.Array, jax.Array]:
     """Log-weights (N,) of the forward particles of frame 0, and their effective number."""
     backward, inputs = after

@@ -105,7 +105,7 @@ def variational_smoother(
     factorised: bool = False,
     mixture: MixtureSettings | None = None,
 ) -> Smoother:
-    """Build the smoother.
+    """Variational smoothing, the likelihood replaced by a mixture learned from the filter.
 
     Args:
         model: The compiled model, its initial and transition programs with Gaussian moments.

@@ -26,7 +26,7 @@ from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, spli
 
 
 def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
-    """Build the smoother.
+    """The most probable path through the filter's particles.
 
     Args:
         model: The compiled model.

@@ -179,7 +179,7 @@ def test_particles_that_are_all_equal_leave_no_nan(dtype, covariance, num_partic
     [
         ({"num_components": 0}, "num_components is 0"),
         ({"num_steps": 0}, "num_steps is 0"),
-        ({"covariance": "full"}, "fixed or free"),
+        ({"covariance": "full"}, "one of fixed, free"),
         ({"correction": "all"}, "none, weights, moments"),
     ],
 )
