@@ -1,19 +1,23 @@
 """Do predictive checks, which need no truth, tell the runs whose intervals are too narrow?
 
     python benchmarks/predictive_checks.py [--quick] [--models lorenz,growth] [--filters NAMES] [--seeds 3] [--frames 100]
+        [--output predictive-checks]
 
 Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
 noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
 built-in walk seen by one camera and by two; `--models recordings` tracks some of $POSEPPL_DATA, seen by two. A run is missed
 whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
-more than 87 % with one; verdicts that know the truth do not count.
+more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
+again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,9 +27,12 @@ import numpy as np
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl_models.lorenz96 import lorenz96
+from rendered_walks import read_runs
 from timing import arguments, show
 
+from poseppl.cli.console import start_jax
 from poseppl.diagnostics import predictive_figures, verdicts
+from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, recorded_subject, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_around
@@ -38,6 +45,14 @@ from poseppl.runs.simulation import simulate
 
 FILTERS = ("extended-kalman", "unscented-kalman", "particle", "auxiliary", "tempered", "hmc", "assumed-density")
 BODIES = ("extended-kalman", "particle", "tempered", "hmc", "assumed-density")
+_COLUMNS = ("model", "filter", "seed", "frames", "coverage", "inflation", "errors")
+_KEY = 4
+_ABOUT = (
+    "Share of the truth in 90 % intervals, variance of the states' errors over the claimed one as the data tell it, and the "
+    "errors among the verdicts that need no truth: prediction, other, both or none."
+)
+LEAST, MOST = 0.8, 0.87
+"""Coverage below which a run ought to have an error, and above which it ought to have none."""
 RECORDINGS = (("cmu_walks/05_01.amc", "05.asf"), ("cmu_walks/07_01.amc", "07.asf"), ("cmu_amc/02_04.amc", "02.asf"))
 
 
@@ -55,96 +70,134 @@ TOYS: Mapping[str, Callable[[], dict[str, Toy]]] = {
 }
 
 
+class Wanted(NamedTuple):
+    """A run that may be made."""
+
+    model: str
+    filter: str
+    seed: int
+    make: Callable[[], Any]
+
+
 @cache
 def filter_of(name: str, model: CompiledModel) -> tuple[Any, Any, Any]:
     """Filter, collector and checks, the same for all seeds, so that they are compiled once."""
     return build_filter(name, model, {})[0], collect_draws(model, max_draws=20), predictive_checks(model)
 
 
-def toy_results(which: str, names: list[str], seeds: int, frames: int) -> Iterator[tuple[str, str, int, Any]]:
-    """Results of a toy, by model, filter and seed."""
+def toy_runs(which: str, names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
+    """Runs of a toy's filters on the data of each seed."""
     for title, toy in TOYS[which]().items():
-        for name in names:
-            filter, collect, predict = filter_of(name, toy.model)
-            for seed in range(seeds):
-                inputs = jnp.arange(1.0, frames + 1) if toy.times else None
-                truth, values = simulate(toy.model, jax.random.key(1000 + seed), frames, inputs)
-                observations = toy.model.observe(jax.tree.map(np.asarray, values))
-                run = run_filter(filter, jax.random.key(seed), observations, inputs, collect=collect, predict=predict)
-                yield title, name, seed, result_of_run(run, toy.model, observations, truth=truth, attrs={"filter": name})
+        for name, seed in itertools.product(names, range(seeds)):
+            yield Wanted(title, name, seed, partial(toy_result, toy, name, seed, frames))
 
 
-def walk_results(names: list[str], seeds: int, frames: int) -> Iterator[tuple[str, str, int, Any]]:
-    """Results of the built-in walk: another noise for each seed."""
+def toy_result(toy: Toy, name: str, seed: int, frames: int) -> Any:
+    """Result of a run on what the toy simulates."""
+    filter, collect, predict = filter_of(name, toy.model)
+    inputs = jnp.arange(1.0, frames + 1) if toy.times else None
+    truth, values = simulate(toy.model, jax.random.key(1000 + seed), frames, inputs)
+    observations = toy.model.observe(jax.tree.map(np.asarray, values))
+    run = run_filter(filter, jax.random.key(seed), observations, inputs, collect=collect, predict=predict)
+    return result_of_run(run, toy.model, observations, truth=truth, attrs={"filter": name})
+
+
+def walk_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
+    """Runs on the built-in walk: another noise for each seed."""
     walk = walking_subject(frames=f"0:{frames}")
-    for count in (1, 2):
-        for name in names:
-            for seed in range(seeds):
-                scene = observe_motion(
-                    walk, place_cameras(walk.markers[:, 0], 0.0, count=count), camera_names(count), seed=seed
-                )
-                yield f"walk, {count} camera(s)", name, seed, track(scene, TrackSettings(filter=name, seed=seed, max_draws=100))
+    for count, name, seed in itertools.product((1, 2), names, range(seeds)):
+        cameras = place_cameras(walk.markers[:, 0], 0.0, count=count)
+        yield Wanted(f"walk, {count} camera{'s' * (count > 1)}", name, seed, partial(tracked, walk, cameras, count, name, seed))
 
 
-def recorded_results(names: list[str], seeds: int, frames: int) -> Iterator[tuple[str, str, int, Any]]:
-    """Results of recordings, seen by two cameras."""
+def recorded_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
+    """Runs on recordings, seen by two cameras."""
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
     for file, skeleton in RECORDINGS:
         path = folder / file
         subject = recorded_subject(path, path.with_name(skeleton), frames=f"0:{4 * frames}:4")
-        for name in names:
-            for seed in range(seeds):
-                scene = observe_motion(subject, cameras_around(subject, count=2), camera_names(2), seed=seed)
-                yield path.stem, name, seed, track(scene, TrackSettings(filter=name, seed=seed, max_draws=100))
+        for name, seed in itertools.product(names, range(seeds)):
+            yield Wanted(path.stem, name, seed, partial(tracked, subject, cameras_around(subject, count=2), 2, name, seed))
 
 
-def judge(tree: Any) -> tuple[float, Any, list[str]]:
-    """Coverage of 90 % intervals of the state, the predictive figures, and the errors found without the truth."""
+def tracked(subject: Any, cameras: Any, count: int, name: str, seed: int) -> Any:
+    """Result of a filter on what the cameras see of a subject."""
+    scene = observe_motion(subject, cameras, camera_names(count), seed=seed)
+    return track(scene, TrackSettings(filter=name, seed=seed, max_draws=100))
+
+
+class Judged(NamedTuple):
+    """Coverage of 90 % intervals of the state, what the data say of it, and the errors found without the truth."""
+
+    coverage: float
+    inflation: float
+    errors: list[str]
+
+    @property
+    def kinds(self) -> str:
+        """What the errors are about."""
+        predicted = sum(text.startswith("The data say") for text in self.errors)
+        return " ".join(["prediction"] * (predicted > 0) + ["other"] * (len(self.errors) > predicted)) or "none"
+
+
+def judge(tree: Any) -> Judged:
+    """Compare with the truth, and judge without it."""
     blind = tree.copy()
-    data = blind["diagnostics"].dataset if "diagnostics" in blind.children else None
     low, high = (tree["summary"].dataset["state_quantile"].sel(quantile=level).values for level in (0.05, 0.95))
     truth = tree["truth"].dataset["state"].values
     free = (tree["summary"].dataset["state_sd"].values > 0).any(axis=0)
     coverage = ((low <= truth) & (truth <= high))[:, free].mean()
-    del blind["truth"]
-    if data is not None:
-        del blind["diagnostics"]
-    checks = tree["predictive"].dataset
-    figures = predictive_figures(Prediction(*(checks[name].values for name in Prediction._fields)))
-    return coverage, figures, [found.text for found in verdicts(blind) if found.severity == "error"]
+    for known in {"truth", "diagnostics"} & set(blind.children):
+        del blind[known]
+    figures = predictive_figures(prediction_of(tree))
+    return Judged(coverage, figures.inflation.estimate, [found.text for found in verdicts(blind) if found.severity == "error"])
+
+
+def prediction_of(tree: Any) -> Prediction:
+    """The predictive checks of a result."""
+    return Prediction(*(tree["predictive"].dataset[name].values for name in Prediction._fields))
+
+
+def keep(folder: Path, key: tuple[str, ...], tree: Any, judged: Judged) -> None:
+    """Keep what was predicted, so that another verdict can be tried without another run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays = {name: np.asarray(value, np.float32) for name, value in prediction_of(tree)._asdict().items()}
+    mean, spread = (tree["summary"].dataset[f"state_{name}"].values for name in ("mean", "sd"))
+    state = {"state_mean": mean, "state_sd": spread, "truth": tree["truth"].dataset["state"].values}
+    name = re.sub(r"[^\w.]+", "_", "-".join(key))
+    np.savez_compressed(folder / f"{name}.npz", **arrays, **state, errors=np.array(judged.errors, str))
+
+
+def fault(coverage: float, kinds: str) -> str:
+    """Whether a run is missed or wrongly accused."""
+    return "missed" if coverage < LEAST and kinds == "none" else "accused" if coverage > MOST and kinds != "none" else ""
 
 
 def main() -> None:
-    options = arguments(__doc__, models="lorenz,growth,linear", filters="", seeds=3, frames=100)
+    options = arguments(__doc__, models="lorenz,growth,linear", filters="", seeds=3, frames=100, output="predictive-checks")
+    start_jax()
+    output = Path(options.output)
+    output.mkdir(parents=True, exist_ok=True)
     seeds, frames = (1, 12) if options.quick else (options.seeds, options.frames)
-    rows, missed, accused = [], 0, 0
+    table = Table("predictive_checks", _COLUMNS, read_runs(output / "predictive_checks.csv"), _ABOUT)
     for which in options.models.split(","):
         known = FILTERS if which in TOYS else BODIES
         names = [name for name in options.filters.split(",") if name] or list(known)
-        results = {"walk": walk_results, "recordings": recorded_results}
-        runs = results[which](names, seeds, frames) if which in results else toy_results(which, names, seeds, frames)
-        for title, name, seed, tree in runs:
-            coverage, figures, errors = judge(tree)
-            predicted = any(text.startswith("The data say") for text in errors)
-            fault = "missed" if coverage < 0.8 and not errors else "accused" if coverage > 0.87 and errors else ""
-            missed, accused = missed + (fault == "missed"), accused + (fault == "accused")
-            shown = " ".join(f"{ratio.estimate:.2f}±{ratio.standard_error:.2f}" for ratio in figures[:3])
-            verdict = ("prediction" if predicted else "") + (" other" if len(errors) > predicted else "")
-            row = [
-                title,
-                name,
-                str(seed),
-                f"{100 * coverage:.0f}",
-                shown,
-                f"{100 * figures.outer.estimate:.0f}",
-                verdict,
-                fault,
-            ]
-            rows.append(row)
-            print("\t".join(row), flush=True)
-    head = ["model", "filter", "seed", "90 % hold, %", "variance of errors over claimed: joined, squares, products"]
-    show("", [*head, "outer 10 % hold, %", "errors found", ""], rows)
-    print(f"{len(rows)} runs: {missed} below 80 % missed, {accused} above 87 % wrongly accused")
+        runs = {"walk": walk_runs, "recordings": recorded_runs}.get(which, partial(toy_runs, which))
+        for wanted in runs(names, seeds, frames):
+            key = (wanted.model, wanted.filter, str(wanted.seed), str(frames))
+            if key in {row[:_KEY] for row in table.rows}:
+                continue
+            tree = wanted.make()
+            judged = judge(tree)
+            keep(output / "predictions", key, tree, judged)
+            table.rows.append((*key, f"{judged.coverage:.4g}", f"{judged.inflation:.4g}", judged.kinds))
+            write_csv(table, output)
+            print(*table.rows[-1], fault(judged.coverage, judged.kinds), sep="\t", flush=True)
+    faults = [fault(float(row[4]), row[6]) for row in table.rows]
+    show("", [*_COLUMNS, ""], [[*row, found] for row, found in zip(table.rows, faults, strict=True)])
+    missed, accused = (faults.count(name) for name in ("missed", "accused"))
+    print(f"{len(faults)} runs: {missed} below 80 % missed, {accused} above 87 % wrongly accused")
 
 
 if __name__ == "__main__":
