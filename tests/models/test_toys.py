@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.stats
 from oracles.forward_backward import forward_backward
 from oracles.kalman import joint_log_density, kalman_filter, simulate
@@ -14,6 +15,7 @@ from poseppl_models.banana import banana
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.growth import growth, growth_mean
 from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
+from poseppl_models.lorenz96 import TIME_STEP, lorenz96, lorenz96_slope, lorenz96_step
 
 from poseppl.filters import particle_filter
 
@@ -107,6 +109,44 @@ def test_growth_filter_against_a_grid():
     assert (np.abs(found.mean(0) - means) / (found.std(0, ddof=1) / np.sqrt(40))).max() < 5
     ratio = np.exp(evidence - log_evidence)
     assert abs(ratio.mean() - 1) < 5 * ratio.std(ddof=1) / np.sqrt(40)
+
+
+@pytest.mark.parametrize("dimension", [4, 5, 40])
+def test_lorenz96_slope_against_a_loop_over_the_circle(dimension):
+    x = np.random.default_rng(dimension).normal(2, 4, dimension)
+    d = dimension
+    expected = [(x[(i + 1) % d] - x[(i - 2) % d]) * x[(i - 1) % d] - x[i] + 8.0 for i in range(d)]
+    np.testing.assert_allclose(lorenz96_slope(x), expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(lorenz96_slope(x, 5.0), np.array(expected) - 3, rtol=1e-5, atol=1e-4)
+
+
+def test_lorenz96_frame_is_a_step_of_the_flow():
+    x = np.random.default_rng(0).normal(2, 1, 40)
+    flow = scipy.integrate.solve_ivp(lambda _, x: np.asarray(lorenz96_slope(x)), (0, 0.05), x, rtol=1e-10, atol=1e-10)
+    with jax.enable_x64(True):
+        found = np.asarray(lorenz96_step(x))
+    assert TIME_STEP == 0.05
+    error, moved = np.abs(found - flow.y[:, -1]).max(), np.abs(found - x).max()
+    assert error < 1e-4 * moved  # the second order leaves more than 1e-3
+
+
+def test_lorenz96_densities():
+    model = lorenz96(6, 0.5, stride=2, transition_noise=0.2, forcing=5.0).compile()
+    rng = np.random.default_rng(1)
+    xs, ys = rng.normal(2, 3, (2, 6)), rng.normal(2, 3, (2, 3))
+    found = [jax.jit(model.log_joint)(xs, model.observe({"y": y})) for y in (ys, ys + [[0, 0, 0.3], [0, 0, 0]])]
+    normal = scipy.stats.norm.logpdf
+    moved, kept = model.log_transition(xs[1], xs[0]), normal(xs[1], np.asarray(lorenz96_step(xs[0], 5.0)), 0.2).sum()
+    np.testing.assert_allclose(moved, kept, rtol=1e-4)
+    expected = normal(ys[0, 2] + 0.3, xs[0, 4], 0.5) - normal(ys[0, 2], xs[0, 4], 0.5)
+    np.testing.assert_allclose(found[1] - found[0], expected, rtol=1e-3)
+
+
+def test_lorenz96_refuses_a_circle_that_is_too_small():
+    with pytest.raises(ValueError, match="dimension is 3 and stride 2"):
+        lorenz96(3)
+    with pytest.raises(ValueError, match="stride 0"):
+        lorenz96(4, stride=0)
 
 
 def test_finite_hmm_evidence_is_the_sum_over_paths():
