@@ -76,6 +76,7 @@ RECORDINGS: dict[str, tuple[str, str | None, int, int]] = {
     **_CLIPS,
     "12_01": ("pybvh/cmu_12_01_walk.bvh", None, 100, 1),
     "walk1": ("makehuman/walk1.bvh", None, 0, 1),
+    "walking_1": ("cmu_expmap/train_walking/walking_1.txt", "cmu_expmap/skeleton.json", 0, 1),
     "FlatFoot": ("btk_c3d/PiG_Motion-FlatFoot-Full.c3d", None, 100, 1),
 }
 """File, skeleton, first frame and step."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.tables import Table
-from verdicts import choo_fleet, image_claims, image_tables, sampling
+from verdicts import choo_fleet, image_claims, image_tables, predictions, sampling, walks
 
 Tables = Mapping[str, Table]
 DOCS = Path(__file__).resolve().parents[1]
@@ -28,6 +28,7 @@ SECTIONS: Mapping[str, Mapping[str, Callable[[Tables], str]]] = {
         "image-claims": image_claims.claims,
     },
     "measurements.md": {
+        "random-walks": walks.random_walks,
         "filters": sampling.filters,
         "mueller": sampling.mueller,
         "dimensionality": sampling.dimensionality,
@@ -36,6 +37,7 @@ SECTIONS: Mapping[str, Mapping[str, Callable[[Tables], str]]] = {
         "speed-ups": choo_fleet.speed_ups,
         "contest": choo_fleet.contest,
     },
+    "verdicts.md": {"predictive-checks": predictions.checks},
 }
 
 

@@ -91,8 +91,8 @@ def _read(path: Path, name: str, how: dict[str, Any]) -> Kept:
 
 
 def _value(cell: str) -> Any:
-    """An integer, a float, or a text."""
-    for kind in (int, float):
+    """An integer, a float, or a text; the name of a recording as 02_01 is a text, though Python reads it as 201."""
+    for kind in (int, float) if "_" not in cell else ():
         try:
             return kind(cell)
         except ValueError:

@@ -82,6 +82,12 @@ def test_tables_stay_when_others_are_written(tmp_path):
     assert found["first"].table.rows == [("d", 5, 0.5)] and found["first"].made.runs == "9" and "second" in found
 
 
+def test_names_that_python_reads_as_numbers_stay_names(tmp_path):
+    table = Table("walks", ("recording", "error"), [("02_01", 3.5), ("1_0.5", 4)], "About it.")
+    write_folder(tmp_path, {"walks": Kept(table, MADE)})
+    assert read_folder(tmp_path)["walks"].table == table
+
+
 @pytest.mark.parametrize("damage", ["{", '{"gone": {"about": ""}}', "[]"])
 def test_a_damaged_record_is_told(tmp_path, damage):
     (tmp_path / RECORD).write_text(damage)

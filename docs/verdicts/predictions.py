@@ -1,0 +1,74 @@
+"""What predictive checks noticed of runs whose truth is known, for docs/verdicts.md."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+from typing import Any
+
+from poseppl.experiments.tables import Table, markdown
+from verdicts.measured import records
+
+Tables = Mapping[str, Table]
+LEAST, MOST = 0.8, 0.87
+"""Coverage below which a run ought to have an error, and above which it ought to have none."""
+_HOLDS = {True: "holds", False: "does not hold"}
+
+
+def checks(tables: Tables) -> str:
+    """Coverage and errors found by model and filter, and whether the two goals hold."""
+    rows = records(tables["predictive_checks"])
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["model"], row["filter"]), []).append(row)
+    columns = (
+        *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),
+        *("errors found", "missed of those below 80 %", "accused of those above 87 %"),
+    )
+    shown = [[*key, *_summed(group)] for key, group in groups.items()]
+    return f"{markdown(columns, shown)}\n\n{_goal(rows, groups, 'below')}\n{_goal(rows, groups, 'above')}"
+
+
+def missed(row: Mapping[str, Any]) -> bool:
+    """Whether intervals are too narrow and nothing says so."""
+    return row["coverage"] < LEAST and row["errors"] == "none"
+
+
+def accused(row: Mapping[str, Any]) -> bool:
+    """Whether intervals are right and an error says that something is wrong."""
+    return row["coverage"] > MOST and row["errors"] != "none"
+
+
+def _summed(group: list[dict[str, Any]]) -> list[str]:
+    low = [row for row in group if row["coverage"] < LEAST]
+    high = [row for row in group if row["coverage"] > MOST]
+    return [
+        str(len(group)),
+        _span([100 * row["coverage"] for row in group], 0),
+        _span([row["inflation"] for row in group], 2),
+        str(sum(row["errors"] != "none" for row in group)),
+        f"{sum(map(missed, low))} of {len(low)}" if low else "",
+        f"{sum(map(accused, high))} of {len(high)}" if high else "",
+    ]
+
+
+def _span(values: list[float], digits: int) -> str:
+    """Median, and the least and the largest."""
+    if len(values) == 1:
+        return f"{values[0]:.{digits}f}"
+    return f"{statistics.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
+
+
+def _goal(rows: list[dict[str, Any]], groups: Mapping[tuple[str, str], list[dict[str, Any]]], side: str) -> str:
+    """Whether no run is missed, or none accused, and which are."""
+    below = side == "below"
+    fault = missed if below else accused
+    of = sum(row["coverage"] < LEAST if below else row["coverage"] > MOST for row in rows)
+    number = sum(map(fault, rows))
+    where = [
+        f"{model} with {name} ({sum(map(fault, group))})" for (model, name), group in groups.items() if any(map(fault, group))
+    ]
+    what = "Every run below 80 % has an error" if below else "No run above 87 % has one"
+    named = f": {', '.join(where)}" if where else ""
+    verb = "missed" if below else "accused"
+    return f"- {what}: {_HOLDS[number == 0]}; {number} of {of} are {verb}{named}."

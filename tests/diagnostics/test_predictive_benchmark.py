@@ -1,0 +1,54 @@
+"""The benchmark of predictive checks keeps its runs, and judges them without the truth."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+import predictive_checks as benchmark  # noqa: E402
+from poseppl_models.linear_gaussian import linear_gaussian  # noqa: E402
+
+from poseppl.runs.predictive import Prediction  # noqa: E402
+
+
+@pytest.mark.parametrize(
+    ("coverage", "kinds", "expected"),
+    [
+        (0.79, "none", "missed"),
+        (0.79, "other", ""),
+        (0.85, "prediction", ""),
+        (0.9, "prediction", "accused"),
+        (0.9, "none", ""),
+    ],
+)
+def test_faults(coverage: float, kinds: str, expected: str) -> None:
+    assert benchmark.fault(coverage, kinds) == expected
+
+
+def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = linear_gaussian(2, 1).compile()
+    monkeypatch.setattr(benchmark, "TOYS", {"small": lambda: {"small": benchmark.Toy(model)}})
+    monkeypatch.setattr(benchmark, "start_jax", lambda: None)
+    made = []
+    result_of = benchmark.toy_result
+    monkeypatch.setattr(benchmark, "toy_result", lambda *run: made.append(run[2]) or result_of(*run))
+    arguments = ["predictive_checks.py", "--models", "small", "--filters", "extended-kalman", "--frames", "12"]
+    for seeds in ("1", "2", "2"):
+        monkeypatch.setattr(sys, "argv", [*arguments, "--seeds", seeds, "--output", str(tmp_path)])
+        benchmark.main()
+    assert made == [0, 1]
+    with (tmp_path / "predictive_checks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["seed"] for row in rows] == ["0", "1"] and all(row["errors"] == "none" for row in rows)
+    kept = sorted((tmp_path / "predictions").iterdir())
+    assert len(kept) == 2
+    with np.load(kept[0]) as arrays:
+        assert set(Prediction._fields) <= set(arrays) and arrays["innovation"].shape == (12, 1)
+        spread = np.abs(arrays["state_mean"] - arrays["truth"]) / arrays["state_sd"]
+    assert np.mean(spread < 1.645) == pytest.approx(float(rows[0]["coverage"]), abs=0.1)
