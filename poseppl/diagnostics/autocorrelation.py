@@ -1,4 +1,4 @@
-"""Autocorrelation of Markov chains, for many quantities at once, by the fast Fourier transform.
+"""Autocorrelation of Markov chains, for many quantities at once, on ArviZ's autocovariance.
 
 Chains lie in axis 0 and draws in axis 1; everything behind them (frames, degrees of freedom, ...) is a batch.
 
@@ -11,25 +11,31 @@ Chains lie in axis 0 and draws in axis 1; everything behind them (frames, degree
 from __future__ import annotations
 
 import numpy as np
+from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
 
 def autocovariance(draws: Floats) -> Floats:
-    """Sum over draws of the products at each lag, divided by the number of draws (the biased estimate).
+    r"""Autocovariance of each chain about the mean of all chains (the biased estimate, a sum over n at every lag).
+
+    ArviZ's ``autocov`` is about each chain's own mean. With d the draws less that mean, delta its distance from the mean of
+    all, and P_k the sum of the first k of d, the other is ``autocov_k + delta (P_{n-k} - P_k) / n + (1 - k/n) delta^2``.
 
     Args:
-        draws: (chain, draw, ...), already centred.
+        draws: (chain, draw, ...).
 
     Returns:
         (chain, lag, ...) for the lags 0 to draw - 1.
     """
     length = draws.shape[1]
-    size = 1 << (2 * length - 1).bit_length()
-    spectrum = np.fft.rfft(draws, n=size, axis=1)
-    power = np.square(spectrum.real) + np.square(spectrum.imag)
-    return np.asarray(np.fft.irfft(power, n=size, axis=1)[:, :length] / length)
+    own = draws.mean(axis=1, keepdims=True)
+    delta = own - own.mean(axis=0)
+    sums = np.cumsum(draws - own, axis=1)
+    first = np.concatenate([np.zeros_like(own), sums[:, :-1]], axis=1)
+    share = 1 - np.arange(length).reshape(1, -1, *[1] * (draws.ndim - 2)) / length
+    return np.asarray(array_stats.autocov(draws, axis=1) + delta * (sums[:, ::-1] - first) / length + share * delta**2)
 
 
 def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
@@ -47,7 +53,7 @@ def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
     values = np.asarray(draws, np.float64)
     constant = is_constant(values)
     values = np.where(constant, 0.0, values)
-    covariance = autocovariance(values - values.mean(axis=(0, 1), keepdims=True)).mean(axis=0)
+    covariance = autocovariance(values).mean(axis=0)
     variance = np.where(constant, 1.0, covariance[0])
     rho = np.where(constant, np.nan, covariance / variance)
     rho[0] = np.where(constant, np.nan, 1.0)

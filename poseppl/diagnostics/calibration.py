@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.diagnostics.autocorrelation import Floats
@@ -50,8 +51,8 @@ def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> NDArray
     Returns:
         (frame, ...).
     """
-    lower, upper = np.quantile(np.asarray(draws), [(1 - level) / 2, (1 + level) / 2], axis=(0, 1))
-    return between(lower, upper, truth)
+    interval = array_stats.eti(np.asarray(draws), level, axis=(0, 1))
+    return between(interval[..., 0], interval[..., 1], truth)
 
 
 def between(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> NDArray[np.bool_]:

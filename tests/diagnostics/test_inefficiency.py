@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 from arviz_stats.base import array_stats
 from synthetic import autoregression
 
-from poseppl.diagnostics import autocorrelation, inefficiency, mixing, split_rhat, windowed_inefficiency
+from poseppl.diagnostics import autocorrelation, inefficiency, inside_interval, mixing, split_rhat, windowed_inefficiency
+from poseppl.diagnostics.autocorrelation import autocovariance
 
 SHAPES = [(1, 4), (1, 5), (4, 4), (3, 5), (4, 6), (4, 7), (2, 8), (2, 9), (10, 26), (4, 27), (3, 101), (1, 50)]
 
@@ -93,3 +95,36 @@ def test_autocorrelation_of_autoregression() -> None:
     assert rho.shape == (6, 50)
     error = rho.std(axis=1, ddof=1) / np.sqrt(50)
     assert (np.abs(rho.mean(axis=1) - 0.7 ** np.arange(6)) <= 5 * error + 0.002).all()
+
+
+def test_autocovariance_is_about_the_mean_of_all_chains() -> None:
+    draws = np.random.default_rng(7).standard_normal((3, 9, 2)) + np.array([0.0, 5.0, 1.0])[:, None, None]
+    centred = draws - draws.mean(axis=(0, 1))
+    expected = [(centred[:, : 9 - lag] * centred[:, lag:]).sum(axis=1) / 9 for lag in range(9)]
+    np.testing.assert_allclose(autocovariance(draws), np.stack(expected, axis=1), atol=1e-12)
+    assert not np.allclose(array_stats.autocov(draws, axis=1), np.stack(expected, axis=1), atol=0.1)  # about their own
+
+
+@pytest.mark.parametrize("function", [inefficiency, windowed_inefficiency, split_rhat])
+def test_functions_of_draws_take_what_arviz_takes(function) -> None:
+    draws = np.random.default_rng(8).standard_normal((4, 30, 5, 2))
+    state = xr.DataArray(draws, dims=("chain", "draw", "frame", "dof"), coords={"dof": ["a", "b"]})
+    expected = function(draws)
+    found = function(state.transpose("frame", "draw", "dof", "chain"))
+    assert found.dims == ("frame", "dof") and list(found["dof"].values) == ["a", "b"]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    posterior = xr.Dataset({"state": state, "height": ("frame", np.ones(5))})
+    for data in (posterior, xr.DataTree.from_dict({"posterior": posterior, "sample_stats": xr.Dataset()})):
+        each = function(data)
+        assert list(each.data_vars) == ["state"]
+        np.testing.assert_allclose(each["state"], expected, rtol=1e-12)
+
+
+def test_diagnostics_stand_on_arviz(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On its autocovariance and its intervals: with others there are other figures."""
+    draws, truth = np.random.default_rng(9).standard_normal((4, 30, 2)), np.zeros(2)
+    functions = inefficiency, windowed_inefficiency, lambda values: inside_interval(values, truth, 0.5)
+    before = [function(draws) for function in functions]
+    monkeypatch.setattr(type(array_stats), "autocov", lambda self, ary, axis: np.square(ary))
+    monkeypatch.setattr(type(array_stats), "eti", lambda self, ary, prob, axis: np.full((2, 2), np.inf))
+    assert all((function(draws) != old).any() for function, old in zip(functions, before, strict=True))
