@@ -34,7 +34,7 @@ def build_problem() -> Problem:
     noise = jnp.full((1, len(body.tree.marker_names)), NOISE)
     spreads = ((START_POSITION, START_ANGLE), (SIGMA_POSITION, SIGMA_ANGLE))
     scales = (jnp.where(jnp.arange(body.tree.dimension) < 3, position, angle) for position, angle in spreads)
-    inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), *scales)
+    inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), *scales, body.tree)
     model = body.program.compile(inputs=inputs)
     return Problem(body, model, inputs)
 

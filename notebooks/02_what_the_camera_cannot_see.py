@@ -67,7 +67,9 @@ SHOULDER, ELBOW, WRIST = (body.tree.marker_names.index(f"{name}_r") for name in 
 NUM_PARTICLES = 1_000_000
 
 
-known = BodyInputs(cameras, jnp.asarray(two_eyes.noise), jnp.asarray(body.rest), *2 * [jnp.full(body.tree.dimension, 1.0)])
+known = BodyInputs(
+    cameras, jnp.asarray(two_eyes.noise), jnp.asarray(body.rest), *2 * [jnp.full(body.tree.dimension, 1.0)], body.tree
+)
 whole = body.program.compile(known, body.params)
 model = whole.clamp(indices)
 truth = jnp.asarray(walker.states[0])

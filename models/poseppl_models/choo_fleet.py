@@ -77,8 +77,11 @@ EDGES = (
 
 
 def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
-    """Lay out the tree of Fig. 1 for segment lengths in mm."""
-    size = {**LENGTHS, **lengths}
+    """Lay out the tree of Fig. 1 for segment lengths in mm; all subjects have the same pattern of offsets."""
+    return _tree({**LENGTHS, **lengths}).with_pattern_of(_tree(dict.fromkeys(LENGTHS, 1.0)))
+
+
+def _tree(size: Mapping[str, float]) -> KinematicTree:
     joints = [
         Joint("spine", None, (0, 0, 0), "ZYX"),
         Joint("head", "spine", (0, 0, size["spine"]), "ZYX"),
@@ -113,13 +116,17 @@ def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
 
 
 def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
-    """Write initial, transition and observation programs for any kinematic tree, one site for each joint."""
+    """Write initial, transition and observation programs for any kinematic tree, one site for each joint.
+
+    Args:
+        tree: The coordinates; offsets are the inputs'.
+    """
     spans = joint_sites(tree)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
-        numpyro.sample("points", ProjectedMarkers(tree, inputs.cameras, pose, inputs.noise))
-        numpyro.deterministic("markers", marker_positions(tree, pose))
+        numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
+        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
     return StateSpaceModel(*random_walk(spans), observation)
 

@@ -36,8 +36,8 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: SilhouetteInputs) -> None:
         pose = jnp.concatenate([state[name] for name in names])
-        numpyro.sample("silhouette", Silhouettes(tree, flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
-        numpyro.deterministic("markers", marker_positions(tree, pose))
+        numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
+        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
     program = body.program
     return body._replace(program=StateSpaceModel(program.initial, program.transition, observation), flesh=flesh)

@@ -54,11 +54,6 @@ def normalise(log_weights: jax.Array) -> Normalised:
     return Normalised(shifted - log_sum, weights, log_mean, degenerate, ess)
 
 
-def log_mean_exp(log_weights: jax.Array) -> jax.Array:
-    """Log of the mean of exp(log_weights) (N,), a scalar; NaN counts as zero weight, and -inf means that all are zero."""
-    return normalise(log_weights).log_mean
-
-
 def effective_sample_size(log_weights: jax.Array) -> jax.Array:
     """Effective number 1 / sum w_i^2 of log-weights (N,), in [1, N]; 0 for a degenerate set."""
     return normalise(log_weights).ess

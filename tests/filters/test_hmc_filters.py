@@ -34,7 +34,9 @@ def test_mixture_of_more_chains_comes_closer_to_kalman():
 def arm_scene():
     body = arm()
     truth = jnp.asarray(body.rest).at[body.tree.coordinate_names.index("elbow_r.X")].set(0.6)
-    inputs = BodyInputs(paper_camera((0, -5000, 1000)), jnp.full((1, 17), body.noise), truth, *2 * (jnp.full(28, 0.15),))
+    inputs = BodyInputs(
+        paper_camera((0, -5000, 1000)), jnp.full((1, 17), body.noise), truth, *2 * (jnp.full(28, 0.15),), body.tree
+    )
     full = body.program.compile(inputs=inputs, params=body.params)
     model = full.clamp(body.free_coordinates)
     clamped = Clamped(inputs, truth, truth)

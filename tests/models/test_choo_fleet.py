@@ -24,7 +24,7 @@ def inputs(body):
     scale = np.where(np.arange(body.tree.dimension) < 3, 50.0, 0.2)
     step = np.where(np.arange(body.tree.dimension) < 3, 15.0, 0.15)
     states = (jnp.asarray(values, float) for values in (body.rest, scale, step))
-    return BodyInputs(cameras, jnp.full((1, 17), NOISE), *states)
+    return BodyInputs(cameras, jnp.full((1, 17), NOISE), *states, body.tree)
 
 
 def poses(body, count, seed=0):

@@ -79,6 +79,7 @@ class BodyInputs(NamedTuple):
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+        tree: The person's own tree: offsets are arguments of the programs, so that all people share one compiled program.
     """
 
     cameras: Cameras
@@ -86,6 +87,7 @@ class BodyInputs(NamedTuple):
     start: jax.Array
     start_scale: jax.Array
     step_scale: jax.Array
+    tree: KinematicTree
 
 
 class SilhouetteInputs(NamedTuple):
@@ -98,6 +100,8 @@ class SilhouetteInputs(NamedTuple):
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+        tree: The person's own tree.
+        flesh: The person's own flesh.
     """
 
     cameras: Cameras
@@ -106,6 +110,8 @@ class SilhouetteInputs(NamedTuple):
     start: jax.Array
     start_scale: jax.Array
     step_scale: jax.Array
+    tree: KinematicTree
+    flesh: Flesh
 
 
 def load_builder(name: str) -> Callable[..., Body]:

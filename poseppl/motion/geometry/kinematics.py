@@ -80,12 +80,6 @@ def _backward(residuals: tuple[KinematicTree, jax.Array], forces: jax.Array) -> 
 marker_positions.defvjp(_forward, _backward)
 
 
-def link_rotations(tree: KinematicTree, state: jax.Array) -> jax.Array:
-    """World rotations of the links: state (d,) gives (links, 3, 3)."""
-    rotations: jax.Array = batch_last(lambda tree, state: frames_of(tree, state).rotation)(tree, state)
-    return rotations
-
-
 def frames_of(tree: KinematicTree, state: jax.Array) -> Frames:
     """World frames of all links: state (d, N) gives :class:`Frames`."""
     count = state.shape[-1]

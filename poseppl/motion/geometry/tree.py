@@ -84,6 +84,13 @@ class KinematicTree:
         """Return the same tree with other limb lengths (arrays of the same shapes, zeros where the pattern has none)."""
         return replace(self, offsets=offsets, marker_offsets=marker_offsets)
 
+    def with_pattern_of(self, other: KinematicTree) -> KinematicTree:
+        """Return the same tree, which knows only those offsets to be zero that another one knows.
+
+        Trees of one pattern share compiled programs, whatever their lengths.
+        """
+        return replace(self, offset_pattern=other.offset_pattern, marker_pattern=other.marker_pattern)
+
 
 _ARRAYS = ["offsets", "marker_offsets"]
 jax.tree_util.register_dataclass(

@@ -166,6 +166,7 @@ def _problem(
         fixed(jnp.asarray(start.mean, float)),
         fixed(jnp.asarray(start.scale, float)),
         jnp.asarray(steps, float),
+        fixed(body.tree),
     )
     model = body.program.compile(frame_inputs(inputs, 0), dict(params))
     observations = model.observe({"points": points})

@@ -48,6 +48,8 @@ def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None
         fixed(jnp.asarray(start.mean, float)),
         fixed(jnp.asarray(start.scale, float)),
         jnp.asarray(step_scales(body, values, time_steps(seen.scene.frames, seen.scene.rate)), float),
+        fixed(body.tree),
+        fixed(body.flesh),
     )
     model = body.program.compile(frame_inputs(inputs, 0), values)
     observations = model.observe(

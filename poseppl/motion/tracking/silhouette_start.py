@@ -193,7 +193,15 @@ def _residuals(
     noise = jnp.asarray(noise_in_pixels(seen, guess), float)
 
     def inputs(data: _Data) -> SilhouetteInputs:
-        return SilhouetteInputs(cameras, data.seen, noise * data.wider, jnp.asarray(guess, float), *2 * (jnp.ones(len(guess)),))
+        return SilhouetteInputs(
+            cameras,
+            data.seen,
+            noise * data.wider,
+            jnp.asarray(guess, float),
+            *2 * (jnp.ones(len(guess)),),
+            body.tree,
+            body.flesh,
+        )
 
     model = body.program.compile(inputs(_data(seen, 0)), dict(params))
 

@@ -16,7 +16,6 @@ from poseppl.motion.vision.colour import bhattacharyya_distance as bhattacharyya
 from poseppl.motion.vision.colour import colour_bins as colour_bins
 from poseppl.motion.vision.colour import colour_histogram as colour_histogram
 from poseppl.motion.vision.colour import weighted_distance as weighted_distance
-from poseppl.motion.vision.contours import descriptor_distance as descriptor_distance
 from poseppl.motion.vision.contours import fourier_descriptors as fourier_descriptors
 from poseppl.motion.vision.contours import outer_contour as outer_contour
 from poseppl.motion.vision.edges import EdgeSettings as EdgeSettings
@@ -33,9 +32,7 @@ from poseppl.motion.vision.flow import FlowSettings as FlowSettings
 from poseppl.motion.vision.flow import dense_flow as dense_flow
 from poseppl.motion.vision.flow import flow_outliers as flow_outliers
 from poseppl.motion.vision.flow import foreground_flow as foreground_flow
-from poseppl.motion.vision.maps import box_sum as box_sum
 from poseppl.motion.vision.maps import edge_distance as edge_distance
-from poseppl.motion.vision.maps import integral_image as integral_image
 from poseppl.motion.vision.maps import silhouette_distance as silhouette_distance
 from poseppl.motion.vision.masks import check_mask as check_mask
 from poseppl.motion.vision.masks import clean_mask as clean_mask

@@ -70,19 +70,6 @@ def fourier_descriptors(contour: Contour, count: int = 20) -> NDArray[np.float64
     return descriptors
 
 
-def descriptor_distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compare descriptors by their Euclidean distance.
-
-    Args:
-        first: (..., count).
-        second: (..., count).
-
-    Returns:
-        (...); NaN where a contour had none.
-    """
-    return np.asarray(np.linalg.norm(first - second, axis=-1), np.float64)
-
-
 def _signed_area(points: Contour) -> float:
     x, y = points.T
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))

@@ -1,4 +1,4 @@
-"""Maps that a likelihood looks up: distance to an edge, signed distance to the silhouette, and integral images.
+"""Maps that a likelihood looks up: distance to an edge and signed distance to the silhouette.
 
 Distances are in px between centres of pixels, exact Euclidean ones (Felzenszwalb and Huttenlocher 2012), and truncated: a far
 pixel says no more than that it is far, which bounds what clutter can cost.
@@ -12,7 +12,6 @@ pixel says no more than that it is far, which bounds what clutter can cost.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.vision.bounding_box import window
@@ -59,46 +58,6 @@ def silhouette_distance(foreground: Mask, truncation: float) -> Map:
         inward = np.float32(0.5) - _distance_to(1 - inside[near])
         np.copyto(distance[near], np.maximum(inward, -limit), where=inside[near] != 0)
     return distance
-
-
-def integral_image(plane: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Sum an image from its upper left corner (Viola and Jones 2001, equation 1).
-
-    Args:
-        plane: (H, W) of any type of numbers that OpenCV adds: uint8, float32, float64.
-
-    Returns:
-        (H + 1, W + 1): at (y, x) the sum over the rows above y and the columns left of x, in units of the image.
-    """
-    cv2 = opencv()
-    sums: NDArray[np.float64] = cv2.integral(plane, sdepth=cv2.CV_64F)
-    return sums
-
-
-def box_sum(
-    sums: NDArray[np.float64],
-    left: NDArray[np.int64] | int,
-    top: NDArray[np.int64] | int,
-    right: NDArray[np.int64] | int,
-    bottom: NDArray[np.int64] | int,
-) -> NDArray[np.float64]:
-    """Sum an image over boxes; a part of a box outside the image adds nothing.
-
-    Args:
-        sums: (H + 1, W + 1) integral image.
-        left: The first column, of any shape (...).
-        top: The first row.
-        right: The column after the last.
-        bottom: The row after the last.
-
-    Returns:
-        (...) sums.
-    """
-    height, width = sums.shape[0] - 1, sums.shape[1] - 1
-    x0, x1 = (np.clip(np.asarray(value), 0, width) for value in (left, right))
-    y0, y1 = (np.clip(np.asarray(value), 0, height) for value in (top, bottom))
-    total: NDArray[np.float64] = np.asarray(sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0])
-    return total
 
 
 def _distance_to(mask: Mask) -> Map:

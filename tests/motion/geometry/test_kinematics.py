@@ -10,7 +10,7 @@ from bodies import JOINTS, MARKERS, mixed_tree, plain_kinematics, states
 from precision import epsilon, precision
 
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.geometry.kinematics import link_rotations, walk
+from poseppl.motion.geometry.kinematics import walk
 
 SIZE = 3000.0  # mm: tolerances in mm are this times the rounding
 
@@ -41,14 +41,6 @@ def test_positions(dtype):
         assert found.dtype == dtype
         np.testing.assert_allclose(found, expected, atol=tolerance(dtype))
         np.testing.assert_allclose(scalar_form(tree, jnp.asarray(state)), expected, atol=tolerance(dtype))
-
-
-def test_link_rotations_are_orthogonal(dtype):
-    tree = mixed_tree()
-    rotations = link_rotations(tree, jnp.asarray(states(tree, 1)[0]))
-    assert rotations.shape == (len(tree.parents), 3, 3)
-    product = rotations @ jnp.swapaxes(rotations, 1, 2)
-    np.testing.assert_allclose(product, np.broadcast_to(np.eye(3), product.shape), atol=20 * epsilon(dtype))
 
 
 def test_gradient_against_automatic_differentiation(dtype):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from poseppl.motion.vision import box_sum, edge_distance, integral_image, silhouette_distance
+from poseppl.motion.vision import edge_distance, silhouette_distance
 
 BLOB = np.zeros((60, 90), np.uint8)
 BLOB[20:40, 30:50] = 1
@@ -40,15 +40,3 @@ def test_nothing_and_everything():
     np.testing.assert_array_equal(edge_distance(empty, 7.0), 7.0)
     np.testing.assert_array_equal(silhouette_distance(empty, 7.0), 7.0)
     np.testing.assert_array_equal(silhouette_distance(full, 7.0), -7.0)
-
-
-def test_sums_over_boxes():
-    plane = np.random.default_rng(1).integers(0, 255, (20, 30)).astype(np.float32)
-    sums = integral_image(plane)
-    assert sums.shape == (21, 31) and sums.dtype == np.float64
-    for left, top, right, bottom in ((0, 0, 30, 20), (3, 5, 4, 6), (7, 2, 19, 20), (5, 5, 5, 9)):
-        assert box_sum(sums, left, top, right, bottom) == pytest.approx(plane[top:bottom, left:right].sum(), rel=1e-6)
-    assert box_sum(sums, -10, -10, 300, 200) == pytest.approx(plane.sum(), rel=1e-6)
-    many = box_sum(sums, np.array([[0], [5]]), np.zeros((2, 1), int), np.array([[10, 20]]), np.array([[4, 8]]))
-    assert many.shape == (2, 2) and many[1, 0] == pytest.approx(plane[0:4, 5:10].sum(), rel=1e-5)
-    np.testing.assert_array_equal(integral_image(np.ones((4, 5), np.uint8))[-1, -1], 20)
