@@ -1,0 +1,46 @@
+"""People of other lengths share one compiled program: what tells them apart is an argument."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from poseppl_models import choo_fleet, silhouettes
+
+from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs
+from poseppl.motion.geometry import look_at
+from poseppl.motion.likelihoods import SilhouetteSeen
+
+OTHER = {"thigh": 390.0, "shoulder_forward": 20.0, "hip_forward": -35.0, "shoulder_drop": 0.0}
+
+
+def points_of(body):
+    size = np.ones(body.tree.dimension)
+    return BodyInputs(look_at((0, -5000, 1000), (0, 0, 1000)), np.full((1, 17), 0.003), body.rest, size, size, body.tree)
+
+
+def silhouettes_of(body):
+    size, camera = np.ones(body.tree.dimension), look_at((0, -5000, 1000), (0, 0, 1000), 800.0)
+    seen = SilhouetteSeen(np.zeros((1, 64, 2)), np.zeros((1, 60, 80), np.float32), np.ones(1))
+    return SilhouetteInputs(camera, seen, np.ones(1), body.rest, size, size, body.tree, body.flesh)
+
+
+@pytest.mark.parametrize(
+    "build, inputs_of",
+    [(choo_fleet.full_body, points_of), (silhouettes.full_body, silhouettes_of)],
+    ids=["points", "silhouettes"],
+)
+def test_programs_of_two_people_are_the_same_text(build, inputs_of):
+    texts = []
+    for lengths in (None, OTHER):
+        body = build(lengths)
+        inputs = jax.tree.map(lambda leaf: jax.numpy.asarray(leaf, float), inputs_of(body))
+        model = body.program.compile(inputs, dict(body.params))
+        data = model.unobserved()
+        x = jax.numpy.asarray(body.rest, float)
+
+        def density(x, data, inputs, model=model):
+            return model.log_observation(x, data, inputs) + sum(model.extras(x, inputs)["markers"].ravel())
+
+        texts.append(jax.jit(jax.value_and_grad(density)).lower(x, data, inputs).as_text())
+    assert texts[0] == texts[1]
