@@ -99,7 +99,7 @@ def test_a_part_that_stops_the_run_is_not_kept(tmp_path: Path) -> None:
 
 SCRIPT = """
 import sys, time
-sys.path[:0] = [{tests!r}]
+sys.path[:0] = {folders!r}
 import conftest
 from pathlib import Path
 import jax
@@ -116,7 +116,7 @@ test_checkpoint.go(Path(sys.argv[1]), progress=Slow())
 
 def test_a_run_killed_at_any_moment_resumes_bit_for_bit(tmp_path: Path) -> None:
     folder = tmp_path / "run"
-    script = SCRIPT.format(tests=str(Path(__file__).parents[1]))
+    script = SCRIPT.format(folders=[str(folder) for folder in Path(__file__).parents[:2]])
     process = subprocess.Popen([sys.executable, "-c", script, str(folder)])
     deadline = time.monotonic() + 120
     while len(list(folder.glob("part-*.npz"))) < 3 and process.poll() is None and time.monotonic() < deadline:

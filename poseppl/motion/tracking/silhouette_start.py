@@ -200,7 +200,7 @@ def _residuals(
             jnp.asarray(guess, float),
             *2 * (jnp.ones(len(guess)),),
             body.tree,
-            body.flesh,
+            body.flesh,  # type: ignore[arg-type]
         )
 
     model = body.program.compile(inputs(_data(seen, 0)), dict(params))
