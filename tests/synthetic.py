@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from scipy.stats import norm
 
+from poseppl.runs.predictive import Prediction
 from poseppl.runs.results import Names, Truth, build_result
 
 MARKERS = (
@@ -124,3 +126,14 @@ def synthetic_result(
             "input": "built-in walk",
         },
     )
+
+
+def predicted_result(transform: np.ndarray) -> xr.DataTree:
+    """A result with predictive checks, whose probability integral transforms (frame, entry) are these."""
+    tree = synthetic_result(num_frames=len(transform))
+    one, whole = np.ones_like(transform), np.ones(len(transform))
+    checks = Prediction(transform, norm.ppf(transform), one / 2, one / 2, whole, whole / 2)
+    dims = ("frame", "entry")
+    values = {name: (dims[: value.ndim], value) for name, value in checks._asdict().items()}
+    tree["predictive"] = xr.DataTree(xr.Dataset(values))
+    return tree

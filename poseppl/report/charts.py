@@ -10,6 +10,7 @@ import xarray as xr
 from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_numbers, variable
 from poseppl.report.chart_parts import Chart, escaped, layout_of, line, plain
 from poseppl.report.picture import BAND, MUTED, OBSERVED, POSTERIOR, TRUTH
+from poseppl.report.prediction_chart import prediction_chart
 from poseppl.runs.results import is_weighted
 
 MAX_POINTS = 600
@@ -31,6 +32,7 @@ def charts(tree: xr.DataTree) -> dict[str, Chart]:
         "coverage": _coverage(tree),
         "inefficiency": _inefficiency(tree, chosen),
         "progress": _progress(tree, chosen),
+        "predictions": prediction_chart(tree),
     }
     return {name: chart for name, chart in made.items() if chart is not None}
 

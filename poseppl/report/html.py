@@ -62,6 +62,7 @@ def report_html(tree: xr.DataTree) -> str:
         ),
         Section("mixing", "Particles" if is_weighted(whole) else "Mixing", _mixing(whole, set(drawn))),
         Section("progress", "Frame by frame", _progress(set(drawn))),
+        Section("predictions", "Predictions", _predictions(set(drawn))),
         Section("coordinates", "Coordinates", _coordinates(whole)),
         Section("run", "What was run", provenance_table(whole)),
     ]
@@ -146,6 +147,14 @@ def _mixing(tree: xr.DataTree, drawn: set[str]) -> str:
 
 def _progress(drawn: set[str]) -> str:
     return '<div id="chart-progress"></div>' if "progress" in drawn else ""
+
+
+def _predictions(drawn: set[str]) -> str:
+    note = (
+        "Where each frame's data fell among what the filter expected before it saw them: flat where filter and model are "
+        "right, high at both ends where the filter trusts itself too much, a hump where noise or steps are too wide."
+    )
+    return f'<p class="note">{note}</p><div id="chart-predictions"></div>' if "predictions" in drawn else ""
 
 
 def _coordinates(tree: xr.DataTree) -> str:

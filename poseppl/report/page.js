@@ -129,7 +129,7 @@
 
   for (const [name, chart] of Object.entries(charts)) {
     Plotly.newPlot("chart-" + name, chart.data, chart.layout, config);
-    if (poses && name !== "coverage") {
+    if (poses && !["coverage", "predictions"].includes(name)) {
       element("chart-" + name).on("plotly_click", (event) => {
         show(nearest(event.points[0].x));
         element("poses").scrollIntoView({ behavior: "smooth" });

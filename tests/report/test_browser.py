@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import errors, open_page, picture_of
 from hostile import HOSTILE, telling
-from synthetic import synthetic_result
+from synthetic import predicted_result, synthetic_result
 
 from poseppl.cli import main
 from poseppl.diagnostics import diagnose
@@ -77,6 +77,13 @@ def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, argume
     open_page(driver, tmp_path / "report.html")
     assert driver.execute_script("return document.getElementById('space').data.length") == 3 + ("weighted" not in arguments)
     assert errors(driver) == []
+
+
+def test_the_histogram_of_predictions_is_drawn(driver: Any, tmp_path: Path) -> None:
+    write_report(predicted_result(np.random.default_rng(0).uniform(size=(20, 6))), tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
+    bars = driver.execute_script("return document.querySelectorAll('#chart-predictions .bars .point').length")
+    assert bars == 10 and errors(driver) == []
 
 
 def test_no_script_of_a_result_runs(driver: Any, tmp_path: Path) -> None:

@@ -1,0 +1,49 @@
+"""The histogram of predictive ranks: shares, their errors, and where it stands in the report."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from synthetic import predicted_result, synthetic_result
+
+from poseppl.report import report_html
+from poseppl.report.prediction_chart import prediction_chart, transform_shares
+
+
+def test_shares_and_what_was_not_seen() -> None:
+    transform = np.array([[0.0, 0.05, np.nan], [0.1, 0.95, 1.0], [np.nan] * 3, [0.55, 0.15, 0.25]])
+    share, error = transform_shares(transform)
+    np.testing.assert_allclose(8 * share, [2, 2, 1, 0, 0, 1, 0, 0, 0, 2])
+    assert np.isfinite(error).all() and error[3] == 0
+
+
+def test_errors_are_those_of_batches_of_frames() -> None:
+    """Data of a frame that fall together count as one."""
+    rng = np.random.default_rng(0)
+    together = np.repeat(rng.uniform(size=(400, 1)), 25, axis=1)
+    apart = rng.uniform(size=(400, 25))
+    wide, narrow = (transform_shares(each)[1].mean() for each in (together, apart))
+    assert wide == pytest.approx(np.sqrt(0.09 / 400), rel=0.3)
+    assert narrow == pytest.approx(np.sqrt(0.09 / 10_000), rel=0.3)
+
+
+def test_the_report_shows_it_where_there_are_checks() -> None:
+    transform = np.random.default_rng(1).uniform(size=(12, 5))
+    page = report_html(predicted_result(transform))
+    assert "<h2>Predictions</h2>" in page and '<div id="chart-predictions">' in page
+    found = re.search('<script type="application/json" id="charts-data">(.*?)</script>', page, re.S)
+    assert found
+    bars = json.loads(found[1])["predictions"]["data"][0]
+    counts = np.histogram(transform, 10, (0, 1))[0]
+    np.testing.assert_allclose(bars["y"], 100 * counts / 60, rtol=1e-3)
+    np.testing.assert_allclose(bars["x"], np.arange(0.05, 1, 0.1), rtol=1e-6)
+    assert len(bars["error_y"]["array"]) == 10
+
+
+def test_nothing_is_shown_without_checks() -> None:
+    tree = synthetic_result(num_frames=3)
+    assert prediction_chart(tree) is None and prediction_chart(predicted_result(np.full((3, 2), np.nan))) is None
+    assert "Predictions" not in report_html(tree)
