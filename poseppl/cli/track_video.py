@@ -123,13 +123,16 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
     """Find the silhouettes that the options tell of."""
     from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import VideoWarning
+    from poseppl.motion.io import FrameRange, VideoWarning
     from poseppl.motion.tracking.silhouette_scene import SilhouetteSettings
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
     from poseppl.motion.vision import BackgroundSettings
 
     rate = given_rate(options)
-    start, stop = _frames(options["frames"])
+    chosen = FrameRange.parse(options["frames"])
+    if chosen.step > 1:
+        raise InputError(f"{options['frames']!r}", field="--frames", expected="A:B, frames A to B - 1 of the videos")
+    start, stop = chosen.start, chosen.stop
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
     settings = SilhouetteSettings()
@@ -190,14 +193,3 @@ def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> list
     progress.stage("drawing overlays")
     paths = zip(overlay_paths(sources, target), sources.videos, strict=True)
     return [("overlay", path) for path, video in paths if draw(path, partial(write_overlay, path, tree, video), progress.note)]
-
-
-def _frames(text: str | None) -> tuple[int, int | None]:
-    """First frame and the one after the last."""
-    if text is None:
-        return 0, None
-    parts = text.split(":")
-    if len(parts) != 2 or not all(part == "" or part.isdecimal() for part in parts):
-        raise InputError(f"{text!r}", field="--frames", expected="A:B, frames A to B - 1 of the videos")
-    first, last = (int(part) if part else None for part in parts)
-    return first or 0, last

@@ -14,6 +14,7 @@ from poseppl.motion.io.cameras import CameraRecord as CameraRecord
 from poseppl.motion.io.cameras import read_cameras as read_cameras
 from poseppl.motion.io.cameras import write_cameras as write_cameras
 from poseppl.motion.io.deepmimic import read_deepmimic as read_deepmimic
+from poseppl.motion.io.frame_range import FrameRange as FrameRange
 from poseppl.motion.io.marker_positions import read_places as read_places
 from poseppl.motion.io.marker_positions import write_places as write_places
 from poseppl.motion.io.masks import open_masks as open_masks

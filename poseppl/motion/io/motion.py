@@ -5,7 +5,6 @@ Every reader yields millimetres and Z up: a Y-up recording's (x, y, z) becomes (
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
+from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.text_parsing import some
 
 
@@ -67,13 +67,12 @@ def to_z_up(motion: Motion) -> Motion:
     return replace(motion, positions=np.stack(turned, axis=-1), up="z")
 
 
-def slice_frames(motion: Motion, frames: str | slice) -> Motion:
+def slice_frames(motion: Motion, frames: str | FrameRange) -> Motion:
     """Take a range of frames.
 
     Args:
         motion: The motion, T frames.
-        frames: A slice, or its text "start:stop:step", each part optional: 0-based, ``stop`` not included, no negative
-            numbers. A single number "n" takes that frame alone.
+        frames: The range, or its text.
 
     Returns:
         The motion of those frames, its rate divided by the step.
@@ -81,29 +80,6 @@ def slice_frames(motion: Motion, frames: str | slice) -> Motion:
     Raises:
         InputError: The range is malformed, empty or goes beyond the recording.
     """
-    total = len(motion.positions)
-    chosen = _parse_slice(frames) if isinstance(frames, str) else frames
-    start = 0 if chosen.start is None else chosen.start
-    stop = total if chosen.stop is None else chosen.stop
-    step = 1 if chosen.step is None else chosen.step
-    shown = frames if isinstance(frames, str) else f"{start}:{stop}:{step}"
-    if start < 0 or step < 1 or stop <= start:
-        raise InputError(f"{shown!r} is no range", field="frames", expected="start:stop:step, 0 <= start < stop, step >= 1")
-    if stop > total:
-        expected = f"a range within 0:{total}"
-        raise InputError(f"{shown!r} is out of range", file=motion.source, field="frames", expected=expected)
-    part = slice(start, stop, step)
+    part = (FrameRange.parse(frames) if isinstance(frames, str) else frames).within(len(motion.positions), motion.source)
     angles = None if motion.angles is None else {name: values[part] for name, values in motion.angles.items()}
-    return replace(motion, positions=motion.positions[part], angles=angles, rate=motion.rate / step)
-
-
-def _parse_slice(text: str) -> slice:
-    parts = text.strip().split(":")
-    if len(parts) > 3 or not all(re.fullmatch(r"[0-9]{0,9}", part.strip()) for part in parts) or parts == [""]:
-        raise InputError(
-            f"{text!r} is no range of frames", field="frames", expected="start:stop:step, such as 0:100 or 10:60:2"
-        )
-    numbers = [int(part) if part.strip() else None for part in parts]
-    if len(numbers) == 1 and numbers[0] is not None:
-        return slice(numbers[0], numbers[0] + 1)
-    return slice(*numbers)
+    return replace(motion, positions=motion.positions[part], angles=angles, rate=motion.rate / part.step)

@@ -14,7 +14,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io import CameraRecord, Observations, read_observations
-from poseppl.motion.io.motion import Motion, slice_frames
+from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL, MovingSubject
@@ -146,18 +146,14 @@ def scene_of_observations(
     observed = read_observations(path, body.tree.marker_names, names)
     cameras = cameras_of_records(records)
     spread = noise_of(body, cameras, noise)
-    points, index = observed.points, np.arange(len(observed.points))
-    if frames is not None:
-        counter = np.repeat(index.astype(float)[:, None, None], 3, axis=2)
-        part = slice_frames(Motion(("i",), counter, (), None, rate or 0.0, "z", str(path)), frames)
-        index, rate = part.positions[:, 0, 0].astype(int), part.rate or None
-    points, confidence = points[index], None if observed.confidence is None else observed.confidence[index]
+    part = FrameRange.parse(frames).within(len(observed.points), str(path))
+    points, confidence = observed.points[part], None if observed.confidence is None else observed.confidence[part]
     if confidence is not None:
         points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
         spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), LEAST_CONFIDENCE, 1.0))
     if not np.isfinite(points).any():
         raise InputError("no point is seen in the chosen frames", file=path, field="--frames")
-    return Scene(body, cameras, tuple(names), points, spread, observed.frames[index], rate, str(path))
+    return Scene(body, cameras, tuple(names), points, spread, observed.frames[part], rate and rate / part.step, str(path))
 
 
 def observations_of_scene(scene: Scene) -> Observations:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.io import Motion, read_motion, read_names, slice_frames
+from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
 
 DEFAULT_MODEL = "poseppl_models.choo_fleet:full_body"
@@ -25,6 +24,7 @@ DEFAULT_WALK = "poseppl_models.gait:walk"
 """The built-in walk; resolved when it is used."""
 WALK_FRAMES = 60
 WALK_RATE = 30.0
+LONGEST_WALK = 100_000
 
 
 class MovingSubject(NamedTuple):
@@ -63,7 +63,10 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
     rate = WALK_RATE if rate is None else rate
     if not 0 < rate <= 10_000:
         raise InputError(f"{rate:g} frames a second", field="--rate", expected="above 0, at most 10000")
-    stop = WALK_FRAMES if frames is None else _end(frames)
+    chosen = FrameRange.parse(frames)
+    stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
+    if stop > LONGEST_WALK:
+        raise InputError(f"{frames!r} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk")
     gait: Any = load_builder(DEFAULT_WALK)(rate, stop)
     build = load_builder(model)
     body = build(dict(gait.lengths))
@@ -73,7 +76,7 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
         raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
     markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
     whole = Motion(body.tree.marker_names, markers, (), None, rate, "z", "built-in walk")
-    part, index = _sliced(whole, frames)
+    part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
 
 
@@ -107,45 +110,19 @@ def recorded_subject(
         InputError: A file, the range or the model cannot be used.
     """
     build = load_builder(model)
-    motion, index = _sliced(read_motion(path, skeleton, rate=rate, scale=scale, up=up), frames)
+    whole, chosen = read_motion(path, skeleton, rate=rate, scale=scale, up=up), FrameRange.parse(frames)
+    motion, count = slice_frames(whole, chosen), len(whole.positions)
     _check_markers(motion, build)
     given = None if names is None else read_names(names)
     known = None if lengths is None else read_lengths(lengths, model)
     subject = fit_subject(motion, build, known, given)
     residual = float(np.nanmean(subject.residual))
-    return MovingSubject(subject.body, subject.states, subject.markers, residual, index, motion.rate, str(path))
+    return MovingSubject(
+        subject.body, subject.states, subject.markers, residual, np.arange(count)[chosen.within(count)], motion.rate, str(path)
+    )
 
 
 def _check_markers(motion: Motion, build: Callable[[Mapping[str, float] | None], Body]) -> None:
     if not np.isfinite(motion.positions).all(-1).any():
         raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
     build(None)
-
-
-def _sliced(motion: Motion, frames: str | None) -> tuple[Motion, NDArray[np.int64]]:
-    """A range of frames, and their numbers."""
-    if frames is None:
-        return motion, np.arange(len(motion.positions), dtype=np.int64)
-    numbered = replace(
-        motion,
-        names=("number",),
-        parents=(),
-        angles=None,
-        positions=np.repeat(np.arange(len(motion.positions), dtype=float)[:, None, None], 3, axis=2),
-    )
-    return slice_frames(motion, frames), slice_frames(numbered, frames).positions[:, 0, 0].astype(np.int64)
-
-
-def _end(frames: str) -> int:
-    """Where a range ends, for a motion of any length."""
-    parts = frames.split(":")
-    try:
-        end = int(parts[1]) if len(parts) > 1 and parts[1].strip() else None
-        start = int(parts[0]) if parts[0].strip() else 0
-    except ValueError:
-        return WALK_FRAMES
-    if end is None:
-        return start + 1 if len(parts) == 1 else max(WALK_FRAMES, start + 1)
-    if end > 100_000:
-        raise InputError(f"{frames!r} is out of range", field="--frames", expected="at most 100000 frames of the walk")
-    return max(end, 1)

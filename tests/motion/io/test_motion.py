@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
+from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.motion import Motion, slice_frames, to_z_up
 from poseppl.motion.io.recording import read_motion
 
@@ -26,7 +27,7 @@ def test_z_up_is_a_rotation(up, expected):
 
 @pytest.mark.parametrize(
     ("frames", "expected"),
-    [("2:8:2", [2, 4, 6]), (":3", [0, 1, 2]), ("8:", [8, 9]), ("::4", [0, 4, 8]), ("7", [7]), (slice(1, 3), [1, 2])],
+    [("2:8:2", [2, 4, 6]), (":3", [0, 1, 2]), ("8:", [8, 9]), ("::4", [0, 4, 8]), ("7", [7]), (FrameRange(1, 3), [1, 2])],
 )
 def test_frames(frames, expected):
     part = slice_frames(motion(), frames)
@@ -45,7 +46,7 @@ def test_bad_frames(frames):
 
 
 def test_out_of_range_tells_the_range():
-    with pytest.raises(InputError, match=r"walk, frames: '5:20' is out of range \(expected a range within 0:10\)"):
+    with pytest.raises(InputError, match=r"walk, --frames: '5:20' is out of range \(expected a range within 0:10\)"):
         slice_frames(motion(), "5:20")
 
 
