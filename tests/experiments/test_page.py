@@ -10,6 +10,7 @@ import xarray as xr
 from poseppl.errors import InputError
 from poseppl.experiments.choo_fleet.claims import claims
 from poseppl.experiments.choo_fleet.page import page_of
+from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
 from poseppl.experiments.provenance import RECORD, Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table
 
@@ -31,6 +32,17 @@ def test_the_committed_folder_decides_every_claim():
     page = (FOLDER / "page.md").read_text(encoding="utf-8")
     assert all(f"({path.name})" in page for path in FOLDER.glob("*.png")) and len(list(FOLDER.glob("*.png"))) == 5
     assert kept["variances"].made.runs == "50" and kept["contest"].made.runs == "20" and kept["tuning"].made.runs == "10"
+
+
+def test_settings_that_were_not_timed_alone_are_not_told():
+    """A smaller size than the paper's has fewer settings."""
+    tables = {name: kept.table for name, kept in read_folder(FOLDER).items()}
+    assert any("timed alone" in claim.why for claim in claims(tables))
+    variances = tables["variances"]
+    fewer = variances._replace(rows=[row for row in variances.rows if row[3:5] != ("hmc", PUBLISHED_UPDATES)])
+    assert len(fewer.rows) < len(variances.rows)
+    found = claims({**tables, "variances": fewer})
+    assert any("times as long" in claim.why for claim in found) and not any("timed alone" in claim.why for claim in found)
 
 
 PARTS = {

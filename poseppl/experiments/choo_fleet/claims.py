@@ -136,7 +136,7 @@ def _time_of(tables: Tables, tracker: str, rival: str) -> str:
         summary = tables["sequence_summary"]
         rate = [summary.column("frames_per_second", tracker=tracker, method=each)[0] for each in ("HMC filter", rival)]
         told.append(f"{rate[0] / rate[1]:.1f} times as long")
-        if "variances" in tables and tables["variances"].select(tracker=tracker):
+        if "variances" in tables and tables["variances"].select(tracker=tracker, method="hmc", size=PUBLISHED_UPDATES):
             number = summary.column("evaluations_per_frame", tracker=tracker, method=rival)[0]
             told.append(f"{_alone(tables['variances'], tracker, number):.1f} times when timed alone at one frame")
     return f", which took {', '.join(told)}" if told else ""
