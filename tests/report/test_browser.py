@@ -100,8 +100,9 @@ def test_no_script_of_a_result_runs(driver: Any, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("walk", "skeleton", "cameras", "limit"),
-    [("02_01", "02", 1, 120.0), pytest.param("03_01", "03", 2, 40.0, marks=pytest.mark.slow)],
+    [("02_01", "02", 1, 120.0), ("03_01", "03", 2, 40.0)],
 )
+@pytest.mark.slow
 def test_recorded_walks_are_tracked_and_reported(
     driver: Any, tmp_path: Path, data_dir: Path, walk: str, skeleton: str, cameras: int, limit: float
 ) -> None:

@@ -22,7 +22,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, place_cameras, smooth, track, walking_subject
 from poseppl.motion.tracking.recorded_model import recorded_model
-from poseppl.runs.results import load_result, save_result
+from poseppl.runs.results import save_result
 
 ARM = "poseppl_models.choo_fleet:arm"
 OWN = """
@@ -72,9 +72,10 @@ def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, mo
         ["os:system"],
         {"a": 1},
     ]:
-        save_result(saying(result, model=name, lengths="touch ran"), "bad.nc")
+        bad = saying(result, model=name, lengths="touch ran")
         with pytest.raises(InputError, match="installed|does not tell"):
-            smooth(load_result("bad.nc"), SmoothSettings("rauch-tung-striebel"))
+            smooth(bad, SmoothSettings("rauch-tung-striebel"))
+    save_result(saying(result, model="beside:build", lengths="touch ran"), "bad.nc")
     assert main(["smooth", "bad.nc", "-q"]) == 1
     assert not called and not Path("ran").exists() and "beside" not in sys.modules
     load_builder("os:system")("it would notice")  # the user's own word
