@@ -14,8 +14,8 @@ from poseppl.filters.hidden_markov import hidden_markov_filter as hidden_markov_
 from poseppl.filters.hmc import hmc_filter as hmc_filter
 from poseppl.filters.kalman import KalmanState as KalmanState
 from poseppl.filters.kalman import kalman_filter as kalman_filter
-from poseppl.filters.particle import ParticleState as ParticleState
 from poseppl.filters.particle import particle_filter as particle_filter
+from poseppl.filters.sequential_monte_carlo import ParticleState as ParticleState
 from poseppl.filters.sharding import sharded as sharded
 from poseppl.filters.tempered import TemperedState as TemperedState
 from poseppl.filters.tempered import tempered_filter as tempered_filter

@@ -9,14 +9,21 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
-from poseppl.particles.weights import effective_sample_size
+from poseppl.particles.weights import effective_sample_size, normalise
 
 
 class Ancestry(NamedTuple):
-    """Ancestors (N,) and the log-weights (N,) that their children start with, which sum to one in expectation."""
+    """Where the particles of a frame come from.
+
+    Attributes:
+        ancestors: Shape (N,), int32.
+        log_weights: Log-weights (N,) that their children start with, which sum to one in expectation.
+        ess: That of the weights that they were drawn by, where these looked ahead; else N.
+    """
 
     ancestors: jax.Array
     log_weights: jax.Array
+    ess: jax.Array
 
 
 class AdaptiveResampling(NamedTuple):
@@ -32,33 +39,36 @@ class AdaptiveResampling(NamedTuple):
     scheme: Resampling
     ess_threshold: float
 
-    def everyone(self) -> jax.Array:
-        """The ancestors (N,) int32 when each particle is its own."""
-        return jnp.arange(self.num_particles, dtype=jnp.int32)
+    def keep(self, log_weights: jax.Array) -> Ancestry:
+        """Each particle its own ancestor, with its own weight."""
+        count = self.num_particles
+        return Ancestry(jnp.arange(count, dtype=jnp.int32), log_weights, jnp.asarray(count, log_weights.dtype))
 
-    def choose(self, rng_key: jax.Array, log_weights: jax.Array, log_start: jax.Array, log_kept: jax.Array) -> Ancestry:
+    def choose(self, rng_key: jax.Array, log_weights: jax.Array, lookahead: jax.Array | None = None) -> Ancestry:
         """Draw ancestors, or keep every particle.
 
         Args:
             rng_key: PRNG key.
-            log_weights: Normalised log-weights (N,) to draw by, and to take the ESS of.
-            log_start: Log-weight (N,) that the children of each particle start with.
-            log_kept: The same where particles are kept.
+            log_weights: Normalised log-weights (N,).
+            lookahead: Log lambda (N,), what the data say of each particle as an ancestor: drawn by w lambda, a child starts
+                with the mean of w lambda over its ancestor's lambda. None draws by w alone.
         """
+        log_drawn, log_start = log_weights, jnp.full_like(log_weights, -jnp.log(self.num_particles))
+        ess = jnp.asarray(self.num_particles, log_weights.dtype)
+        if lookahead is not None:
+            staged = normalise(log_weights + lookahead)
+            log_drawn, log_start, ess = staged.log_weights, staged.log_mean - lookahead, staged.ess
 
         def resampled() -> Ancestry:
-            ancestors = self.scheme(rng_key, log_weights, self.num_particles)
-            return Ancestry(ancestors, log_start[ancestors])
-
-        def kept() -> Ancestry:
-            return Ancestry(self.everyone(), log_kept)
+            ancestors = self.scheme(rng_key, log_drawn, self.num_particles)
+            return Ancestry(ancestors, log_start[ancestors], ess)
 
         if self.ess_threshold == 0:
-            return kept()
+            return self.keep(log_weights)
         if self.ess_threshold == 1:
             return resampled()
-        needed = effective_sample_size(log_weights) <= self.ess_threshold * self.num_particles
-        chosen: Ancestry = jax.lax.cond(needed, resampled, kept)
+        needed = effective_sample_size(log_drawn) <= self.ess_threshold * self.num_particles
+        chosen: Ancestry = jax.lax.cond(needed, resampled, lambda: self.keep(log_weights))
         return chosen
 
 

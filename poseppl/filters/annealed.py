@@ -30,10 +30,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.checks import check_at_least, check_fraction
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, log_likelihoods, propagate
 
 _BISECTIONS = 50
 _WIDTH = 25.0
@@ -98,7 +99,7 @@ def annealed_filter(
     groups = None if crossover is None else _group_numbers(model, crossover)
 
     def values_of(particles: jax.Array, data: tuple[Observation, Any]) -> jax.Array:
-        values = jax.vmap(lambda x: model.log_observation(x, *data))(particles)
+        values = log_likelihoods(model, particles, *data)
         return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
 
     def anneal(
@@ -133,7 +134,7 @@ def annealed_filter(
         key_draw, key_other, key_layers = jax.random.split(rng_key, 3)
 
         def draw(rng_key: jax.Array) -> jax.Array:
-            return jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_particles))
+            return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
 
         ancestors = jnp.arange(num_particles, dtype=jnp.int32)
         return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
@@ -146,8 +147,7 @@ def annealed_filter(
         previous = state.particles[ancestors]
 
         def draw(rng_key: jax.Array) -> jax.Array:
-            keys = jax.random.split(rng_key, num_particles)
-            return jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
+            return propagate(model, jax.random.split(rng_key, num_particles), previous, inputs)
 
         return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
 
@@ -165,18 +165,8 @@ def _cross(
 
 
 def _info(predicted: Normalised, log_weights: jax.Array, ancestors: jax.Array, num_layers: int) -> Info:
-    dtype = log_weights.dtype
-    return Info(
-        log_evidence=predicted.log_mean,
-        ess=effective_sample_size(log_weights),
-        ancestors=ancestors,
-        acceptance=jnp.ones((), dtype),
-        divergences=jnp.int32(0),
-        num_likelihood=jnp.int32(log_weights.shape[0] * num_layers),
-        num_gradient=jnp.int32(0),
-        failed=predicted.degenerate,
-        step_size=jnp.full((), jnp.nan, dtype),
-    )
+    ess, evaluations = effective_sample_size(log_weights), log_weights.shape[0] * num_layers
+    return filter_info(predicted.log_mean, ess, ancestors, predicted.degenerate, num_likelihood=evaluations)
 
 
 def annealing_exponent(log_likelihoods: jax.Array, survival: float) -> jax.Array:

@@ -32,13 +32,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_likelihoods, propagate, transition_moments
 
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
@@ -87,8 +88,7 @@ def assumed_density_filter(
         others = jnp.where(first, climbers[num_starts - moved :], _move(model, key_move, state.particles, inputs, moved))
         climbers = climbers.at[num_starts - moved :].set(others)
         prior_curvature = mixture_curvature(prior)
-        possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
-        failed = ~jnp.any(jnp.isfinite(possible))
+        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, climbers, observation, inputs)))
         seen = drop_impossible(model, observation, failed)
 
         def log_density(x: jax.Array) -> jax.Array:
@@ -100,15 +100,15 @@ def assumed_density_filter(
         found = find_modes(climbers, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=share_masses(found))
         draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings)
-        info = Info(
-            log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
-            ess=effective_draws(chains.draws),
-            ancestors=jnp.arange(num_chains, dtype=jnp.int32),
+        info = filter_info(
+            jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
+            effective_draws(chains.draws),
+            num_chains,
+            failed,
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_starts * (GAUSS_NEWTON_TRIALS * (num_mode_steps + 1) + 1) + num_chains * CANDIDATES),
+            num_likelihood=num_starts * (GAUSS_NEWTON_TRIALS * (num_mode_steps + 1) + 1) + num_chains * CANDIDATES,
             num_gradient=chains.num_gradient + num_starts * (num_mode_steps + 1),
-            failed=failed,
             step_size=jnp.exp(chains.log_step_size),
         )
         return chain_state(draws, chains.log_step_size), info
@@ -123,7 +123,7 @@ def _prior(
     model: CompiledModel, state: ChainState, first: jax.Array, inputs: Any, num_components: int
 ) -> tuple[GaussianMixture, LogDensity]:
     """The Gaussians that sum up the past, and the log-density of the prior: at the first frame, the initial program's."""
-    means, covariances = jax.vmap(jax.vmap(lambda x: model.transition_moments(x, inputs)))(state.particles)
+    means, covariances = jax.vmap(lambda chain: transition_moments(model, chain, inputs))(state.particles)
     fitted, residuals = fit_mixture(means, num_components)
     spread = fitted.covariances * covariance_inflation(residuals)
     predicted = fitted._replace(covariances=spread + jnp.mean(covariances, (0, 1)))
@@ -148,7 +148,7 @@ def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: An
     num_chains, num_draws, _ = draws.shape
     chain = jax.random.permutation(key_chain, num_chains)[jnp.arange(number) % num_chains]
     chosen = draws[chain, jax.random.randint(key_draw, (number,), 0, num_draws)]
-    return jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(jax.random.split(key_move, number), chosen)
+    return propagate(model, jax.random.split(key_move, number), chosen, inputs)
 
 
 def covariance_inflation(draws: jax.Array) -> jax.Array:

@@ -10,10 +10,12 @@ compilation of `step` serves a sequence of any length. `inputs` follows the time
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import jax
+import jax.numpy as jnp
 
 
 class FilterState(Protocol):
@@ -29,7 +31,7 @@ class FilterState(Protocol):
 
 
 class Info(NamedTuple):
-    """Diagnosis of one frame; every filter fills every field.
+    """Diagnosis of one frame; every filter fills every field, by :func:`filter_info`.
 
     Attributes:
         log_evidence: log p(z_t | z_(<t)) as the filter estimates it, a scalar; -inf when the frame failed.
@@ -52,6 +54,33 @@ class Info(NamedTuple):
     num_gradient: jax.Array
     failed: jax.Array
     step_size: jax.Array
+
+
+def filter_info(
+    log_evidence: jax.Array,
+    ess: Any,
+    ancestors: Any,
+    failed: jax.Array,
+    *,
+    num_likelihood: Any,
+    num_gradient: Any = 0,
+    acceptance: Any = 1.0,
+    divergences: Any = 0,
+    step_size: Any = math.nan,
+) -> Info:
+    """Fill in a diagnosis, in the dtype of `log_evidence`; N for `ancestors` stands for particles of which each is its own."""
+    dtype = log_evidence.dtype
+    return Info(
+        log_evidence=log_evidence,
+        ess=jnp.asarray(ess, dtype),
+        ancestors=jnp.arange(ancestors, dtype=jnp.int32) if isinstance(ancestors, int) else ancestors,
+        acceptance=jnp.asarray(acceptance, dtype),
+        divergences=jnp.asarray(divergences, jnp.int32),
+        num_likelihood=jnp.asarray(num_likelihood, jnp.int32),
+        num_gradient=jnp.asarray(num_gradient, jnp.int32),
+        failed=failed,
+        step_size=jnp.asarray(step_size, dtype),
+    )
 
 
 def stay(state: Any) -> Any:

@@ -39,11 +39,12 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
-from poseppl.particles.resampling import Scheme, resampling_scheme
+from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate
 
 Target = Literal["likelihood", "posterior"]
 Prediction = Literal["transition", "velocity"]
@@ -64,6 +65,22 @@ class DEMCState(NamedTuple):
     log_weights: jax.Array
     best: jax.Array
     velocity: jax.Array
+
+
+class _Layers(NamedTuple):
+    """How the particles of a frame evolve.
+
+    Attributes:
+        posterior: Whether towards the posterior.
+        moves: Of each layer.
+        noise_follows: What sets the width of the noise.
+        scheme: How particles are resampled.
+    """
+
+    posterior: bool
+    moves: DEMCSettings
+    noise_follows: NoiseFollows
+    scheme: Resampling
 
 
 class _Evolved(NamedTuple):
@@ -115,80 +132,82 @@ def demc_filter(
     Raises:
         ValueError: A setting out of its range.
     """
-    settings = DEMCSettings(num_updates=num_layers, noise=noise, snooker=snooker).check()
     check_at_least(1, num_particles=num_particles)
     check_choice(Target, target=target)
     check_choice(Prediction, prediction=prediction)
     check_choice(NoiseFollows, noise_follows=noise_follows)
-    scheme = resampling_scheme(resampling)
-    posterior = target == "posterior"
+    moves = DEMCSettings(num_updates=num_layers, noise=noise, snooker=snooker).check()
+    layers = _Layers(target == "posterior", moves, noise_follows, resampling_scheme(resampling))
+    by_velocity = prediction == "velocity" and not layers.posterior
     identity = jnp.arange(num_particles, dtype=jnp.int32)
-
-    def evolve(
-        rng_key: jax.Array,
-        predicted: jax.Array,
-        log_prior: Callable[[jax.Array], jax.Array],
-        data: tuple[Observation, Any],
-        otherwise: jax.Array | None = None,
-    ) -> _Evolved:
-        """Evolve predictions (N, d); from other positions (N, d) where none of them has density."""
-        key_resample, key_layers = jax.random.split(rng_key)
-
-        def weigh(positions: jax.Array) -> tuple[jax.Array, jax.Array]:
-            return positions, jax.vmap(lambda x: _safe(model.log_observation(x, *data)))(positions)
-
-        predicted, values = weigh(predicted)
-        lost = jnp.all(jnp.isneginf(values))
-        if otherwise is not None:
-            there = jax.lax.cond(lost, weigh, lambda _: (predicted, values), otherwise)
-            better = jnp.any(there[1] > -jnp.inf)
-            predicted, values = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, (predicted, values))
-        weighted = normalise(values)
-        flat = ~weighted.degenerate & (jnp.min(values) == jnp.max(values))
-        chosen = scheme(key_resample, weighted.log_weights, num_particles) if posterior else identity
-        origin = jnp.where(weighted.degenerate, identity, chosen)
-
-        def log_density(x: jax.Array) -> jax.Array:
-            value = model.log_observation(x, *data)
-            return value + log_prior(x) if posterior else value
-
-        starts = predicted[origin]
-        members = Members(starts, jax.vmap(log_density)(starts) if posterior else values)
-
-        def layer(members: Members, rng_key: jax.Array) -> tuple[Members, jax.Array]:
-            factor = 1.0 if posterior else _noise_factor(members.values, noise_follows)
-            moved, rate = demc_update(rng_key, members, log_density, settings, noise_factor=factor)
-            return moved if posterior else jax.tree.map(lambda old, new: jnp.where(flat, old, new), members, moved), rate
-
-        members, rates = jax.lax.scan(layer, members, jax.random.split(key_layers, num_layers))
-        rounds = 1 + num_layers + (lost if otherwise is not None else 0)
-        return _Evolved(members, weighted, origin, jnp.mean(rates), jnp.int32(num_particles * rounds))
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_draw, key_evolve = jax.random.split(rng_key)
-        predicted = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_particles))
-        evolved = evolve(key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
-        return _conclude(evolved, identity, None, posterior)
+        predicted = draw_initial(model, jax.random.split(key_draw, num_particles), inputs)
+        evolved = _evolve(model, layers, key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
+        return _conclude(evolved, identity, None, layers.posterior)
 
     def step(rng_key: jax.Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
-        ancestors = identity if posterior else scheme(key_select, state.log_weights, num_particles)
+        ancestors = identity if layers.posterior else layers.scheme(key_select, state.log_weights, num_particles)
         previous = state.particles[ancestors]
-        by_velocity = prediction == "velocity" and not posterior
         if by_velocity:
             predicted = previous + state.velocity
         else:
-            keys = jax.random.split(key_draw, num_particles)
-            predicted = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
+            predicted = propagate(model, jax.random.split(key_draw, num_particles), previous, inputs)
 
         def log_prior(x: jax.Array) -> jax.Array:
-            terms = jax.vmap(lambda p: model.log_transition(x, p, inputs))(previous)
-            return jax.nn.logsumexp(terms) - jnp.log(num_particles)
+            return log_prediction(model, x, previous, inputs)
 
-        evolved = evolve(key_evolve, predicted, log_prior, (observation, inputs), previous if by_velocity else None)
-        return _conclude(evolved, ancestors, state, posterior)
+        otherwise = previous if by_velocity else None
+        evolved = _evolve(model, layers, key_evolve, predicted, log_prior, (observation, inputs), otherwise)
+        return _conclude(evolved, ancestors, state, layers.posterior)
 
     return Filter(init, step, genealogy=True)
+
+
+def _evolve(
+    model: CompiledModel,
+    layers: _Layers,
+    rng_key: jax.Array,
+    predicted: jax.Array,
+    log_prior: Callable[[jax.Array], jax.Array],
+    data: tuple[Observation, Any],
+    otherwise: jax.Array | None = None,
+) -> _Evolved:
+    """Evolve predictions (N, d); from other positions (N, d) where none of them has density."""
+    key_resample, key_layers = jax.random.split(rng_key)
+    posterior, num_particles = layers.posterior, predicted.shape[0]
+
+    def weighed(positions: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return positions, _safe(log_likelihoods(model, positions, *data))
+
+    predicted, values = weighed(predicted)
+    lost = jnp.all(jnp.isneginf(values))
+    if otherwise is not None:
+        there = jax.lax.cond(lost, weighed, lambda _: (predicted, values), otherwise)
+        better = jnp.any(there[1] > -jnp.inf)
+        predicted, values = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, (predicted, values))
+    weighted = normalise(values)
+    flat = ~weighted.degenerate & (jnp.min(values) == jnp.max(values))
+    origin = identity = jnp.arange(num_particles, dtype=jnp.int32)
+    if posterior:
+        origin = jnp.where(weighted.degenerate, identity, layers.scheme(key_resample, weighted.log_weights, num_particles))
+
+    def log_density(x: jax.Array) -> jax.Array:
+        value = model.log_observation(x, *data)
+        return value + log_prior(x) if posterior else value
+
+    def layer(members: Members, rng_key: jax.Array) -> tuple[Members, jax.Array]:
+        factor = 1.0 if posterior else _noise_factor(members.values, layers.noise_follows)
+        moved, rate = demc_update(rng_key, members, log_density, layers.moves, noise_factor=factor)
+        return moved if posterior else jax.tree.map(lambda old, new: jnp.where(flat, old, new), members, moved), rate
+
+    starts = predicted[origin]
+    members = Members(starts, jax.vmap(log_density)(starts) if posterior else values)
+    members, rates = jax.lax.scan(layer, members, jax.random.split(key_layers, layers.moves.num_updates))
+    rounds = 1 + layers.moves.num_updates + (lost if otherwise is not None else 0)
+    return _Evolved(members, weighted, origin, jnp.mean(rates), jnp.int32(num_particles * rounds))
 
 
 def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
@@ -198,16 +217,13 @@ def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | Non
     best = members.positions[jnp.argmax(members.values)]
     velocity = jnp.zeros_like(best) if previous is None else jnp.where(last.degenerate, 0.0, best - previous.best)
     ess = jnp.where(last.degenerate, possible.shape[0], last.ess)
-    info = Info(
-        log_evidence=predicted.log_mean,
-        ess=jnp.where(posterior & ~predicted.degenerate, predicted.ess, ess),
-        ancestors=ancestors[origin],
+    info = filter_info(
+        predicted.log_mean,
+        jnp.where(posterior & ~predicted.degenerate, predicted.ess, ess),
+        ancestors[origin],
+        last.degenerate,
         acceptance=acceptance,
-        divergences=jnp.int32(0),
         num_likelihood=num_likelihood,
-        num_gradient=jnp.int32(0),
-        failed=last.degenerate,
-        step_size=jnp.full((), jnp.nan, acceptance.dtype),
     )
     return DEMCState(members.positions, last.log_weights, best, velocity), info
 

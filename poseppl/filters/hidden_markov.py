@@ -18,10 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.filters.base import Filter, Info
-from poseppl.filters.particle import ParticleState
-from poseppl.particles.weights import normalise
+from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.sequential_monte_carlo import ParticleState
+from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
 _MOST = 10_000
 
@@ -33,7 +34,7 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
         model: The compiled model; all its sites discrete, of finite support.
 
     Returns:
-        The filter; its state is :class:`~poseppl.filters.particle.ParticleState` with all K values of the state.
+        The filter; its state is :class:`~poseppl.filters.sequential_monte_carlo.ParticleState` with all K values of the state.
 
     Raises:
         ValueError: A site that is continuous or unbounded, or more than 10,000 values.
@@ -41,34 +42,20 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
     values = jnp.asarray(state_values(model), jnp.result_type(float))
     count = values.shape[0]
 
-    def weigh(log_prior: jax.Array, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
-        likelihood = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(values)
-        updated = normalise(log_prior + likelihood)
-        log_weights = jnp.where(updated.degenerate, log_prior, updated.log_weights)
-        info = Info(
-            log_evidence=updated.log_mean + jnp.log(jnp.asarray(count, log_weights.dtype)),
-            ess=jnp.asarray(count, log_weights.dtype),  # nothing is drawn
-            ancestors=jnp.arange(count, dtype=jnp.int32),
-            acceptance=jnp.ones((), log_weights.dtype),
-            divergences=jnp.zeros((), jnp.int32),
-            num_likelihood=jnp.asarray(count, jnp.int32),
-            num_gradient=jnp.zeros((), jnp.int32),
-            failed=updated.degenerate,
-            step_size=jnp.full((), jnp.nan, log_weights.dtype),
-        )
-        return ParticleState(values.astype(log_weights.dtype), log_weights), info
+    def update(log_prior: jax.Array, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
+        weighed = weigh(log_prior, log_likelihoods(model, values, observation, inputs))
+        # nothing is drawn: the ESS is the number of values
+        info = filter_info(weighed.log_evidence, count, count, weighed.failed, num_likelihood=count)
+        return ParticleState(values.astype(weighed.log_weights.dtype), weighed.log_weights), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
-        return weigh(jax.vmap(lambda x: model.log_initial(x, inputs))(values), observation, inputs)
+        return update(log_initials(model, values, inputs), observation, inputs)
 
     def step(
         rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
     ) -> tuple[ParticleState, Info]:
-        def into(x: jax.Array) -> jax.Array:
-            terms = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(values)
-            return jax.nn.logsumexp(terms + state.log_weights)
-
-        return weigh(jax.vmap(into)(values), observation, inputs)
+        terms = log_transition_matrix(model, values, values, inputs) + state.log_weights
+        return update(jax.nn.logsumexp(terms, axis=1), observation, inputs)
 
     return Filter(init, step)
 

@@ -22,12 +22,13 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate, transition_moments
 
 PAPER = HMCSettings()
 """The paper's 28-D row of Table 1, with an adapted step size."""
@@ -69,7 +70,7 @@ def hmc_filter(
         inputs: Any,
     ) -> tuple[ChainState, Info]:
         key_resample, key_chains = jax.random.split(rng_key)
-        weights = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(proposals)
+        weights = log_likelihoods(model, proposals, observation, inputs)
         failed = ~jnp.any(jnp.isfinite(weights))
         seen = drop_impossible(model, observation, failed)
         weights = jnp.where(failed | jnp.isnan(weights), jnp.where(failed, 0.0, -jnp.inf), weights)
@@ -81,15 +82,15 @@ def hmc_filter(
             return model.log_observation(x, seen, inputs) + log_prior(x)
 
         chains = hmc_chains(key_chains, chart.to_white(proposals[ancestors]), log_density, log_step_size, settings)
-        info = Info(
-            log_evidence=jnp.where(failed, -jnp.inf, jax.nn.logsumexp(weights) - jnp.log(num_chains)),
-            ess=effective_draws(chains.draws),
-            ancestors=ancestors,
+        info = filter_info(
+            jnp.where(failed, -jnp.inf, jax.nn.logsumexp(weights) - jnp.log(num_chains)),
+            effective_draws(chains.draws),
+            ancestors,
+            failed,
             acceptance=chains.acceptance,
             divergences=chains.divergences,
-            num_likelihood=jnp.int32(num_chains),
+            num_likelihood=num_chains,
             num_gradient=chains.num_gradient,
-            failed=failed,
             step_size=jnp.exp(chains.log_step_size),
         )
         return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
@@ -97,19 +98,18 @@ def hmc_filter(
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         predicted = model.initial_moments(inputs)
-        proposals = jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(key_draw, num_chains))
+        proposals = draw_initial(model, jax.random.split(key_draw, num_chains), inputs)
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
         return run(key_run, proposals, lambda x: model.log_initial(x, inputs), predicted, start, observation, inputs)
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]
-        proposals = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(jax.random.split(key_draw, num_chains), last)
-        means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(last)
+        proposals = propagate(model, jax.random.split(key_draw, num_chains), last, inputs)
+        means, covariances = transition_moments(model, last, inputs)
 
         def log_prior(x: jax.Array) -> jax.Array:
-            terms = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(last)
-            return jax.nn.logsumexp(terms) - jnp.log(num_chains)
+            return log_prediction(model, x, last, inputs)
 
         predicted = jnp.mean(means, 0), jnp.mean(covariances, 0)
         return run(key_run, proposals, log_prior, predicted, state.log_step_size, observation, inputs)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.gaussians.linearisation import Gaussian, Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 
@@ -69,17 +69,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
         draws = posterior.mean + noise @ jnp.linalg.cholesky(posterior.covariance).T
-        info = Info(
-            log_evidence=log_evidence,
-            ess=jnp.asarray(num_particles, dtype),
-            ancestors=jnp.arange(num_particles, dtype=jnp.int32),
-            acceptance=jnp.ones((), dtype),
-            divergences=jnp.zeros((), jnp.int32),
-            num_likelihood=jnp.ones((), jnp.int32),
-            num_gradient=jnp.ones((), jnp.int32),
-            failed=failed,
-            step_size=jnp.full((), jnp.nan, dtype),
-        )
+        info = filter_info(log_evidence, num_particles, num_particles, failed, num_likelihood=1, num_gradient=1)
         log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
         return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
 

@@ -30,11 +30,12 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice, check_fraction
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, MoveSettings
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, log_prediction, log_transitions_into, propagate
 
 Target = Literal["ancestor", "mixture"]
 
@@ -98,7 +99,7 @@ def tempered_filter(
         key_draw, key_other, key_run = jax.random.split(rng_key, 3)
 
         def draw(rng_key: jax.Array) -> jax.Array:
-            return jax.vmap(lambda k: model.sample_initial(k, inputs))(jax.random.split(rng_key, num_particles))
+            return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
 
         particles = draw(key_draw)
         tempered = temper(
@@ -120,16 +121,12 @@ def tempered_filter(
         previous = state.particles
 
         def draw(rng_key: jax.Array) -> jax.Array:
-            keys = jax.random.split(rng_key, num_particles)
-            return jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(keys, previous)
-
-        def terms(x: jax.Array) -> jax.Array:
-            return jax.vmap(lambda c: model.log_transition(x, c, inputs))(previous)
+            return propagate(model, jax.random.split(rng_key, num_particles), previous, inputs)
 
         def log_prior(x: jax.Array, ancestor: jax.Array) -> jax.Array:
             if target == "ancestor":
                 return model.log_transition(x, ancestor, inputs)
-            return jax.nn.logsumexp(terms(x)) - jnp.log(num_particles)
+            return log_prediction(model, x, previous, inputs)
 
         particles = draw(key_draw)
         tempered = temper(
@@ -145,7 +142,9 @@ def tempered_filter(
         if target == "ancestor":
             return _state(tempered), _info(tempered, tempered.ancestors)
         keys = jax.random.split(key_ancestors, num_particles)
-        ancestors = jax.vmap(lambda k, x: jax.random.categorical(k, terms(x)))(keys, tempered.particles)
+        ancestors = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))(
+            keys, tempered.particles
+        )
         return _state(tempered), _info(tempered, ancestors.astype(jnp.int32))
 
     return Filter(init, step, genealogy=True)
@@ -166,15 +165,15 @@ def _state(tempered: Tempered) -> TemperedState:
 
 
 def _info(tempered: Tempered, ancestors: jax.Array) -> Info:
-    return Info(
-        log_evidence=tempered.log_evidence,
-        ess=jnp.min(tempered.ess),
-        ancestors=ancestors,
+    return filter_info(
+        tempered.log_evidence,
+        jnp.min(tempered.ess),
+        ancestors,
+        tempered.failed,
         acceptance=tempered.acceptance,
         divergences=tempered.divergences,
         num_likelihood=tempered.num_likelihood,
         num_gradient=tempered.num_gradient,
-        failed=tempered.failed,
         step_size=jnp.exp(tempered.log_step_size),
     )
 

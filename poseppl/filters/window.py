@@ -30,7 +30,7 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER, covariance_inflation
-from poseppl.filters.base import Filter, Info
+from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
@@ -40,6 +40,7 @@ from poseppl.gaussians.transition_curvature import precision_of
 from poseppl.kernels.hmc import Chains, HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_likelihoods, log_transition_matrix, transition_moments
 
 
 class WindowState(NamedTuple):
@@ -97,8 +98,7 @@ def window_filter(
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
         climbers, _ = draw_mixture(key_climb, prior, num_starts)
         climbers = climbers.at[0].set(prediction.mean)
-        possible = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(climbers)
-        failed = ~jnp.any(jnp.isfinite(possible))
+        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, climbers, observation, inputs)))
         seen = _masked(model, drop_impossible(model, observation, failed))
         frames = move_on(past.window, prediction, seen, inputs)
         precision = precision_of(prediction.covariance)
@@ -142,7 +142,7 @@ def window_filter(
 
 def predict(model: CompiledModel, draws: jax.Array, inputs: Any) -> Gaussian:
     """Moments of the next frame from draws (M, R, d) of this one, the spread of their means inflated."""
-    means, covariances = jax.vmap(lambda x: model.transition_moments(x, inputs))(draws.reshape(-1, draws.shape[-1]))
+    means, covariances = transition_moments(model, draws.reshape(-1, draws.shape[-1]), inputs)
     mean = jnp.mean(means, 0)
     centred = means - mean
     spread = centred.T @ centred / max(means.shape[0] - 1, 1)
@@ -163,13 +163,9 @@ def _pasts(model: CompiledModel, rng_key: jax.Array, past: WindowState, newest: 
     would not find back to a past of its own.
     """
     trajectories = past.trajectories.reshape(-1, *past.trajectories.shape[2:])
-
-    def of_one(x: jax.Array) -> jax.Array:
-        return jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(trajectories[:, -1])
-
-    chosen = jax.random.categorical(rng_key, jax.vmap(of_one)(newest))
+    chosen = jax.random.categorical(rng_key, log_transition_matrix(model, newest, trajectories[:, -1], inputs))
     pasts = trajectories[chosen]
-    leads_to = jax.vmap(lambda previous: model.transition_moments(previous, inputs)[0])(pasts[:, -1])
+    leads_to, _ = transition_moments(model, pasts[:, -1], inputs)
     moved = jnp.arange(newest.shape[0])[:, None] % 2 == 1
     return pasts[:, 1:] + jnp.where(moved, newest - leads_to, 0.0)[:, None]
 
@@ -185,14 +181,14 @@ def _info(
 ) -> Info:
     num_chains = particles.shape[0]
     climbs = num_starts * (num_mode_steps + 1) * (1 + window)
-    return Info(
-        log_evidence=jnp.where(failed, -jnp.inf, log_evidence),
-        ess=effective_draws(particles),
-        ancestors=jnp.arange(num_chains, dtype=jnp.int32),
+    return filter_info(
+        jnp.where(failed, -jnp.inf, log_evidence),
+        effective_draws(particles),
+        num_chains,
+        failed,
         acceptance=chains.acceptance,
         divergences=chains.divergences,
-        num_likelihood=jnp.int32(GAUSS_NEWTON_TRIALS * climbs + num_starts + window * num_chains * CANDIDATES),
+        num_likelihood=GAUSS_NEWTON_TRIALS * climbs + num_starts + window * num_chains * CANDIDATES,
         num_gradient=window * chains.num_gradient + climbs,
-        failed=failed,
         step_size=jnp.exp(chains.log_step_size),
     )

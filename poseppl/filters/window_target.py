@@ -21,6 +21,7 @@ from poseppl.gaussians.linearisation import Gaussian
 from poseppl.gaussians.mixture import GaussianMixture, log_mixture
 from poseppl.gaussians.transition_curvature import precision_of, transition_curvature
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_initials
 
 
 class Window(NamedTuple):
@@ -91,7 +92,7 @@ def window_target(model: CompiledModel, window: Window) -> WindowTarget:
     def log_density(flat: jax.Array) -> jax.Array:
         xs = flat.reshape(size, dimension)
         summary = jnp.stack([log_normal(x) for log_normal, x in zip(summaries, xs, strict=True)])
-        initial = jax.vmap(lambda x: model.log_initial(x, begin))(xs)
+        initial = log_initials(model, xs, begin)
         total = jnp.sum(jnp.where(started, initial, jnp.where(alone, summary, 0.0)))
         moves = jax.vmap(model.log_transition)(xs[1:], xs[:-1], later)
         data = jax.vmap(model.log_observation)(xs, window.observations, window.inputs)

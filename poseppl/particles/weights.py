@@ -54,6 +54,38 @@ def normalise(log_weights: jax.Array) -> Normalised:
     return Normalised(shifted - log_sum, weights, log_mean, degenerate, ess)
 
 
+class Weighed(NamedTuple):
+    """Weights of one set after a frame's data.
+
+    Attributes:
+        log_weights: Normalised log-weights (N,); those before the data where these are impossible.
+        log_evidence: Log of the sum of the weights before the data times the likelihoods, a scalar; -inf where impossible.
+        ess: Effective number of particles, a scalar.
+        failed: Whether no particle can explain the data.
+    """
+
+    log_weights: jax.Array
+    log_evidence: jax.Array
+    ess: jax.Array
+    failed: jax.Array
+
+
+def weigh(log_prior: jax.Array, log_likelihoods: jax.Array) -> Weighed:
+    """Weigh particles by a frame's data.
+
+    Args:
+        log_prior: Log-weights before the data (N,): normalised, or such that their sum is one on average.
+        log_likelihoods: Shape (N,).
+    """
+    prior, updated = normalise(log_prior), normalise(log_prior + log_likelihoods)
+    return Weighed(
+        log_weights=jnp.where(updated.degenerate, prior.log_weights, updated.log_weights),
+        log_evidence=updated.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype)),
+        ess=jnp.where(updated.degenerate, jnp.maximum(prior.ess, 1.0), updated.ess),
+        failed=updated.degenerate,
+    )
+
+
 def effective_sample_size(log_weights: jax.Array) -> jax.Array:
     """Effective number 1 / sum w_i^2 of log-weights (N,), in [1, N]; 0 for a degenerate set."""
     return normalise(log_weights).ess

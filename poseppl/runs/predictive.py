@@ -25,6 +25,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import FilterState
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, propagate
 
 _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
@@ -80,14 +81,13 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         key_choose, key_initial, key_move = jax.random.split(rng_key, 3)
 
         def initial() -> jax.Array:
-            return jax.vmap(lambda key: model.sample_initial(key, inputs))(jax.random.split(key_initial, num_draws))
+            return draw_initial(model, jax.random.split(key_initial, num_draws), inputs)
 
         if state is None:
             return initial()
         chosen = multinomial(key_choose, jnp.ravel(state.log_weights), num_draws)
         previous = state.particles.reshape(-1, state.particles.shape[-1])[chosen]
-        keys = jax.random.split(key_move, num_draws)
-        moved = jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, previous)
+        moved = propagate(model, jax.random.split(key_move, num_draws), previous, inputs)
         return moved if first is False else jnp.where(first, initial(), moved)
 
     def predict(rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any) -> Prediction:

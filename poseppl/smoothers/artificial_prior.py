@@ -21,6 +21,7 @@ from jax.scipy.linalg import cho_solve, solve_triangular
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
+from poseppl.program.population import propagate
 
 _FLOOR = 1e-3
 """Part of the predicted variances that every covariance has at least."""
@@ -80,7 +81,7 @@ def pair_moments(
 ) -> tuple[jax.Array, jax.Array]:
     """Mean (2 d,) and covariance (2 d, 2 d) of a frame's particles (N, d), each beside a successor drawn for it."""
     keys = particle_keys(rng_key, particles.shape[0])
-    successors = jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, particles)
+    successors = propagate(model, keys, particles, inputs)
     return moments(jnp.concatenate([particles, successors], 1), log_weights)
 
 

@@ -30,8 +30,9 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_transition_matrix, log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows, with_densities
+from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows, with_densities
 
 Step = Callable[[jax.Array, jax.Array, Any], tuple[jax.Array, jax.Array]]
 
@@ -141,7 +142,7 @@ def _exact_step(
             return drawn
 
         drawn: jax.Array = with_densities(
-            lambda: log_transitions(model, xs, columns, inputs),
+            lambda: log_transition_matrix(model, xs, columns, inputs),
             lambda densities: ((densities * weights).reshape(-1, block) @ jnp.ones(block, weights.dtype)).reshape(rows, -1),
             invert,
             jnp.ones(rows, bool),
@@ -171,7 +172,7 @@ def _metropolis_step(
     later = later[chosen]
 
     def log_densities(indices: jax.Array) -> jax.Array:
-        return jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(later, earlier[indices])
+        return log_transitions(model, later, earlier[indices], inputs)
 
     def move(state: tuple[jax.Array, jax.Array], key: jax.Array) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
         indices, values = state

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import draw_initial, log_likelihoods, log_transitions_into, propagate
 
 Method = Literal["ancestor", "backward"]
 
@@ -77,7 +78,7 @@ def _run(
     num_free = num_particles - 1
 
     def weigh(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
-        log_weights = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles)
+        log_weights = log_likelihoods(model, particles, observation, inputs)
         return jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
 
     def advance(carry: tuple[jax.Array, jax.Array], row: Any) -> tuple[Any, Any]:
@@ -85,9 +86,7 @@ def _run(
         number, kept, observation, inputs = row
         key_resample, key_move, key_past = jax.random.split(jax.random.fold_in(key_later, number), 3)
         chosen = multinomial(key_resample, log_weights, num_free)
-        moved = jax.vmap(lambda k, x: model.sample_transition(k, x, inputs))(
-            particle_keys(key_move, num_free), particles[chosen]
-        )
+        moved = propagate(model, particle_keys(key_move, num_free), particles[chosen], inputs)
         past = jnp.zeros((), jnp.int32)
         if method == "ancestor":
             past = _draw_past(model, key_past, kept, particles, log_weights, inputs, past)
@@ -99,7 +98,7 @@ def _run(
     first, later = (
         jax.tree.map(lambda leaf, rows=rows: leaf[rows], (reference, observations, inputs)) for rows in (0, slice(1, None))
     )
-    drawn = jax.vmap(lambda k: model.sample_initial(k, first[2]))(particle_keys(key_first, num_free))
+    drawn = draw_initial(model, particle_keys(key_first, num_free), first[2])
     particles = jnp.concatenate([first[0][None], drawn])
     log_weights = weigh(particles, *first[1:])
     _, rest = jax.lax.scan(advance, (particles, log_weights), (jnp.arange(reference.shape[0] - 1), *later))
@@ -116,7 +115,7 @@ def _draw_past(
     otherwise: jax.Array,
 ) -> jax.Array:
     """A particle of the frame before, drawn by w^i p(x | x^i), int32; `otherwise` if none has any probability."""
-    log_transition = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(particles)
+    log_transition = log_transitions_into(model, x, particles, inputs)
     joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
     possible = jnp.any(joint > -jnp.inf)
     drawn = jax.random.categorical(rng_key, jnp.where(possible, joint, 0.0)).astype(jnp.int32)

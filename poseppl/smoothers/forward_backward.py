@@ -22,8 +22,9 @@ import jax.numpy as jnp
 
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, log_transitions, split_rows, tile_rows, with_densities
+from poseppl.smoothers.tiles import check_tile, split_rows, tile_rows, with_densities
 
 
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
@@ -81,7 +82,7 @@ def _support(
         xs, shares = part
 
         gained = with_densities(
-            lambda: log_transitions(model, xs, earlier, inputs),
+            lambda: log_transition_matrix(model, xs, earlier, inputs),
             lambda densities: densities @ weights,
             lambda densities, sums: jnp.where(sums > 0, shares / sums, 0.0) @ densities,
             shares > 0,

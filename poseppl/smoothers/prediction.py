@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel
+from poseppl.program.population import log_initials, log_transition_matrix, transition_moments
 from poseppl.smoothers.base import History
 
 _ELEMENTS = 2**24
@@ -52,7 +53,7 @@ def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tu
 
     def predict(row: Any) -> tuple[jax.Array, jax.Array]:
         particles, log_weights, row_inputs = row
-        means, covariances = jax.vmap(lambda x: model.transition_moments(x, row_inputs))(particles)
+        means, covariances = transition_moments(model, particles, row_inputs)
         noise = jnp.tensordot(normalise(log_weights).weights, covariances, 1)
         return weighted_mean(means, log_weights), weighted_covariance(means, log_weights) + noise
 
@@ -76,7 +77,7 @@ def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, in
     """
     num_frames, num_particles, _ = history.particles.shape
     first = jax.tree.map(lambda a: a[0], inputs)
-    start = jax.vmap(lambda x: model.log_initial(x, first))(history.particles[0])
+    start = log_initials(model, history.particles[0], first)
     if num_frames == 1:
         return start[None]
     size = min(num_predecessors, num_particles)
@@ -84,8 +85,7 @@ def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, in
     def density(row: Any) -> jax.Array:
         key, particles, before, log_weights, row_inputs = row
         chosen = before[systematic(key, log_weights, size)]
-        terms = jax.vmap(lambda x: jax.vmap(lambda b: model.log_transition(x, b, row_inputs))(chosen))(particles)
-        return jax.nn.logsumexp(terms, axis=1) - jnp.log(size)
+        return jax.nn.logsumexp(log_transition_matrix(model, particles, chosen, row_inputs), axis=1) - jnp.log(size)
 
     keys = jax.random.split(rng_key, num_frames - 1)
     later = jax.tree.map(lambda a: a[1:], inputs)

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel
+from poseppl.program.population import log_transitions_into
 from poseppl.smoothers.base import History
 
 _MOST = 512
@@ -43,7 +44,7 @@ def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History
         number, candidates, log_weights, inputs = row
 
         def join(x: jax.Array) -> jax.Array:
-            log_transition = jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(candidates)
+            log_transition = log_transitions_into(model, x, candidates, inputs)
             joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
             return jnp.where(jnp.any(joint > -jnp.inf), joint, log_weights)
 

@@ -18,8 +18,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program import CompiledModel
-
 ENTRIES = 2**20
 """Entries of a tile: enough to keep two cores busy, few enough for the cache."""
 
@@ -55,15 +53,6 @@ def split_rows(array: jax.Array, rows: int) -> jax.Array:
 def join_rows(tiles: jax.Array, num_rows: int) -> jax.Array:
     """Undo `split_rows`."""
     return tiles.reshape(-1, *tiles.shape[2:])[:num_rows]
-
-
-def log_transitions(model: CompiledModel, later: jax.Array, earlier: jax.Array, inputs: Any) -> jax.Array:
-    """Log-densities log p(x_j | x_i) (B, N) of `later` particles (B, d) given `earlier` ones (N, d)."""
-
-    def row(x: jax.Array) -> jax.Array:
-        return jax.vmap(lambda previous: model.log_transition(x, previous, inputs))(earlier)
-
-    return jax.vmap(row)(later)
 
 
 def with_densities(

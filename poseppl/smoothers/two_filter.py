@@ -35,9 +35,10 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
 from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
+from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
 Method = Literal["exact", "linear"]
 
@@ -148,7 +149,7 @@ def _information_filter(
         successors = later.particles[chosen]
         drawn, log_proposal = regression.draw(key_draw, successors)
         log_prior = prior.log_density(drawn)
-        moved = jax.vmap(lambda x, previous: model.log_transition(x, previous, next_inputs))(successors, drawn)
+        moved = log_transitions(model, successors, drawn, next_inputs)
         log_weights = log_prior + log_observation(drawn, observation, inputs) + moved - later.log_prior[chosen] - log_proposal
         result = _Backward(drawn, normalise(log_weights).log_weights, log_prior)
         return result, result
@@ -167,7 +168,7 @@ def _information_filter(
 
 def _log_observations(model: CompiledModel, xs: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
     """Log-likelihoods (N,); 0 for all when none is finite, as if the frame had no data."""
-    values = jax.vmap(lambda x: model.log_observation(x, observation, inputs))(xs)
+    values = log_likelihoods(model, xs, observation, inputs)
     return jnp.where(jnp.any(jnp.isfinite(values)), values, 0.0)
 
 
@@ -177,7 +178,7 @@ def _log_predictive(
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
     def add_up(xs: jax.Array) -> jax.Array:
-        return _log_sum(log_transitions(model, xs, earlier, inputs) + log_weights, 1)
+        return _log_sum(log_transition_matrix(model, xs, earlier, inputs) + log_weights, 1)
 
     return join_rows(jax.lax.map(add_up, split_rows(later, rows)), later.shape[0])
 
@@ -198,7 +199,7 @@ def _log_predictive_of_pairs(
     chosen = jnp.roll(slots, jax.random.randint(key_turn, (), 0, slots.shape[0])).reshape(num_pairs, num_later)
 
     def met(before: jax.Array) -> jax.Array:
-        return jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(later, before)
+        return log_transitions(model, later, before, inputs)
 
     return _log_sum(jax.vmap(met)(earlier[chosen]), 0) - jnp.log(float(num_pairs))
 
@@ -214,14 +215,14 @@ def _first_frame(
         rows = tile_rows(tile, earlier.shape[0], earlier.shape[0])
 
         def add_up(xs: jax.Array) -> jax.Array:
-            return _log_sum(log_transitions(model, backward.particles, xs, inputs) + information[:, None], 0)
+            return _log_sum(log_transition_matrix(model, backward.particles, xs, inputs) + information[:, None], 0)
 
         support = join_rows(jax.lax.map(add_up, split_rows(earlier, rows)), earlier.shape[0])
     else:
         key_slots, key_deal = jax.random.split(rng_key)
         met = backward.particles[systematic(key_slots, information, earlier.shape[0])]
         met = jax.random.permutation(key_deal, met)
-        support = jax.vmap(lambda x, previous: model.log_transition(x, previous, inputs))(met, earlier)
+        support = log_transitions(model, met, earlier, inputs)
     together = normalise(log_weights + support)
     return together.log_weights, together.ess
 

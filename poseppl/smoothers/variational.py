@@ -54,6 +54,7 @@ from poseppl.gaussians.linear_transitions import (
 )
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_initials, log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
@@ -247,7 +248,7 @@ def _expected_prior(
     scales = jax.vmap(_square_root)(covariances)
     reach = jnp.sqrt(float(d)) * scales[0].T
     first = means[0] + jnp.concatenate([reach, -reach])
-    total = jnp.mean(jax.vmap(lambda x: model.log_initial(x, jax.tree.map(lambda a: a[0], inputs)))(first))
+    total = jnp.mean(log_initials(model, first, jax.tree.map(lambda a: a[0], inputs)))
     if num_frames == 1:
         return -total
 
@@ -258,7 +259,7 @@ def _expected_prior(
         earlier = reach * jnp.concatenate([inverse, -scale.T @ gain])
         xs = mean + jnp.concatenate([steps, -steps])
         befores = before + jnp.concatenate([earlier, -earlier])
-        return jnp.mean(jax.vmap(lambda x, x_previous: model.log_transition(x, x_previous, row_inputs))(xs, befores))
+        return jnp.mean(log_transitions(model, xs, befores, row_inputs))
 
     later = jax.tree.map(lambda a: a[1:], inputs)
     rows = means[:-1], means[1:], scales[1:], factor.gains, factor.inverses[:-1], later

@@ -21,8 +21,9 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.tiles import check_tile, join_rows, log_transitions, split_rows, tile_rows
+from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
 
 def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
@@ -41,14 +42,14 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
     check_tile(tile)
 
     def log_observations(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
-        return _usable(jax.vmap(lambda x: model.log_observation(x, observation, inputs))(particles))
+        return _usable(log_likelihoods(model, particles, observation, inputs))
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         particles = history.particles
         num_frames, num_particles, _ = particles.shape
         seen = jax.vmap(log_observations)(particles, observations, inputs)
         first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], inputs) for rows in (0, slice(1, None)))
-        start = _usable(jax.vmap(lambda x: model.log_initial(x, first))(particles[0])) + seen[0]
+        start = _usable(log_initials(model, particles[0], first)) + seen[0]
         frames = (particles[:-1], particles[1:], seen[1:], later)
         best, predecessors = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
         last = jnp.argmax(best)
@@ -67,7 +68,7 @@ def _forward(model: CompiledModel, tile: int | None, best: jax.Array, frame: Any
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
     def maximise(xs: jax.Array) -> tuple[jax.Array, jax.Array]:
-        paths = log_transitions(model, xs, earlier, inputs) + best
+        paths = log_transition_matrix(model, xs, earlier, inputs) + best
         paths = jnp.where(jnp.isnan(paths), -jnp.inf, paths)
         return jnp.max(paths, 1), jnp.argmax(paths, 1)
 

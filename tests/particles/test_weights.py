@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.particles.weights import effective_sample_size, normalise, weighted_covariance, weighted_mean
+from poseppl.particles.weights import effective_sample_size, normalise, weigh, weighted_covariance, weighted_mean
 
 
 def reference(log_weights):
@@ -64,3 +64,21 @@ def test_particles_without_weight_are_not_read():
 def test_gradients_are_finite_with_weights_of_zero():
     gradient = jax.grad(lambda w: normalise(w).log_mean)(jnp.array([0.0, -jnp.inf, -1.0]))
     assert np.isfinite(gradient).all()
+
+
+def test_particles_are_weighed_by_their_likelihoods():
+    prior, likelihood = np.array([0.5, 0.3, 0.2]), np.array([0.1, 0.4, 0.0])
+    weighed = weigh(jnp.log(prior), jnp.log(likelihood))
+    np.testing.assert_allclose(np.exp(weighed.log_weights), prior * likelihood / (prior @ likelihood), rtol=1e-5)
+    np.testing.assert_allclose(np.exp(weighed.log_evidence), prior @ likelihood, rtol=1e-5)
+    assert not weighed.failed
+
+
+@pytest.mark.parametrize("impossible", [-jnp.inf, jnp.nan])
+def test_impossible_data_leave_the_weights_before_them(impossible):
+    prior = np.array([0.5, 0.3, 0.2])
+    weighed = weigh(jnp.log(2 * prior), jnp.full(3, impossible))
+    np.testing.assert_allclose(np.exp(weighed.log_weights), prior, rtol=1e-5)
+    np.testing.assert_allclose(weighed.ess, 1 / (prior**2).sum(), rtol=1e-5)
+    assert weighed.log_evidence == -jnp.inf
+    assert weighed.failed

@@ -18,6 +18,7 @@ from poseppl.experiments.jobs import Job
 from poseppl.filters.chains import ChainState
 from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking.problem import Problem
+from poseppl.program.population import log_transitions_into
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.results import QUANTILES
 
@@ -154,7 +155,7 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         particles, weights = state.particles, state.log_weights
         if isinstance(state, ChainState):  # the last draw of each chain, as in Eq. 9
             particles, weights = particles[:, -1], weights[:, -1]
-        terms = jax.vmap(lambda x: model.log_transition(truth, x, inputs))(particles.reshape(-1, model.dimension))
+        terms = log_transitions_into(model, truth, particles.reshape(-1, model.dimension), inputs)
         weights = weights.reshape(-1)
         return jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights)
 

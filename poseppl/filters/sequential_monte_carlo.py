@@ -1,0 +1,121 @@
+r"""Sequential Monte Carlo with a proposal: the one filter behind the particle, the guided and the auxiliary filter.
+
+With a proposal q and, of the auxiliary filter (Pitt and Shephard 1999, doi:10.1080/01621459.1999.10474153), an estimate
+\lambda_i of p(z_t | x_(t-1)^(i)), for each frame t:
+
+1. resample: when the ESS is at or below the threshold, a_i ~ w_j \lambda_j, and the weights become sum_j w_j \lambda_j / (N
+   \lambda_(a_i)); without looking ahead \lambda is 1;
+2. propose: x_i ~ q(x_t | x_(t-1)^(a_i), z_t);
+3. weigh: w_i is proportional to its old weight times p(z_t | x_i) p(x_i | x_(t-1)^(a_i)) / q(x_i).
+
+The evidence increment is the log of the sum of the products in step 3: its exponential's product over the frames is an unbiased
+estimate of p(z_1..t), with resampling at every frame or only at some, for any proposal that is positive where the posterior is.
+
+If no particle can explain a frame (every weight zero or NaN) the frame is reported as failed and its particles count as draws
+of the prediction, by the weights that they had before the likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.filters.adaptive_resampling import AdaptiveResampling, Ancestry
+from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.particles.weights import weigh
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.population import log_initials, log_likelihoods, log_transitions
+
+
+class ParticleState(NamedTuple):
+    """Weighted particles.
+
+    Attributes:
+        particles: Flat states (N, d).
+        log_weights: Normalised log-weights (N,).
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+
+
+Draw = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array | None]]
+"""`(rng_key, ancestors (N,)) -> states (N, d) and their log-densities (N,)`; the latter None where the proposal is the
+transition, whose density then cancels."""
+
+
+class Lookahead(NamedTuple):
+    """The proposals of a frame.
+
+    Attributes:
+        draw: Draws states.
+        log_predictive: Log lambda (N,) of each particle as an ancestor, or None.
+        num_gradient: Gradients of the likelihood that it took.
+    """
+
+    draw: Draw
+    log_predictive: jax.Array | None = None
+    num_gradient: int = 0
+
+
+Propose = Callable[[jax.Array | None, Observation, Any], Lookahead]
+"""`(particles, observation, inputs) -> Lookahead`; particles of the frame before (N, d), or None at the first frame."""
+
+
+def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampling) -> Filter:
+    """Build the filter.
+
+    Args:
+        model: The compiled model.
+        propose: The proposals.
+        adaptive: How many particles, and when they are resampled.
+
+    Returns:
+        The filter; its state is :class:`ParticleState`. `Info.ess` is the lesser one of the weights that ancestors were drawn
+        by, where these looked ahead, and of the particles' own.
+    """
+
+    def update(
+        rng_key: jax.Array,
+        previous: jax.Array | None,
+        lookahead: Lookahead,
+        ancestry: Ancestry,
+        observation: Observation,
+        inputs: Any,
+    ) -> tuple[ParticleState, Info]:
+        particles, log_proposal = lookahead.draw(rng_key, ancestry.ancestors)
+        log_prior = ancestry.log_weights
+        if log_proposal is not None:
+            if previous is None:
+                log_density = log_initials(model, particles, inputs)
+            else:
+                log_density = log_transitions(model, particles, previous[ancestry.ancestors], inputs)
+            log_prior = log_prior + (log_density - log_proposal)
+        weighed = weigh(log_prior, log_likelihoods(model, particles, observation, inputs))
+        info = filter_info(
+            weighed.log_evidence,
+            jnp.minimum(ancestry.ess, weighed.ess),
+            ancestry.ancestors,
+            weighed.failed,
+            num_likelihood=adaptive.num_particles,
+            num_gradient=lookahead.num_gradient,
+        )
+        return ParticleState(particles, weighed.log_weights), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+        uniform = jnp.full(adaptive.num_particles, -jnp.log(adaptive.num_particles))
+        lookahead = propose(None, observation, inputs)
+        return update(rng_key, None, lookahead, adaptive.keep(uniform), observation, inputs)
+
+    def step(
+        rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
+    ) -> tuple[ParticleState, Info]:
+        key_resample, key_predict = jax.random.split(rng_key)
+        lookahead = propose(state.particles, observation, inputs)
+        ancestry = adaptive.choose(key_resample, state.log_weights, lookahead.log_predictive)
+        return update(key_predict, state.particles, lookahead, ancestry, observation, inputs)
+
+    return Filter(init, step, genealogy=True)
