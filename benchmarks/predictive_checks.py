@@ -1,14 +1,15 @@
 """Do predictive checks, which need no truth, tell the runs whose intervals are too narrow?
 
     python benchmarks/predictive_checks.py [--quick] [--models lorenz,growth] [--filters NAMES] [--seeds 3] [--frames 100]
-        [--output predictive-checks]
+        [--output predictive-checks] [--again]
 
 Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
 noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
 built-in walk seen by one camera and by two; `--models recordings` tracks some of $POSEPPL_DATA, seen by two. A run is missed
 whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
 more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
-again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words.
+again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words, so that `--again` judges the predictions of
+all by the present verdict.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ from rendered_walks import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import predictive_figures, verdicts
+from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, recorded_subject, track, walking_subject
@@ -133,11 +134,16 @@ class Judged(NamedTuple):
     inflation: float
     errors: list[str]
 
-    @property
-    def kinds(self) -> str:
-        """What the errors are about."""
-        predicted = sum(text.startswith("The data say") for text in self.errors)
-        return " ".join(["prediction"] * (predicted > 0) + ["other"] * (len(self.errors) > predicted)) or "none"
+
+def kinds(errors: Sequence[str]) -> str:
+    """What errors are about."""
+    predicted = sum(map(predictive, errors))
+    return " ".join(["prediction"] * (predicted > 0) + ["other"] * (len(errors) > predicted)) or "none"
+
+
+def predictive(error: str) -> bool:
+    """Whether an error is that of the predictive checks."""
+    return error.startswith("The data say")
 
 
 def judge(tree: Any) -> Judged:
@@ -164,23 +170,42 @@ def keep(folder: Path, key: tuple[str, ...], tree: Any, judged: Judged) -> None:
     arrays = {name: np.asarray(value, np.float32) for name, value in prediction_of(tree)._asdict().items()}
     mean, spread = (tree["summary"].dataset[f"state_{name}"].values for name in ("mean", "sd"))
     state = {"state_mean": mean, "state_sd": spread, "truth": tree["truth"].dataset["state"].values}
-    name = re.sub(r"[^\w.]+", "_", "-".join(key))
-    np.savez_compressed(folder / f"{name}.npz", **arrays, **state, errors=np.array(judged.errors, str))
+    np.savez_compressed(folder / file_of(key), **arrays, **state, errors=np.array(judged.errors, str))
 
 
-def fault(coverage: float, kinds: str) -> str:
+def file_of(key: tuple[str, ...]) -> str:
+    """Name of the file that keeps a run."""
+    return re.sub(r"[^\w.]+", "_", "-".join(key)) + ".npz"
+
+
+def judged_again(folder: Path, row: tuple[str, ...]) -> tuple[str, ...]:
+    """The row of a kept run by the present verdict of its predictions, and the other errors as they were."""
+    with np.load(folder / file_of(row[:_KEY])) as kept:
+        prediction = Prediction(*(kept[name] for name in Prediction._fields))
+        others = [text for text in kept["errors"].tolist() if not predictive(text)]
+    found = [each.text for each in check_predictions(prediction) if each.severity == "error"]
+    inflation = predictive_figures(prediction).inflation.estimate
+    return (*row[:_KEY], row[_KEY], f"{inflation:.4g}", kinds([*found, *others]))
+
+
+def fault(coverage: float, found: str) -> str:
     """Whether a run is missed or wrongly accused."""
-    return "missed" if coverage < LEAST and kinds == "none" else "accused" if coverage > MOST and kinds != "none" else ""
+    return "missed" if coverage < LEAST and found == "none" else "accused" if coverage > MOST and found != "none" else ""
 
 
 def main() -> None:
-    options = arguments(__doc__, models="lorenz,growth,linear", filters="", seeds=3, frames=100, output="predictive-checks")
+    options = arguments(
+        __doc__, models="lorenz,growth,linear", filters="", seeds=3, frames=100, output="predictive-checks", again=False
+    )
     start_jax()
     output = Path(options.output)
     output.mkdir(parents=True, exist_ok=True)
     seeds, frames = (1, 12) if options.quick else (options.seeds, options.frames)
     table = Table("predictive_checks", _COLUMNS, read_runs(output / "predictive_checks.csv"), _ABOUT)
-    for which in options.models.split(","):
+    if options.again:
+        table.rows[:] = [judged_again(output / "predictions", row) for row in table.rows]
+        write_csv(table, output)
+    for which in options.models.split(",") if not options.again else ():
         known = FILTERS if which in TOYS else BODIES
         names = [name for name in options.filters.split(",") if name] or list(known)
         runs = {"walk": walk_runs, "recordings": recorded_runs}.get(which, partial(toy_runs, which))
@@ -191,9 +216,9 @@ def main() -> None:
             tree = wanted.make()
             judged = judge(tree)
             keep(output / "predictions", key, tree, judged)
-            table.rows.append((*key, f"{judged.coverage:.4g}", f"{judged.inflation:.4g}", judged.kinds))
+            table.rows.append((*key, f"{judged.coverage:.4g}", f"{judged.inflation:.4g}", kinds(judged.errors)))
             write_csv(table, output)
-            print(*table.rows[-1], fault(judged.coverage, judged.kinds), sep="\t", flush=True)
+            print(*table.rows[-1], fault(judged.coverage, table.rows[-1][-1]), sep="\t", flush=True)
     faults = [fault(float(row[4]), row[6]) for row in table.rows]
     show("", [*_COLUMNS, ""], [[*row, found] for row, found in zip(table.rows, faults, strict=True)])
     missed, accused = (faults.count(name) for name in ("missed", "accused"))

@@ -52,3 +52,18 @@ def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pyte
         assert set(Prediction._fields) <= set(arrays) and arrays["innovation"].shape == (12, 1)
         spread = np.abs(arrays["state_mean"] - arrays["truth"]) / arrays["state_sd"]
     assert np.mean(spread < 1.645) == pytest.approx(float(rows[0]["coverage"]), abs=0.1)
+
+
+def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    wide = Prediction(
+        *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)), np.ones((100, 3)), np.full((100, 3), 0.1), *[np.ones(100)] * 2
+    )
+    key = ("Lorenz-96, noise 1", "hmc", "0", "100")
+    errors = np.array(["Effective number of particles below 10"])
+    np.savez(tmp_path / benchmark.file_of(key), **wide._asdict(), errors=errors)
+    again = benchmark.judged_again(tmp_path, (*key, "0.7", "1.2", "other"))
+    assert again[:5] == (*key, "0.7") and float(again[5]) > 3 and again[6] == "prediction other"
+    calm = wide._replace(innovation=wide.innovation / 2, chi_square_transform=rng.uniform(size=100))
+    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), errors=np.array(["The data say so"]))
+    assert benchmark.judged_again(tmp_path, (*key, "0.9", "4", "prediction"))[6] == "none"

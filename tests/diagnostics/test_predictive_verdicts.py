@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import chi2, kstest, norm
 
 from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.diagnostics.predictive import implied_coverage
@@ -27,7 +27,9 @@ def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float 
     z, state = np.array(innovations), np.array(claimed)
     white = z / np.sqrt(state + noise)
     squares = (white**2).sum(axis=1)
-    return Prediction(norm.cdf(white), z, state, np.full_like(z, noise), squares / data.shape[1], norm.cdf(squares))
+    return Prediction(
+        norm.cdf(white), z, state, np.full_like(z, noise), squares / data.shape[1], chi2.cdf(squares, data.shape[1])
+    )
 
 
 def walks(noise: float, seed: int, steps: np.ndarray | None = None) -> np.ndarray:
@@ -64,6 +66,27 @@ def test_noise_that_hides_the_state_does_not_hide_over_confidence() -> None:
     # both estimate the same ratio
     gap = figures.by_products.estimate - figures.by_squares.estimate
     assert abs(gap) < 4 * np.hypot(figures.by_products.standard_error, figures.by_squares.standard_error)
+
+
+def shorter(noise: float, seed: int, **wrong: float) -> Prediction:
+    """Forty frames of one entry."""
+    return kalman(walks(noise, seed)[:40, :1], noise, **wrong)
+
+
+def test_forty_numbers_tell_half_of_the_variance() -> None:
+    """Batches of so few frames do not: their interval excludes 1 in a third of the sequences."""
+    right, wrong = ([shorter(PRECISE, seed, step=step) for seed in range(200)] for step in (0.25, 0.11))
+    found, accused = (sum("Over-confident" in str(check_predictions(each)) for each in runs) for runs in (wrong, right))
+    assert found > 120 and accused <= 10  # 144 and 6; the level is 2.5 %, and batches add to it
+    inflations = [predictive_figures(each).inflation for each in wrong]
+    assert sum(each.estimate - each.half_width > 1 for each in inflations) < 80
+
+
+@pytest.mark.parametrize("noise", [PRECISE, NOISY])
+def test_chance_is_uniform_where_predictions_hold(noise: float) -> None:
+    chances = np.array([predictive_figures(shorter(noise, seed)).chance for seed in range(400)])
+    assert kstest(chances, "uniform").pvalue > 1e-4
+    assert predictive_figures(shorter(noise, 0, step=0.001, narrow=0.1)).chance < 1e-4
 
 
 def test_smooth_motion_within_wide_steps_is_no_error() -> None:

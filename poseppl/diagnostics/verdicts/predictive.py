@@ -12,6 +12,8 @@ from poseppl.runs.results import provenance
 
 INFLATION_HIGH = 1.4
 """Variance of errors over the claimed one, from which intervals are called too narrow: 90 % intervals cover 84 % then."""
+CHANCE_LOW = 0.025
+"""Chance of innovations as large as these, below which they are more than chance: one side of a 95 % interval."""
 INFLATION_LOW = 0.5
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
@@ -41,7 +43,8 @@ def check_predictions(prediction: Prediction) -> list[Verdict]:
     found, _, reach = figures.inflation
     if not np.isfinite(reach):
         return []
-    if found > INFLATION_HIGH and found - reach > 1 and _may_exceed(figures):
+    beyond_chance = found - reach > 1 or figures.chance < CHANCE_LOW
+    if found > INFLATION_HIGH and beyond_chance and _may_exceed(figures):
         share = implied_coverage(found)
         advice = "over-confident: use more particles or chains or another filter, or widen the model's noise or transition"
         return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {advice.capitalize()}.")]
