@@ -107,21 +107,22 @@ def main() -> None:
     frames, runs = (5, 1) if options.quick else (options.frames, options.runs)
     output.mkdir(parents=True, exist_ok=True)
     table = Table("runs", _COLUMNS, read_runs(output / "runs.csv"), "Runs of random_walk.py; mm and seconds.")
-    trackers: dict[int, Tracker] = {}
+    trackers: dict[tuple[int, bool], Tracker] = {}
     for cameras, name in itertools.product(map(int, options.cameras.split(",")), options.recordings.split(",")):
         if name == BALANCING and cameras == 1:
             continue
         watched = (
             watch_keypoints(folder / name, frames, runs) if name == BALANCING else watch(folder, name, cameras, frames, runs)
         )
-        if cameras not in trackers:
-            trackers[cameras] = Tracker(watched.scenes[0])
+        kind = (cameras, name == BALANCING)  # whose cameras have a distortion, and another program therefore
+        if kind not in trackers:
+            trackers[kind] = Tracker(watched.scenes[0])
         for walk, (seed, scene) in itertools.product(options.walks.split(","), enumerate(watched.scenes)):
             key = (name, f"{scene.rate:g}", str(cameras), walk, str(len(scene.points)), str(seed))
             same = walk == "frame" and scene.rate == ASSUMED_RATE
             if same or key in {row[:_KEY] for row in table.rows}:
                 continue
-            summary, *seconds = trackers[cameras].run(scene, walk, seed)
+            summary, *seconds = trackers[kind].run(scene, walk, seed)
             found = (*measured(scene, summary, watched.reference), *seconds)
             table.rows.append((*key, *(f"{value:.5g}" for value in found)))
             write_csv(table, output)
