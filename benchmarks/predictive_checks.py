@@ -5,7 +5,7 @@
 
 Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
 noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
-built-in walk seen by one camera and by two; `--models recordings` tracks some of $POSEPPL_DATA, seen by two. A run is missed
+built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py in the same way. A run is missed
 whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
 more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
 again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words, so that `--again` judges the predictions of
@@ -28,6 +28,7 @@ import numpy as np
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl_models.lorenz96 import lorenz96
+from random_walk import RECORDINGS, measured_problem, watch
 from rendered_walks import read_runs
 from timing import arguments, show
 
@@ -35,8 +36,9 @@ from poseppl.cli.console import start_jax
 from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters.registry import build_filter
-from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, recorded_subject, track, walking_subject
-from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, track, walking_subject
+from poseppl.motion.tracking.placing import camera_names
+from poseppl.motion.tracking.track import _result, walk_params
 from poseppl.program import CompiledModel
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.outcome import result_of_run
@@ -54,7 +56,8 @@ _ABOUT = (
 )
 LEAST, MOST = 0.8, 0.87
 """Coverage below which a run ought to have an error, and above which it ought to have none."""
-RECORDINGS = (("cmu_walks/05_01.amc", "05.asf"), ("cmu_walks/07_01.amc", "07.asf"), ("cmu_amc/02_04.amc", "02.asf"))
+_SHARED: dict[tuple[int, str], tuple[CompiledModel, Any]] = {}
+"""Compiled body and collector, by the number of cameras and the filter."""
 
 
 class Toy(NamedTuple):
@@ -112,13 +115,24 @@ def walk_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
 
 
 def recorded_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
-    """Runs on recordings, seen by two cameras."""
+    """Runs on recordings, seen by one camera and by two."""
+    for cameras, name, recording, seed in itertools.product((1, 2), names, RECORDINGS, range(seeds)):
+        title = f"{recording}, {cameras} camera{'s' * (cameras > 1)}"
+        yield Wanted(title, name, seed, partial(recorded_result, recording, cameras, name, seed, frames))
+
+
+def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: int) -> Any:
+    """Result of a filter on a recording, its limbs among the inputs, so that all share one program."""
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
-    for file, skeleton in RECORDINGS:
-        path = folder / file
-        subject = recorded_subject(path, path.with_name(skeleton), frames=f"0:{4 * frames}:4")
-        for name, seed in itertools.product(names, range(seeds)):
-            yield Wanted(path.stem, name, seed, partial(tracked, subject, cameras_around(subject, count=2), 2, name, seed))
+    scene = watch(folder, recording, cameras, frames, seed + 1).scenes[seed]
+    if (cameras, name) not in _SHARED:
+        model = measured_problem(scene, None).model
+        _SHARED[cameras, name] = model, measured_problem(scene, model).collector(20)
+    model, collect = _SHARED[cameras, name]
+    problem, (filter, _, predict) = measured_problem(scene, model), filter_of(name, model)
+    key, count = jax.random.key(seed), len(scene.points)
+    run = run_filter(filter, key, problem.observations, problem.inputs, num_frames=count, collect=collect, predict=predict)
+    return _result(scene, problem, run, {"filter": name, "settings": walk_params(scene.body, TrackSettings())})
 
 
 def tracked(subject: Any, cameras: Any, count: int, name: str, seed: int) -> Any:
