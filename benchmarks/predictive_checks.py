@@ -5,7 +5,7 @@
 
 Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
 noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
-built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py in the same way. A run is missed
+built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py so. A run is missed
 whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
 more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
 again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words, so that `--again` judges the predictions of
