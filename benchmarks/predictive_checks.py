@@ -28,7 +28,7 @@ import numpy as np
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl_models.lorenz96 import lorenz96
-from random_walk import RECORDINGS, measured_problem, watch
+from random_walk import RECORDINGS, shared_problem, watch
 from rendered_walks import read_runs
 from timing import arguments, show
 
@@ -126,10 +126,10 @@ def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: 
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
     scene = watch(folder, recording, cameras, frames, seed + 1).scenes[seed]
     if (cameras, name) not in _SHARED:
-        model = measured_problem(scene, None).model
-        _SHARED[cameras, name] = model, measured_problem(scene, model).collector(20)
+        model = shared_problem(scene, None).model
+        _SHARED[cameras, name] = model, shared_problem(scene, model).collector(20)
     model, collect = _SHARED[cameras, name]
-    problem, (filter, _, predict) = measured_problem(scene, model), filter_of(name, model)
+    problem, (filter, _, predict) = shared_problem(scene, model), filter_of(name, model)
     key, count = jax.random.key(seed), len(scene.points)
     run = run_filter(filter, key, problem.observations, problem.inputs, num_frames=count, collect=collect, predict=predict)
     return _result(scene, problem, run, {"filter": name, "settings": walk_params(scene.body, TrackSettings())})

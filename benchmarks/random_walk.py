@@ -24,9 +24,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-import numpyro
 from balancing import STATURE, errors, read_triangulation
 from poseppl_models.choo_fleet import full_body
 from rendered_walks import read_runs
@@ -37,17 +35,15 @@ from poseppl.diagnostics import joint_error
 from poseppl.diagnostics.calibration import between
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters import assumed_density_filter
-from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import read_cameras
-from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.motion.tracking import Problem, Scene, observe_motion, pose_problem, recorded_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 from poseppl.motion.tracking.scene import noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.motion.tracking.walk_learning import learn_walk
-from poseppl.program import CompiledModel, StateSpaceModel
+from poseppl.program import CompiledModel
 from poseppl.runs.results import QUANTILES
-from poseppl.runs.run import Constant, frame_inputs, run_filter
+from poseppl.runs.run import run_filter
 
 BALANCING = "pose2sim_balancing"
 _CMU = {
@@ -169,46 +165,22 @@ def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
     return Watched([scene] * runs, read_triangulation(folder / "reference" / "Balancing_for_IK.trc", frames))
 
 
-class MeasuredInputs(NamedTuple):
-    """A body's inputs and the limbs of a person, so that all recordings share one compiled program."""
-
-    cameras: Any
-    noise: Any
-    start: Any
-    start_scale: Any
-    step_scale: Any
-    offsets: Any
-    marker_offsets: Any
-
-
-def measured_problem(scene: Scene, model: CompiledModel | None) -> Problem:
-    """The scene's problem, with limbs among its inputs; the model is compiled if there is none."""
-    problem, tree = pose_problem(scene), scene.body.tree
-    inputs = MeasuredInputs(*problem.inputs, Constant(tree.offsets), Constant(tree.marker_offsets))
-    if model is None:
-        body = full_body({"shoulder_forward": 1.0, "hip_forward": 1.0})  # no offset is 0, which programs make use of
-
-        def observation(params: Any, state: Any, inputs: MeasuredInputs) -> None:
-            own = body.tree.with_offsets(inputs.offsets, inputs.marker_offsets)
-            pose = jnp.concatenate(list(state.values()))
-            numpyro.sample("points", ProjectedMarkers(own, inputs.cameras, pose, inputs.noise))
-            numpyro.deterministic("markers", marker_positions(own, pose))
-
-        program = StateSpaceModel(body.program.initial, body.program.transition, observation)
-        model = program.compile(frame_inputs(inputs, 0))
-    return problem._replace(model=model, inputs=inputs)
+def shared_problem(scene: Scene, model: CompiledModel | None) -> Problem:
+    """The scene's problem, by the model of another scene if there is one: limbs are inputs, so that a program serves all."""
+    problem = pose_problem(scene)
+    return problem if model is None else problem._replace(model=model)
 
 
 class Tracker:
     """The default tracker of so many cameras, compiled once."""
 
     def __init__(self, scene: Scene) -> None:
-        self.model = measured_problem(scene, None).model
-        self.filter, self.collect = assumed_density_filter(self.model), measured_problem(scene, self.model).collector(2)
+        self.model = shared_problem(scene, None).model
+        self.filter, self.collect = assumed_density_filter(self.model), shared_problem(scene, self.model).collector(2)
 
     def run(self, scene: Scene, walk: str, seed: int) -> tuple[dict[str, Any], float, float]:
         """Summary of a run, its seconds, and those of learning; compilation left out."""
-        problem = measured_problem(scene._replace(rate=ASSUMED_RATE) if walk == "frame" else scene, self.model)
+        problem = shared_problem(scene._replace(rate=ASSUMED_RATE) if walk == "frame" else scene, self.model)
         learning = 0.0
         if walk == "learned":
             learn_walk(problem)  # compiles
