@@ -110,7 +110,7 @@ def _target(given: str, field: str, *suffixes: str) -> Path:
 
 def _print(comparison: Any, targets: list[Path]) -> None:
     from poseppl.cli.console import print_columns
-    from poseppl.report.compare_words import findings
+    from poseppl.diagnostics.verdicts.comparison import findings
 
     head, rows = _columns(comparison)
     print_columns("poseppl compare", head, rows)

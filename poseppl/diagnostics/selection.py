@@ -32,6 +32,21 @@ def frame_numbers(tree: xr.DataTree) -> NDArray[np.int64]:
     return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
 
 
+def frame_index(tree: xr.DataTree, frame: int | None) -> int:
+    """Index of a frame number; the middle frame if None.
+
+    Raises:
+        ValueError: There is no such frame.
+    """
+    numbers = frame_numbers(tree)
+    if frame is None:
+        return len(numbers) // 2
+    found = np.flatnonzero(numbers == frame)
+    if not len(found):
+        raise ValueError(f"the result has no frame {frame}; expected {numbers[0]} to {numbers[-1]}")
+    return int(found[0])
+
+
 def variable(tree: xr.DataTree, group: str, name: str) -> Array | None:
     """Values of a variable.
 

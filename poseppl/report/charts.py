@@ -1,182 +1,191 @@
-"""The interactive charts of the report, as Plotly's plain data and layout: error, mixing, evidence, and every coordinate."""
+"""The charts of a result: error, coverage, mixing, evidence, autocorrelation, traces, and every coordinate."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
 
-from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_numbers, variable
-from poseppl.report.chart_parts import Chart, escaped, layout_of, line, plain
-from poseppl.report.picture import BAND, MUTED, OBSERVED, POSTERIOR, TRUTH
+from poseppl.diagnostics.selection import (
+    Array,
+    evenly,
+    expected_error,
+    frame_index,
+    frame_numbers,
+    has_chains,
+    variable,
+    worst_pairs,
+)
+from poseppl.report.chart import Chart, Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points
+from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, TRUTH
 from poseppl.report.prediction_chart import prediction_chart
 from poseppl.runs.results import is_weighted
 
 MAX_POINTS = 600
-_NO_LINE = {"width": 0}
+MAX_CHAINS = 40
+Pairs = Sequence[tuple[int, str]]
 
 
-def charts(tree: xr.DataTree) -> dict[str, Chart]:
-    """Make the charts that a result has data for.
-
-    Args:
-        tree: A diagnosed result.
-
-    Returns:
-        ``data`` and ``layout`` by the name of the chart.
-    """
-    chosen = evenly(tree["posterior"].sizes["frame"], MAX_POINTS)
-    made = {
-        "error": _error(tree, chosen),
+def charts(tree: xr.DataTree) -> dict[str, Any]:
+    """Make the charts that a diagnosed result has data for, by name; of ``coordinates`` one each, with its ``label``."""
+    made: dict[str, Any] = {
+        "error": chart(error_traces(tree), "mm"),
         "coverage": _coverage(tree),
-        "inefficiency": _inefficiency(tree, chosen),
-        "progress": _progress(tree, chosen),
+        "inefficiency": _inefficiency(tree),
+        "progress": _progress(tree),
         "predictions": prediction_chart(tree),
     }
-    return {name: chart for name, chart in made.items() if chart is not None}
-
-
-def coordinate_data(tree: xr.DataTree) -> dict[str, Any]:
-    """Collect mean, central 90 % interval and truth of every coordinate over the frames.
-
-    Args:
-        tree: The result.
-
-    Returns:
-        Plain lists, (dof, frame) each, ready for JSON.
-    """
-    chosen = evenly(tree["posterior"].sizes["frame"], MAX_POINTS)
-    summary, truth = tree["summary"].dataset, variable(tree, "truth", "state")
-    quantile = summary["state_quantile"].values if "state_quantile" in summary else None
-    return {
-        "frames": frame_numbers(tree)[chosen].tolist(),
-        "names": [str(name) for name in tree["posterior"].dataset["dof"].values],
-        "mean": plain(summary["state_mean"].values[chosen].T),
-        "low": None if quantile is None else plain(quantile[chosen, 0].T),
-        "high": None if quantile is None else plain(quantile[chosen, -1].T),
-        "truth": None if truth is None else plain(truth[chosen].T),
-    }
-
-
-def _error(tree: xr.DataTree, chosen: Array) -> Chart | None:
-    band, error = expected_error(tree), variable(tree, "diagnostics", "joint_error")
-    relative = variable(tree, "diagnostics", "joint_error_relative")
-    if band is None:
-        return None
-    x = frame_numbers(tree)[chosen].tolist()
-    data = [
-        line(x, band[2][chosen], "posterior expects, 95 %", BAND, line=_NO_LINE, showlegend=False),
-        line(x, band[0][chosen], "posterior expects (90 %)", BAND, line=_NO_LINE, fill="tonexty", fillcolor=BAND),
+    if has_chains(tree):
+        made["autocorrelation"] = chart(autocorrelation_traces(tree), "", xlabel="lag (draws)", yaxis={"rangemode": "normal"})
+        panels = trace_panels(tree)
+        made["trace"] = grid(panels, columns=min(2, len(panels)), height=60 + 90 * len(panels), showlegend=False)
+    made["coordinates"] = [
+        {"label": name} | (chart(state_traces(tree, dof), "", height=300, yaxis={"rangemode": "normal"}) or {})
+        for dof, name in enumerate(_names(tree))
     ]
+    return {name: each for name, each in made.items() if each is not None}
+
+
+def error_traces(tree: xr.DataTree) -> Traces:
+    """Mean joint error over frames on the 90 % band of errors that the posterior expects; nothing without markers.
+
+    The band holds the distance of draws from their mean: where the posterior is calibrated the truth behaves as one more draw.
+    """
+    expected, error = expected_error(tree), variable(tree, "diagnostics", "joint_error")
+    relative = variable(tree, "diagnostics", "joint_error_relative")
+    if expected is None:
+        return []
+    x, chosen = _frames(tree)
+    traces = band(x, expected[0][chosen], expected[2][chosen], "posterior expects (90 %)")
+    median = line(x, expected[1][chosen], "posterior expects (median)", POSTERIOR)
+    traces.append(median | {"line": {"color": POSTERIOR, "width": 1.2}})
     if error is not None and relative is not None:
-        data.append(line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
-        data.append(line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
-    return {"data": data, "layout": layout_of("mm")}
+        traces.append(line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
+        traces.append(line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
+    return traces
 
 
-def _coverage(tree: xr.DataTree) -> Chart | None:
-    levels = variable(tree, "diagnostics", "level")
-    if levels is None:
-        return None
-    data: list[dict[str, Any]] = []
-    for name, label, color in (("coverage", "state", POSTERIOR), ("coverage_markers", "markers", OBSERVED)):
-        share, error = variable(tree, "diagnostics", name), variable(tree, "diagnostics", f"{name}_se")
-        if share is None or error is None or not np.isfinite(share).all():
-            continue
-        bars = {"type": "data", "array": plain(200 * error), "color": color, "thickness": 1.5}
-        point = {"size": 9, "color": color}
-        data.append(
-            line(
-                plain(100 * levels),
-                100 * share,
-                f"{label} (± 2 standard errors)",
-                color,
-                error_y=bars,
-                mode="markers",
-                marker=point,
-            )
-        )
-    if not data:
-        return None
-    ideal = {"color": MUTED, "width": 1, "dash": "dot"}
-    data.insert(0, line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line=ideal, hoverinfo="skip"))
-    layout = layout_of("truth inside (%)", hovermode="closest")
-    layout["xaxis"] = layout["xaxis"] | {"title": {"text": "nominal level (%)"}, "range": [44, 96], "tickvals": [50, 80, 90]}
-    layout["yaxis"] = layout["yaxis"] | {"range": [0, 102]}
-    return {"data": data, "layout": layout}
+def state_traces(tree: xr.DataTree, dof: int) -> Traces:
+    """Filtered mean of a coordinate over the frames, on its central 90 % interval, with the truth."""
+    (x, chosen), summary, truth = _frames(tree), tree["summary"].dataset, variable(tree, "truth", "state")
+    traces: Traces = []
+    if "state_quantile" in summary:
+        ends = summary["state_quantile"].values[chosen, :, dof]
+        traces += band(x, ends[:, 0], ends[:, -1], "central 90 %")
+    traces.append(line(x, summary["state_mean"].values[chosen, dof], "posterior mean", POSTERIOR))
+    return traces if truth is None else [*traces, line(x, truth[chosen, dof], "truth", TRUTH)]
 
 
-def _inefficiency(tree: xr.DataTree, chosen: Array) -> Chart | None:
+def inefficiency_heat(tree: xr.DataTree) -> tuple[dict[str, Any], float] | None:
+    """Inefficiency factors of every frame and coordinate, and the largest, at least 10; none of particles and short chains."""
     tau = variable(tree, "diagnostics", "tau")
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
         return None
-    names = [str(name) for name in tree["posterior"].dataset["dof"].values]
-    shown = np.maximum(tau[chosen].T, 1e-3)
-    top = max(float(np.log10(np.nanmax(tau))), 1.0)
-    ticks = [value for value in (1, 3, 10, 30, 100, 300, 1000) if np.log10(value) <= top]
-    heat = {
-        "type": "heatmap",
-        "x": frame_numbers(tree)[chosen].tolist(),
-        "y": [escaped(name) for name in names],
-        "z": plain(np.log10(shown)),
-        "customdata": plain(tau[chosen].T),
-        "hovertemplate": "%{y}, frame %{x}<br>τ = %{customdata:.1f}<extra></extra>",
-        "zmin": 0,
-        "zmax": top,
-        "colorscale": "YlGnBu",
-        "reversescale": True,
-        "colorbar": {
-            "title": {"text": "τ"},
-            "tickvals": np.log10(ticks).tolist(),
-            "ticktext": [str(t) for t in ticks],
-            "thickness": 12,
-        },
-    }
-    layout = layout_of("", height=130 + 17 * max(len(names), 6), hovermode="closest")
-    layout["yaxis"] = {"autorange": "reversed", "automargin": True, "tickfont": {"size": 10}, "type": "category"}
-    layout["margin"] = layout["margin"] | {"l": 110}
-    return {"data": [heat], "layout": layout}
+    x, chosen = _frames(tree)
+    drawn = heat(x, _names(tree), tau[chosen].T, "τ =", logarithmic=True)
+    return drawn | {"name": ""}, max(float(np.nanmax(tau)), 10.0)
 
 
-def _progress(tree: xr.DataTree, chosen: Array) -> Chart | None:
-    """Evidence, effective size and rejection over the frames, one panel below the other."""
-    x = frame_numbers(tree)[chosen].tolist()
-    panels: list[tuple[str, Array]] = []
-    evidence = variable(tree, "sample_stats", "log_evidence")
-    if evidence is not None and np.isfinite(evidence).any():
-        panels.append(("log evidence", evidence))
-    ess = variable(tree, "diagnostics", "ess")
-    if ess is not None and np.isfinite(ess).any():
-        least = np.where(np.isfinite(ess), ess, np.inf).min(axis=1)
-        label = "effective number" if is_weighted(tree) else "least ESS"
-        panels.append((label, np.where(np.isfinite(least), least, np.nan)))
-    for name, label in (("unique_ancestors", "unique ancestors"), ("step_size", "step size")):
-        found = variable(tree, "sample_stats", name)
-        if (
-            found is not None
-            and np.isfinite(found).any()
-            and (name == "unique_ancestors" or np.ptp(found[np.isfinite(found)]) > 0)
-        ):
-            panels.append((label, found))
-    rejection = variable(tree, "diagnostics", "rejection_rate")
-    if rejection is not None and not is_weighted(tree):
-        panels.append(("rejection (%)", 100 * rejection))
-    if not panels:
+def autocorrelation_traces(tree: xr.DataTree, pairs: Pairs | None = None) -> Traces:
+    """Autocorrelation functions where the chains mix worst, on the band that the middle 90 % of all fill."""
+    rho = variable(tree, "diagnostics", "autocorrelation")
+    if rho is None:
+        return []
+    lags, series, chosen = np.arange(len(rho)), rho.reshape(len(rho), -1), _places(tree, pairs)
+    series = series[:, np.isfinite(series).all(axis=0)]
+    traces: Traces = []
+    if series.size:
+        low, middle, high = np.quantile(series, [0.05, 0.5, 0.95], axis=1)
+        traces += [*band(lags, low, high, "middle 90 % of all", GRID), line(lags, middle, "median of all", MUTED)]
+    for (frame, dof), color in zip(chosen, _viridis(len(chosen)), strict=True):
+        traces.append(line(lags, rho[:, frame, dof], _label(tree, frame, dof), color))
+    return traces
+
+
+def trace_panels(tree: xr.DataTree, pairs: Pairs | None = None) -> list[Panel]:
+    """Traces of the chains where they mix worst, with the truth where there is one; every k-th draw and chain of many."""
+    state, truth = tree["posterior"].dataset["state"].values, variable(tree, "truth", "state")
+    chains, draws = evenly(state.shape[0], MAX_CHAINS), evenly(state.shape[1], MAX_POINTS)
+    panels = []
+    for frame, dof in _places(tree, pairs) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
+        kept = state[:, :, frame, dof][np.ix_(chains, draws)]
+        traces = [
+            line(draws, values, f"chain {chain}", color, line={"color": color, "width": 0.9})
+            for values, chain, color in zip(kept, chains, _viridis(len(chains)), strict=True)
+        ]
+        if truth is not None:
+            level, dashed = np.full(2, truth[frame, dof]), {"color": OBSERVED, "width": 1.5, "dash": "dash"}
+            traces.append(line(draws[[0, -1]], level, "truth", OBSERVED, line=dashed))
+        panels.append(Panel(traces, _label(tree, frame, dof)))
+    return panels
+
+
+def _coverage(tree: xr.DataTree) -> Chart | None:
+    levels, rows = variable(tree, "diagnostics", "level"), []
+    for name, label, color in (("coverage", "state", POSTERIOR), ("coverage_markers", "markers", OBSERVED)):
+        share, error = variable(tree, "diagnostics", name), variable(tree, "diagnostics", f"{name}_se")
+        if levels is not None and share is not None and error is not None and np.isfinite(share).all():
+            rows.append(points(100 * levels, 100 * share, f"{label} (± 2 standard errors)", color, 100 * error))
+    return coverage_chart(rows)
+
+
+def _inefficiency(tree: xr.DataTree) -> Chart | None:
+    found = inefficiency_heat(tree)
+    if found is None:
         return None
-    layout = layout_of("", height=60 + 130 * len(panels), showlegend=False)
-    base = layout.pop("yaxis")
-    data = []
-    for number, (label, values) in enumerate(panels):
-        suffix = "" if number == 0 else str(number + 1)
-        top = 1 - number / len(panels)
-        domain = [max(0.0, top - 0.86 / len(panels)), top]
-        layout[f"yaxis{suffix}"] = base | {
-            "title": {"text": label, "font": {"size": 11}},
-            "domain": domain,
-            "rangemode": "normal" if label == "log evidence" else "tozero",
-            "automargin": True,
-        }
-        data.append(line(x, values[chosen].astype(float), label, POSTERIOR, yaxis=f"y{suffix}"))
-    layout["xaxis"] = layout["xaxis"] | {"anchor": f"y{'' if len(panels) == 1 else len(panels)}"}
-    return {"data": data, "layout": layout}
+    axis = {"autorange": "reversed", "type": "category", "tickfont": {"size": 10}, "automargin": True}
+    layout: dict[str, Any] = {
+        "coloraxis": color_axis(1, found[1], "τ", logarithmic=True),
+        "hovermode": "closest",
+        "yaxis": axis,
+    }
+    return chart([found[0] | {"coloraxis": "coloraxis"}], "", height=130 + 17 * max(len(_names(tree)), 6), **layout)
+
+
+def _progress(tree: xr.DataTree) -> Chart | None:
+    """Evidence, effective size and rejection over the frames, one panel below the other."""
+    (x, chosen), weighted = _frames(tree), is_weighted(tree)
+    found: list[tuple[str, Array | None]] = [("log evidence", variable(tree, "sample_stats", "log_evidence"))]
+    ess, rejection = variable(tree, "diagnostics", "ess"), variable(tree, "diagnostics", "rejection_rate")
+    found.append(("effective number" if weighted else "least ESS", None if ess is None else np.fmin.reduce(ess, axis=1)))
+    found.append(("unique ancestors", variable(tree, "sample_stats", "unique_ancestors")))
+    step = variable(tree, "sample_stats", "step_size")
+    found.append(("step size", None if step is None or len(np.unique(step[np.isfinite(step)])) < 2 else step))
+    found.append(("rejection (%)", None if rejection is None or weighted else 100 * rejection))
+    panels = []
+    for label, values in found:
+        if values is not None and np.isfinite(values).any():
+            kind = "normal" if label == "log evidence" else "tozero"
+            axis = {"title": {"text": label, "font": {"size": 11}}, "rangemode": kind, "automargin": True}
+            panels.append(Panel([line(x, values[chosen], label, POSTERIOR)], "", axis, {"title": {"text": "frame"}}))
+    return grid(panels, columns=1, height=60 + 130 * len(panels), shared=True, showlegend=False)
+
+
+def _frames(tree: xr.DataTree) -> tuple[Array, Array]:
+    """Numbers and indices of the frames that are drawn."""
+    chosen = evenly(tree["posterior"].sizes["frame"], MAX_POINTS)
+    return frame_numbers(tree)[chosen], chosen
+
+
+def _names(tree: xr.DataTree) -> list[str]:
+    return [str(name) for name in tree["posterior"].dataset["dof"].values]
+
+
+def _viridis(count: int) -> list[str]:
+    return [to_hex(color) for color in colormaps["viridis"](np.linspace(0.0, 0.88, count))]
+
+
+def _places(tree: xr.DataTree, pairs: Pairs | None) -> list[tuple[int, int]]:
+    if pairs is None:
+        return worst_pairs(tree, 6)
+    return [(frame_index(tree, frame), _names(tree).index(name)) for frame, name in pairs]
+
+
+def _label(tree: xr.DataTree, frame: int, dof: int) -> str:
+    tau = variable(tree, "diagnostics", "tau")
+    factor = f", τ = {tau[frame, dof]:.1f}" if tau is not None and np.isfinite(tau[frame, dof]) else ""
+    return f"{_names(tree)[dof]}, frame {frame_numbers(tree)[frame]}{factor}"

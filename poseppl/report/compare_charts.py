@@ -1,4 +1,4 @@
-"""The interactive charts of a comparison, as Plotly's plain data and layout, and what its script draws by itself.
+"""The charts of a comparison; of ``heat`` one for each figure, of ``variance`` one for each coordinate, with their labels.
 
 Bounded in size for any length of sequence: heat maps hold at most 300 frames and 60,000 cells, lines at most 600 frames.
 """
@@ -12,9 +12,22 @@ import xarray as xr
 
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.selection import Array, evenly
-from poseppl.report.chart_parts import AXIS, Chart, escaped, layout_of, line, plain
+from poseppl.report.chart import (
+    Chart,
+    Panel,
+    Traces,
+    chart,
+    color_axis,
+    coverage_chart,
+    grid,
+    heat,
+    line,
+    log_axis,
+    log_ticks,
+    points,
+)
 from poseppl.report.compare_tables import run_colors
-from poseppl.report.picture import GRID, MUTED
+from poseppl.report.picture import GRID
 
 MAX_FRAMES, MAX_CELLS, MAX_POINTS = 300, 60_000, 600
 HEATS = (
@@ -26,34 +39,25 @@ HEATS = (
     ("error_over_sd", "error / standard deviation", False, False, (0.0, 3.0)),
 )
 """Of each heat map the figure, its label, whether it is logarithmic, whether more is better, and the ends of its colours."""
+COSTS = {"ess_per_second": "ESS a second", "ess_per_evaluation": "ESS an evaluation of likelihood or gradient"}
 
 
-def comparison_charts(tree: xr.DataTree) -> dict[str, Chart]:
-    """Make the charts that a comparison has data for.
-
-    Args:
-        tree: Of :func:`poseppl.diagnostics.compare`.
-
-    Returns:
-        ``data`` and ``layout`` by the name of the chart.
-    """
+def comparison_charts(tree: xr.DataTree) -> dict[str, Any]:
+    """Make the charts that a comparison (of :func:`poseppl.diagnostics.compare`) has data for, by name."""
     made = {"cost": _cost(tree), "error": _error(tree), "coverage": _coverage(tree), "progress": _progress(tree)}
-    return {name: chart for name, chart in made.items() if chart is not None}
+    return {name: each for name, each in made.items() if each} | {"heat": heat_maps(tree), "variance": variance_charts(tree)}
 
 
-def heat_data(tree: xr.DataTree) -> dict[str, Any]:
-    """Collect what the heat maps over frames and coordinates show, one panel a run.
-
-    Args:
-        tree: Of :func:`poseppl.diagnostics.compare`.
-
-    Returns:
-        Plain lists; ``values`` (run, dof, frame) of every figure that a run has.
-    """
+def heat_maps(tree: xr.DataTree) -> list[Chart]:
+    """Colour every figure that a run has over frames and coordinates, one panel a run."""
     figures = tree["figures"].dataset
-    sizes = figures.sizes
+    sizes, labels = figures.sizes, _labels(tree)
     chosen = evenly(sizes["frame"], max(2, min(MAX_FRAMES, MAX_CELLS // (sizes["run"] * sizes["dof"]))))
-    quantities = []
+    columns = min(sizes["run"], 2) if sizes["run"] <= 4 else 3
+    height = -(-sizes["run"] // columns) * (62 + 11 * min(60, max(8, sizes["dof"]))) + 20
+    frames = figures["frame"].values[chosen]
+    half = (frames[1] - frames[0]) / 2 if len(frames) > 1 else 0.5
+    maps = []
     for name, label, logarithmic, more_is_better, ends in HEATS:
         values = figures[name].transpose("run", "dof", "frame").values[:, :, chosen]
         finite = values[np.isfinite(values) & (values > 0 if logarithmic else True)]
@@ -61,52 +65,98 @@ def heat_data(tree: xr.DataTree) -> dict[str, Any]:
             continue
         low, high = (float(form(finite)) if end is None else end for form, end in zip((np.min, np.max), ends, strict=True))
         high = max(high, 10 * low) if logarithmic else high
-        shared = {"key": name, "label": label, "log": logarithmic, "reverse": more_is_better}
-        quantities.append(shared | {"low": low, "high": high, "values": plain(values, 3)})
-    return {
-        "frames": figures["frame"].values[chosen].tolist(),
-        "dofs": [escaped(str(name)) for name in figures["dof"].values],
-        "runs": _labels(tree),
-        "colors": run_colors(sizes["run"]),
-        "formula": [str(kind) == FORMULA for kind in figures["kind"].values],
-        "quantities": quantities,
-    }
+        panels = []
+        for index, (run, color) in enumerate(zip(labels, run_colors(sizes["run"]), strict=True)):
+            traces = [heat(frames, figures["dof"].values.tolist(), values[index], label, logarithmic=logarithmic)]
+            traces[0] |= {"name": run, "coloraxis": "coloraxis"}
+            form = str(figures["kind"].values[index]) == FORMULA
+            why = "closed form: no Monte Carlo error" if form else "no figure"
+            yaxis = {"type": "category", "autorange": "reversed", "showgrid": False, "ticks": "", "tickfont": {"size": 9}}
+            yaxis |= {"showticklabels": index % columns == 0} | ({} if sizes["dof"] > 60 else {"dtick": 1})
+            xaxis = {"showgrid": False, "nticks": 6, "tickfont": {"size": 10}, "range": [frames[0] - half, frames[-1] + half]}
+            panels.append(Panel(traces, run, yaxis, xaxis, color, "" if np.isfinite(values[index]).any() else why))
+        axis = color_axis(low, high, label, logarithmic=logarithmic, dark_is_bad=not more_is_better)
+        margin = {"l": 96, "r": 20, "t": 26, "b": 26}
+        drawn = grid(panels, columns=columns, height=height, coloraxis=axis, margin=margin, hovermode="closest")
+        maps.append({"label": label} | (drawn or {}))
+    return maps
 
 
-def variance_data(tree: xr.DataTree) -> dict[str, Any] | None:
-    """Collect the variance of the mean against time, one point a setting.
-
-    Args:
-        tree: Of :func:`poseppl.diagnostics.compare`.
-
-    Returns:
-        Plain lists, ``variance`` and ``error`` (place, setting) for all coordinates and for each; None without any point.
-    """
-    data = tree["variance"].dataset
-    variance = np.concatenate([data["variance"].values[None], data["variance_by_dof"].values.T])
-    error = np.concatenate([data["variance_se"].values[None], data["variance_by_dof_se"].values.T])
+def variance_charts(tree: xr.DataTree) -> list[Chart]:
+    """Draw the variance of the mean against time, one point a setting: of all coordinates together, and of each."""
+    data, names = tree["variance"].dataset, tree["figures"].dataset["run"].values.tolist()
     usable = np.isfinite(data["seconds"].values) & (data["seconds"].values > 0)
-    variance = np.where((variance > 0) & usable, variance, np.nan)
-    if not np.isfinite(variance).any():
-        return None
-    runs = tree["figures"].dataset["run"].values.tolist()
-    first = [runs.index(name) for name in data["setting"].values.tolist()]
-    return {
-        "names": [_labels(tree)[index] for index in first],
-        "methods": [escaped(str(name)) for name in data["method"].values],
-        "disqualified": [bool(tree["summary"].dataset["disqualified"].values[index]) for index in first],
-        "colors": [run_colors(len(runs))[index] for index in first],
-        "replicates": data["replicates"].values.tolist(),
-        "seconds": plain(data["seconds"].values),
-        "seconds_error": plain(data["seconds_se"].values),
-        "places": ["all coordinates", *(str(name) for name in data["dof"].values)],
-        "variance": plain(variance),
-        "error": plain(error),
+    places = {"all coordinates": (data["variance"].values, data["variance_se"].values)}
+    for dof, label in enumerate(data["dof"].values.tolist()):
+        places[label] = (data["variance_by_dof"].values[:, dof], data["variance_by_dof_se"].values[:, dof])
+    if not any((usable & (variance > 0)).any() for variance, _ in places.values()):
+        return []
+    first = [names.index(name) for name in data["setting"].values.tolist()]
+    charts = []
+    for place, (variance, error) in places.items():
+        shown = usable & (np.nan_to_num(variance) > 0)
+        charts.append({"label": place} | _variance(tree, np.where(shown, variance, np.nan), error, first))
+    return charts
+
+
+def _variance(tree: xr.DataTree, variance: Array, error: Array, first: list[int]) -> Chart:
+    """One line a method through its settings, and through its best the line along which variance times time is the same."""
+    data, labels, colors = tree["variance"].dataset, _labels(tree), run_colors(tree["figures"].sizes["run"])
+    seconds, seconds_error, seeds = (data[name].values for name in ("seconds", "seconds_se", "replicates"))
+    wrong = tree["summary"].dataset["disqualified"].values[first]
+    methods = [str(name) or labels[index] for name, index in zip(data["method"].values, first, strict=True)]
+    traces: Traces = []
+    for method in dict.fromkeys(methods):
+        members = [i for i in np.argsort(seconds, kind="stable") if methods[i] == method and np.isfinite(variance[i])]
+        if not members:
+            continue
+        color, mode = colors[first[members[0]]], "lines+markers" if len(members) > 1 else "markers"
+        told = [f"{labels[first[i]]}, {f'{seeds[i]} seeds' if seeds[i] > 1 else 'one seed'}" for i in members]
+        symbols = ["circle" if seeds[i] > 1 else "circle-open" for i in members]
+        bars = {"error_x": _bars(seconds[members], seconds_error[members]), "error_y": _bars(variance[members], error[members])}
+        name = f"{method} (disqualified)" if wrong[members].all() else method
+        style = {"mode": mode, "text": told, "line": {"color": color, "width": 1}, "showlegend": True}
+        style["marker"] = {"color": color, "size": 11, "line": {"width": 2, "color": color}, "symbol": symbols}
+        style["hovertemplate"] = "%{text}<br>%{x:.3g} s a frame, variance %{y:.3g}<extra></extra>"
+        traces.append(line(seconds[members], variance[members], name, color, **style, **bars))
+    return {"data": traces, "layout": _variance_layout(traces)}
+
+
+def _variance_layout(traces: Traces) -> dict[str, Any]:
+    if not traces:
+        return {"height": 430}
+    x = np.concatenate([trace["x"] for trace in traces])
+    ends = [trace["y"] + sign * trace["error_y"][side] for trace in traces for sign, side in ((1, "array"), (-1, "arrayminus"))]
+    low, high = x.min() / 2, 2 * x.max()
+    shared = {"type": "line", "x0": low, "x1": high, "layer": "below", "opacity": 0.5}
+    costs = [(float(np.min(trace["x"] * trace["y"])), trace["line"]["color"]) for trace in traces]
+    shapes = [
+        shared | {"y0": k / low, "y1": k / high, "line": {"color": color, "width": 1, "dash": "dot"}} for k, color in costs
+    ]
+    axes = {
+        "xaxis": _ticked("seconds a frame", x),
+        "yaxis": _ticked("variance of the mean / posterior variance", np.concatenate(ends)),
     }
+    return {"height": 430, "hovermode": "closest", "margin": {"l": 70, "r": 16, "t": 12, "b": 48}, "shapes": shapes} | axes
+
+
+def _ticked(title: str, values: Array) -> dict[str, Any]:
+    """A logarithmic axis around values, with ticks at 1, 3, 10, ..."""
+    low, high = values.min() / 2, 2 * values.max()
+    ticks = log_ticks(low, high)
+    labels = {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    return {"type": "log", "title": {"text": title}, "range": np.log10([low, high])} | labels
+
+
+def _bars(values: Array, errors: Array) -> dict[str, Any]:
+    """Both ends of a bar of two standard errors of the logarithm; none where the error is not known."""
+    factor = np.exp(np.minimum(np.nan_to_num(2 * errors / values), 12))
+    ends = {"array": values * (factor - 1), "arrayminus": values - values / factor}
+    return {"type": "data", "symmetric": False, "thickness": 1.2, "width": 3} | ends
 
 
 def _names(tree: xr.DataTree) -> list[str]:
-    return [escaped(str(name)) for name in tree["figures"].dataset["run"].values]
+    return [str(name) for name in tree["figures"].dataset["run"].values]
 
 
 def _labels(tree: xr.DataTree) -> list[str]:
@@ -118,47 +168,30 @@ def _labels(tree: xr.DataTree) -> list[str]:
 def _cost(tree: xr.DataTree) -> Chart | None:
     """ESS a second and an evaluation of each coordinate: the harmonic mean, and the middle 90 % of the frames."""
     figures, summary = tree["figures"].dataset, tree["summary"].dataset
-    names = _labels(tree)
-    rows = np.arange(figures.sizes["dof"])
+    names, dofs = _labels(tree), figures["dof"].values.tolist()
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
-    slot = np.cumsum(taking_part) - 0.5
-    data: list[dict[str, Any]] = []
-    columns = [name for name in ("ess_per_second", "ess_per_evaluation") if np.isfinite(summary[name].values).any()]
-    for place, column in enumerate(columns):
-        for index, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True)):
+    slot = 0.8 * (np.cumsum(taking_part) - 0.5) / max(taking_part.sum(), 1) - 0.4
+    panels: list[Panel] = []
+    for column, title in COSTS.items():
+        traces: Traces = []
+        for index, color in enumerate(run_colors(len(names))):
             value = summary[column].values[index]
-            if not np.isfinite(value).any():
-                continue
-            low, high = _middle(figures[column].values[index])
-            bars = {"type": "data", "symmetric": False, "array": plain(high - value), "arrayminus": plain(value - low)}
-            point = {
-                "type": "scatter",
-                "mode": "markers",
-                "x": plain(value),
-                "y": plain(rows - 0.4 + 0.8 * slot[index] / taking_part.sum()),
-                "text": [escaped(str(dof)) for dof in figures["dof"].values],
-                "name": name,
-                "legendgroup": name,
-                "showlegend": name not in {trace["name"] for trace in data},
-                "xaxis": f"x{place + 1 if place else ''}",
-                "marker": {"color": color, "size": 7},
-                "error_x": bars | {"color": color, "thickness": 1, "width": 0},
-                "hovertemplate": f"%{{text}}: %{{x:.3g}}<extra>{name}</extra>",
-            }
-            data.append(point)
-    if not data:
-        return None
-    layout = _cost_layout(figures, columns)
-    for name in ("x", "x2")[: len(columns)]:
-        layout[name.replace("x", "xaxis")] |= _log_axis([x for trace in data if trace["xaxis"] == name for x in trace["x"]])
-    return {"data": data, "layout": layout}
-
-
-def _log_axis(values: Any) -> dict[str, Any]:
-    """A logarithmic axis with labels at powers of ten, at 2 and 5 times them too where it is short."""
-    known = np.array([value for value in values if value is not None and value > 0])
-    short = np.log10(known.max() / known.min()) < 2 if known.size else True
-    return {"type": "log", "dtick": "D2" if short else 1, "exponentformat": "power"}
+            if np.isfinite(value).any():
+                low, high = _middle(figures[column].values[index])
+                bars = {"type": "data", "symmetric": False, "array": high - value, "arrayminus": value - low}
+                style = {"mode": "markers", "marker": {"color": color, "size": 7}, "text": dofs}
+                style["error_x"] = bars | {"color": color, "thickness": 1, "width": 0}
+                style["hovertemplate"] = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
+                traces.append(line(value, np.arange(len(dofs)) + slot[index], names[index], color, **style))
+        if traces:
+            yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont": {"size": 10}, "automargin": True}
+            yaxis |= {"range": [len(dofs) - 0.5, -0.5], "showgrid": False, "showticklabels": not panels}
+            known = np.concatenate([trace["x"] for trace in traces])
+            panels.append(Panel(traces, "", yaxis, log_axis(known) | {"title": {"text": title}}))
+    shade = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "fillcolor": GRID, "layer": "below", "opacity": 0.5}
+    rows = [shade | {"y0": row - 0.5, "y1": row + 0.5, "line": {"width": 0}} for row in range(0, len(dofs), 2)]
+    height = 110 + len(dofs) * (10 + 4 * min(len(names), 8))
+    return grid(panels, columns=len(panels), height=height, hovermode="closest", shapes=rows)
 
 
 def _middle(values: Array) -> tuple[Array, Array]:
@@ -168,98 +201,42 @@ def _middle(values: Array) -> tuple[Array, Array]:
     return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
 
 
-def _cost_layout(figures: xr.Dataset, columns: list[str]) -> dict[str, Any]:
-    titles = {"ess_per_second": "ESS a second", "ess_per_evaluation": "ESS an evaluation of likelihood or gradient"}
-    dofs, runs = figures.sizes["dof"], figures.sizes["run"]
-    layout = layout_of("", height=110 + dofs * (10 + 4 * min(runs, 8)), hovermode="closest")
-    labels = [escaped(str(name)) for name in figures["dof"].values]
-    ticks = {"tickmode": "array", "tickvals": list(range(dofs)), "ticktext": labels, "tickfont": {"size": 10}}
-    layout["yaxis"] = AXIS | ticks | {"range": [dofs - 0.5, -0.5], "automargin": True, "showgrid": False}
-    layout["shapes"] = [
-        {
-            "type": "rect",
-            "xref": "paper",
-            "x0": 0,
-            "x1": 1,
-            "y0": row - 0.5,
-            "y1": row + 0.5,
-            "fillcolor": GRID,
-            "layer": "below",
-        }
-        | {"opacity": 0.5, "line": {"width": 0}}
-        for row in range(0, dofs, 2)
-    ]
-    for place, column in enumerate(columns):
-        domain = [0.0, 1.0] if len(columns) == 1 else [0.52 * place, 0.48 + 0.52 * place]
-        layout[f"xaxis{place + 1 if place else ''}"] = AXIS | {"title": {"text": titles[column]}, "domain": domain}
-    return layout
+def _lines(tree: xr.DataTree, values: Array) -> Traces:
+    """One line a run with values (run, frame)."""
+    chosen = evenly(values.shape[1], MAX_POINTS)
+    frames = tree["figures"].dataset["frame"].values[chosen]
+    rows = zip(values, _names(tree), run_colors(len(values)), strict=True)
+    return [line(frames, row[chosen], name, color) for row, name, color in rows if np.isfinite(row).any()]
 
 
 def _error(tree: xr.DataTree) -> Chart | None:
-    figures = tree["figures"].dataset
-    values = figures["joint_error"].transpose("run", "frame").values
-    if not np.isfinite(values).any():
-        return None
-    return {"data": _lines(tree, values), "layout": layout_of("mean joint error (mm)", height=340)}
-
-
-def _lines(tree: xr.DataTree, values: Array, **more: Any) -> list[dict[str, Any]]:
-    """One line a run with values (run, frame)."""
-    chosen = evenly(values.shape[1], MAX_POINTS)
-    x = tree["figures"].dataset["frame"].values[chosen].tolist()
-    rows = zip(values, _names(tree), run_colors(len(values)), strict=True)
-    return [line(x, row[chosen], name, color, **more) for row, name, color in rows if np.isfinite(row).any()]
+    values = tree["figures"].dataset["joint_error"].transpose("run", "frame").values
+    return chart(_lines(tree, values), "mean joint error (mm)", height=340)
 
 
 def _coverage(tree: xr.DataTree) -> Chart | None:
-    summary = tree["summary"].dataset
-    share, error = summary["coverage_all"].values, summary["coverage_se_all"].values
-    if not np.isfinite(share).any():
-        return None
-    levels, names = 100 * summary["level"].values, _names(tree)
-    data = [line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line={"color": MUTED, "width": 1, "dash": "dot"})]
+    summary, names = tree["summary"].dataset, _names(tree)
+    share, error = 100 * summary["coverage_all"].values, 100 * summary["coverage_se_all"].values
     offsets = min(0.9, 8 / len(names)) * (np.arange(len(names)) - (len(names) - 1) / 2)
-    for index, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True)):
-        if np.isfinite(share[index]).any():
-            bars = {"type": "data", "array": plain(200 * error[index]), "color": color, "thickness": 1.5}
-            dots = {"mode": "markers", "marker": {"size": 8, "color": color}, "error_y": bars}
-            data.append(line(plain(levels + offsets[index]), 100 * share[index], name, color, **dots))
-    layout = layout_of("truth inside (%)", height=340, hovermode="closest", showlegend=False)
-    layout["xaxis"] = layout["xaxis"] | {"title": {"text": "nominal level (%)"}, "range": [44, 97], "tickvals": [50, 80, 90]}
-    layout["yaxis"] = layout["yaxis"] | {"range": [0, 102]}
-    return {"data": data, "layout": layout}
+    rows = [
+        points(100 * summary["level"].values + offsets[index], share[index], name, color, error[index])
+        for index, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True))
+        if np.isfinite(share[index]).any()
+    ]
+    return coverage_chart(rows, height=340, showlegend=False)
 
 
 def _progress(tree: xr.DataTree) -> Chart | None:
     """Mean tau over the coordinates, largest R-hat and rejection over the frames, one panel below the other."""
     figures = tree["figures"].dataset
-    panels = [
-        ("mean τ", _over_dofs(figures["tau"].values, np.mean), "log"),
-        ("largest R-hat", _over_dofs(figures["rhat"].values, np.max), "linear"),
-        ("rejected (%)", 100 * figures["rejection"].values, "linear"),
-    ]
-    panels = [panel for panel in panels if np.isfinite(panel[1]).any()]
-    if not panels:
-        return None
-    layout = layout_of("", height=70 + 150 * len(panels))
-    base = layout.pop("yaxis")
-    data: list[dict[str, Any]] = []
-    for number, (label, values, kind) in enumerate(panels):
-        suffix, top = "" if number == 0 else str(number + 1), 1 - number / len(panels)
-        axis = {"title": {"text": label, "font": {"size": 11}}, "domain": [max(0.0, top - 0.86 / len(panels)), top]}
-        layout[f"yaxis{suffix}"] = base | axis | {"automargin": True, "rangemode": "normal"}
-        if kind == "log":
-            layout[f"yaxis{suffix}"] |= _log_axis(values[np.isfinite(values)])
-        named = {trace["name"] for trace in data}
-        traces = _lines(tree, values, yaxis=f"y{suffix}")
-        data += [trace | {"legendgroup": trace["name"], "showlegend": trace["name"] not in named} for trace in traces]
-    layout["xaxis"] = layout["xaxis"] | {"anchor": f"y{'' if len(panels) == 1 else len(panels)}"}
-    return {"data": data, "layout": layout}
-
-
-def _over_dofs(values: Array, form: Any) -> Array:
-    """Reduce (run, frame, dof) over the coordinates that have a figure."""
-    finite = np.isfinite(values)
-    filled = np.where(finite, values, 0.0)
-    reduced = filled.sum(axis=2) / np.maximum(finite.sum(axis=2), 1) if form is np.mean else filled.max(axis=2)
-    return np.where(finite.any(axis=2), reduced, np.nan)
+    tau, rhat = figures["tau"].values, figures["rhat"].values
+    count = np.isfinite(tau).sum(axis=2)
+    means = np.where(count > 0, np.nansum(tau, axis=2) / np.maximum(count, 1), np.nan)
+    found = {"mean τ": means, "largest R-hat": np.fmax.reduce(rhat, axis=2), "rejected (%)": 100 * figures["rejection"].values}
+    panels = []
+    for label, values in found.items():
+        if np.isfinite(values).any():
+            axis = {"title": {"text": label, "font": {"size": 11}}, "automargin": True}
+            scale = log_axis(values) if label == "mean τ" else {}
+            panels.append(Panel(_lines(tree, values), "", axis | scale, {"title": {"text": "frame"}}))
+    return grid(panels, columns=1, height=70 + 150 * len(panels), shared=True)

@@ -1,10 +1,8 @@
-"""The tables of a comparison, as HTML: the runs, who wins in which coordinate, every coordinate, and what was run."""
+"""The tables of a comparison: the runs, who wins in which coordinate, every coordinate, and what was run."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from html import escape
 from itertools import cycle, islice
 from typing import Any
 
@@ -13,9 +11,9 @@ import xarray as xr
 
 from poseppl.diagnostics.contest import QUANTITIES, TIE
 from poseppl.diagnostics.evidence import Evidence, evidence_words
-from poseppl.report.tables import Raw, flatten, table
+from poseppl.report.page import DASH, Cell, Rows
+from poseppl.report.tables import flatten
 
-DASH = "–"
 COVERED = ("50 % intervals cover, %", "90 % intervals cover, %")
 COLORS = (
     *("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896"),
@@ -63,112 +61,83 @@ def shown(value: Any, form: str = "") -> str:
     return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
 
 
-def runs_table(tree: xr.DataTree) -> str:
-    """Lay out the runs, one a row; what wins is bold."""
+def runs_table(tree: xr.DataTree) -> Rows:
+    """List the runs, one a row; what wins is bold."""
     figures, summary, winner = (tree[name].dataset for name in ("figures", "summary", "winner"))
-    chips = _chips(tree)
-    rows: list[list[object]] = []
-    for index, name in enumerate(figures["run"].values.tolist()):
-        cells: list[object] = [chips[name], figures["kind"].values[index]]
+    rows = []
+    for index, (name, dot) in enumerate(_dots(tree).items()):
+        cells: list[Any] = [Cell(name, (dot,)), figures["kind"].values[index]]
         for _, column, form in _COLUMNS:
             value = (figures if column in figures else summary)[column].values[index]
             wins = column in _JUDGED and str(winner["winner"].sel(quantity=_JUDGED[column]).item()) == name
-            cells.append(Raw(f"<b>{shown(value, form)}</b>") if wins else shown(value, form))
-        cells += [*(covered(summary, index, level) for level in (0.5, 0.9)), log_evidence(tree, index)]
-        rows.append(cells)
-    return _figures(("run", "kind", *(title for title, _, _ in _COLUMNS), *COVERED, "log evidence"), rows)
+            cells.append(Cell(shown(value, form), element="b" if wins else ""))
+        rows.append((*cells, *(covered(summary, index, level) for level in (0.5, 0.9)), log_evidence(tree, index)))
+    return Rows(("run", "kind", *(title for title, _, _ in _COLUMNS), *COVERED, "log evidence"), rows)
 
 
-def winners_table(tree: xr.DataTree) -> str:
-    """Lay out who wins in which coordinate, and how far ahead of the next."""
-    data, chips = tree["winner_by_dof"].dataset, _chips(tree)
+def winners_table(tree: xr.DataTree) -> Rows:
+    """List who wins in which coordinate, and how far ahead of the next."""
+    data, dots = tree["winner_by_dof"].dataset, _dots(tree)
     rows = [
-        (label, *(_outcome(data.sel(quantity=quantity).isel(dof=dof), chips) for quantity in QUANTITIES))
+        (label, *(_outcome(data.sel(quantity=quantity).isel(dof=dof), dots) for quantity in QUANTITIES))
         for dof, label in enumerate(data["dof"].values.tolist())
     ]
-    return table(("coordinate", *(TITLES[quantity] for quantity in QUANTITIES)), rows)
+    return Rows(("coordinate", *(TITLES[quantity] for quantity in QUANTITIES)), rows)
 
 
-def winners_strip(tree: xr.DataTree) -> str:
-    """Lay out who wins where as coloured cells, one row a quantity, one column a coordinate."""
-    data = tree["winner_by_dof"].dataset
-    names = tree["figures"].dataset["run"].values.tolist()
-    colors = dict(zip(names, run_colors(len(names)), strict=True)) | {TIE: "#dfe3e8"}
-    labels = data["dof"].values.tolist()
-    rows = []
+def winners_strip(tree: xr.DataTree) -> dict[str, Any]:
+    """Colours of who wins where: ``rows`` of (title, pairs of label and colour), ``foot`` and ``legend``."""
+    data, dots = tree["winner_by_dof"].dataset, _dots(tree)
+    colors = {name: color for name, (color, _) in dots.items()} | {TIE: "#dfe3e8", "": "white"}
+    labels, rows = data["dof"].values.tolist(), []
     for quantity in QUANTITIES:
         found = [str(winner) for winner in data["winner"].sel(quantity=quantity).values]
-        cells = (_square(f"{label}: {winner or DASH}", colors.get(winner)) for label, winner in zip(labels, found, strict=True))
-        rows.append(f"<tr><th>{TITLES[quantity]}</th>{''.join(cells)}</tr>")
-    foot = "".join(f"<td><span>{escape(label)}</span></td>" for label in labels)
-    winners = [name for name in names if (data["winner"].values == name).any()]
-    chips = _chips(tree)
-    legend = "".join(f"<span>{chips[name]}</span>" for name in winners)
-    grey = f'<span><span class="chip" style="background:{colors[TIE]}"></span>tie</span>'
-    return (
-        f'<div class="legend">{legend}{grey}<span>empty: no contest</span></div><div class="scroll"><table class="strip">'
-        f"{''.join(rows)}<tr><th></th>{foot}</tr></table></div>"
-    )
+        cells = [(f"{label}: {winner or DASH}", colors[winner]) for label, winner in zip(labels, found, strict=True)]
+        rows.append((TITLES[quantity], cells))
+    legend = [Cell(name, (dot,)) for name, dot in dots.items() if (data["winner"].values == name).any()]
+    return {"rows": rows, "foot": labels, "legend": [*legend, Cell("tie", ((colors[TIE], "tie"),))]}
 
 
-def coordinates_table(tree: xr.DataTree) -> str:
-    """Lay out every coordinate of every run."""
-    summary, chips = tree["summary"].dataset, _chips(tree)
+def coordinates_table(tree: xr.DataTree) -> Rows:
+    """List every coordinate of every run."""
+    summary, dots = tree["summary"].dataset, _dots(tree)
     rows = []
     for dof, label in enumerate(summary["dof"].values.tolist()):
-        for index, name in enumerate(summary["run"].values.tolist()):
+        for index, (name, dot) in enumerate(dots.items()):
             cells = [shown(summary[column].values[index, dof], form) for _, column, form in _BY_COORDINATE]
             shares = [covered(summary.isel(dof=dof), index, level, "coverage") for level in (0.5, 0.9)]
-            rows.append((label, chips[name], *cells, *shares))
-    return _figures(("coordinate", "run", *(title for title, _, _ in _BY_COORDINATE), *COVERED), rows)
+            rows.append((label, Cell(name, (dot,)), *cells, *shares))
+    return Rows(("coordinate", "run", *(title for title, _, _ in _BY_COORDINATE), *COVERED), rows)
 
 
-def settings_table(tree: xr.DataTree) -> str:
-    """Lay out the provenance of all runs side by side; what differs is marked."""
-    known = json.loads(tree.attrs["provenance"])
+def settings_table(tree: xr.DataTree) -> Rows:
+    """List the provenance of all runs side by side; what differs is marked."""
     columns = {
         name: {label: str(value) for key, part in given.items() for label, value in flatten(key.replace("_", " "), part)}
-        for name, given in known.items()
+        for name, given in json.loads(tree.attrs["provenance"]).items()
     }
-    labels = list(dict.fromkeys(label for column in columns.values() for label in column))
     rows = []
-    for label in labels:
+    for label in dict.fromkeys(label for column in columns.values() for label in column):
         cells = [column.get(label, DASH) for column in columns.values()]
-        differs = len(set(cells)) > 1
-        rows.append((label, *(Raw(f"<mark>{escape(cell)}</mark>") if differs else cell for cell in cells)))
-    return table(("", *columns), rows)
+        rows.append((label, *(Cell(cell, element="mark" if len(set(cells)) > 1 else "") for cell in cells)))
+    return Rows(("", *columns), rows)
 
 
-def _square(title: str, color: str | None) -> str:
-    return f'<td title="{escape(title)}" style="background:{color or "white"}"></td>'
-
-
-def _figures(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table whose cells are not broken."""
-    return f'<div class="figures">{table(head, rows)}</div>'
-
-
-def _chips(tree: xr.DataTree) -> dict[str, Raw]:
+def _dots(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
+    """Colour and name of each run, by its name."""
     names = tree["figures"].dataset["run"].values.tolist()
-    pairs = zip(names, run_colors(len(names)), strict=True)
-    return {name: Raw(f'<span class="chip" style="background:{color}"></span>{escape(name)}') for name, color in pairs}
+    return {name: (color, name) for name, color in zip(names, run_colors(len(names)), strict=True)}
 
 
-def _outcome(row: xr.Dataset, chips: dict[str, Raw]) -> Raw:
+def _outcome(row: xr.Dataset, dots: dict[str, tuple[str, str]]) -> Cell:
     winner = str(row["winner"].item())
     if not winner:
-        return Raw(DASH)
-    names = row["run"].values[row["leads"].values].tolist()
+        return Cell(DASH)
     if winner == TIE:
-        dots = "".join(f'<span title="{escape(name)}">{_dot(chips[name])}</span>' for name in names)
-        return Raw(f'<span class="tie">{dots} tie</span>')
+        return Cell("tie", tuple(dots[name] for name in row["run"].values[row["leads"].values].tolist()))
     others = row["ratio"].drop_sel(run=winner).values
     factor = f" {1 / np.nanmax(others):.2g} ×" if np.isfinite(others).any() else ""
-    return Raw(f"{chips[winner]}{factor}")
-
-
-def _dot(chip: Raw) -> str:
-    return chip[: chip.index("</span>") + len("</span>")]
+    return Cell(f"{winner}{factor}", (dots[winner],))
 
 
 def log_evidence(tree: xr.DataTree, index: int) -> str:

@@ -1,16 +1,25 @@
-"""The summary picture of a run."""
+"""Figures of a result as pictures, one call each: the report's charts and poses, drawn by matplotlib.
+
+ArviZ's own plots take a result as it is (``arviz_plots.plot_rank(tree, var_names="state", coords={"frame": 3})``). They are no
+dependency: arviz-plots 0.8, the last for Python 3.11, asks for ``matplotlib.style.core``, which matplotlib 3.11 does not have.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 
-from poseppl.diagnostics.selection import diagnosed, evenly, mean_points, variable
-from poseppl.report.chains import draw_inefficiency, draw_state
-from poseppl.report.error import draw_error
-from poseppl.report.picture import MUTED, TEXT, new_picture
-from poseppl.report.pose import draw_overlay, draw_pose3d, overlay_legend
-from poseppl.runs.results import provenance
+from poseppl.diagnostics.selection import diagnosed, evenly, frame_index, frame_numbers, mean_points, variable
+from poseppl.report.charts import Pairs, autocorrelation_traces, error_traces, inefficiency_heat, state_traces, trace_panels
+from poseppl.report.picture import MUTED, POSTERIOR, TEXT, draw, draw_heat, draw_legend, new_picture, tidy
+from poseppl.report.pose import draw_overlay, draw_pose3d
+from poseppl.report.pose_data import pose_data
+from poseppl.runs.results import is_weighted, provenance
 
 NUM_OVERLAYS = 5
 
@@ -18,40 +27,145 @@ NUM_OVERLAYS = 5
 def plot_track(tree: xr.DataTree) -> Figure:
     """Draw a run on one page: overlays of a few frames, a pose in space, the error over frames, the inefficiency factors.
 
-    Args:
-        tree: The result. One without a body shows its coordinates over the frames instead.
-
-    Returns:
-        The figure.
+    A result without a body shows its coordinates over the frames instead.
     """
     whole = diagnosed(tree)
-    frames = whole["posterior"].sizes["frame"]
-    images, body = mean_points(whole) is not None, variable(whole, "posterior", "markers") is not None
+    poses = pose_data(whole, evenly(whole["posterior"].sizes["frame"], NUM_OVERLAYS))
     picture = new_picture(14.0, 8.6)
     picture.suptitle(_title(whole), x=0.01, ha="left", fontsize=13, color=TEXT, fontweight="bold", parse_math=False)
     picture.set_layout_engine("constrained", h_pad=0.08, w_pad=0.06)
-    grid = picture.add_gridspec(2, 1)
-    upper, lower = picture.add_subfigure(grid[0]), picture.add_subfigure(grid[1])
-    if images:
-        for number, index in enumerate(evenly(frames, NUM_OVERLAYS)):
-            draw_overlay(upper.add_subplot(1, NUM_OVERLAYS, number + 1), whole, int(index))
-        upper.legend(handles=overlay_legend(), loc="outside lower center", ncols=3, fontsize=9, frameon=False, labelcolor=MUTED)
+    rows = picture.add_gridspec(2, 1)
+    upper, lower = picture.add_subfigure(rows[0]), picture.add_subfigure(rows[1])
+    if mean_points(whole) is not None and poses is not None:
+        for number in range(len(poses["frames"])):
+            axes = upper.add_subplot(1, NUM_OVERLAYS, number + 1)
+            draw_overlay(axes, poses, number)
+        handles = axes.get_legend_handles_labels()[0]
+        upper.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9, frameon=False, labelcolor=MUTED)
     else:
-        _states(upper, whole, first=0)
+        _states(upper, whole, range(min(3, whole["posterior"].sizes["dof"])), columns=3)
     below = lower.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.45))
-    if body:
-        draw_pose3d(lower.add_subplot(below[0], projection="3d"), whole, frames // 2)
-        draw_error(lower.add_subplot(below[1]), whole)
+    if poses is not None and poses["space"] is not None:
+        draw_pose3d(lower.add_subplot(below[0], projection="3d"), poses, len(poses["frames"]) // 2)
+        _error(lower.add_subplot(below[1]), whole)
     else:
-        draw_state(lower.add_subplot(below[0:2]), whole, 0)
-    draw_inefficiency(lower.add_subplot(below[2]), whole)
+        _state(lower.add_subplot(below[0:2]), whole, 0)
+    _inefficiency(lower.add_subplot(below[2]), whole)
     return picture
 
 
-def _states(row: FigureBase, tree: xr.DataTree, first: int) -> None:
-    count = min(3, tree["posterior"].sizes["dof"] - first)
-    for number in range(count):
-        draw_state(row.add_subplot(1, count, number + 1), tree, first + number)
+def plot_overlay(tree: xr.DataTree, frame: int | None = None, camera: int = 0) -> Figure:
+    """Draw a frame, the middle one if None, in the image of a camera; see :func:`poseppl.report.pose.draw_overlay`."""
+    picture = new_picture(4.2, 5.0)
+    axes = picture.add_subplot()
+    draw_overlay(axes, pose_data(tree, np.array([frame_index(tree, frame)])), camera=camera)
+    draw_legend(axes, loc="upper right")
+    return picture
+
+
+def plot_pose3d(tree: xr.DataTree, frame: int | None = None) -> Figure:
+    """Draw a frame, the middle one if None, in space; see :func:`poseppl.report.pose.draw_pose3d`."""
+    picture = new_picture(5.5, 5.5)
+    draw_pose3d(picture.add_subplot(projection="3d"), pose_data(tree, np.array([frame_index(tree, frame)])))
+    return picture
+
+
+def plot_error(tree: xr.DataTree) -> Figure:
+    """Draw the mean joint error; see :func:`poseppl.report.charts.error_traces`."""
+    picture = new_picture(8.0, 3.4)
+    _error(picture.add_subplot(), diagnosed(tree))
+    return picture
+
+
+def plot_inefficiency(tree: xr.DataTree) -> Figure:
+    """Draw inefficiency factors of every frame and coordinate; for weighted particles their effective number over frames."""
+    picture = new_picture(8.0, 2.2 + 0.16 * tree["posterior"].sizes["dof"])
+    _inefficiency(picture.add_subplot(), diagnosed(tree))
+    return picture
+
+
+def plot_autocorrelation(tree: xr.DataTree, pairs: Pairs | None = None) -> Figure:
+    """Draw autocorrelation functions of pairs (frame number, coordinate), by default of the six that mix worst.
+
+    Raises:
+        ValueError: The draws are no Markov chains.
+    """
+    traces = autocorrelation_traces(diagnosed(tree), pairs)
+    if not traces:
+        raise ValueError("weighted particles have no autocorrelation")
+    picture = new_picture(8.0, 3.2)
+    axes = picture.add_subplot()
+    draw(axes, traces)
+    tidy(axes, "Autocorrelation", "lag (draws)")
+    draw_legend(axes, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return picture
+
+
+def plot_trace(tree: xr.DataTree, pairs: Pairs | None = None) -> Figure:
+    """Draw the traces of chains, with the truth, at pairs (frame number, coordinate), by default the six that mix worst."""
+    panels = trace_panels(diagnosed(tree), pairs)
+    rows = (len(panels) + 1) // 2
+    picture = new_picture(10.0, 0.4 + 1.6 * rows)
+    for number, panel in enumerate(panels):
+        axes = picture.add_subplot(rows, min(2, len(panels)), number + 1)
+        draw(axes, panel.traces)
+        tidy(axes, panel.title)
+        axes.locator_params(axis="y", nbins=4)
+    return picture
+
+
+def plot_state(tree: xr.DataTree, dofs: Sequence[str] | None = None) -> Figure:
+    """Draw mean, central 90 % interval and truth of coordinates over the frames, by default of the first four."""
+    names = [str(name) for name in tree["posterior"].dataset["dof"].values]
+    chosen = range(min(4, len(names))) if dofs is None else [names.index(name) for name in dofs]
+    picture = new_picture(8.0, 1.9 * len(chosen))
+    _states(picture, tree, chosen, columns=1)
+    return picture
+
+
+def _states(figure: FigureBase, tree: xr.DataTree, dofs: Sequence[int], columns: int) -> None:
+    columns = min(columns, len(dofs))
+    for number, dof in enumerate(dofs):
+        _state(figure.add_subplot(-(-len(dofs) // columns), columns, number + 1), tree, dof)
+
+
+def _state(axes: Axes, tree: xr.DataTree, dof: int) -> None:
+    draw(axes, state_traces(tree, dof))
+    tidy(axes, str(tree["posterior"].dataset["dof"].values[dof]), "frame")
+
+
+def _error(axes: Axes, tree: xr.DataTree) -> None:
+    data = tree["diagnostics"].dataset
+    draw(axes, error_traces(tree))
+    tidy(axes, "Joint error" if "joint_error" in data else "Uncertainty of the joints", "frame", "mm")
+    axes.set_ylim(0, axes.get_ylim()[1] * 1.3)
+    draw_legend(axes, loc="upper left")
+    if "joint_error" in data:
+        told = [
+            f"mean {float(data['joint_error'].mean()):.0f} mm, relative {float(data['joint_error_relative'].mean()):.0f} mm"
+        ]
+        shares: Any = zip(*(data[name].values for name in ("level", "coverage", "coverage_se") if name in data), strict=True)
+        told += [
+            f"{100 * level:.0f} % intervals cover {100 * share:.0f} ± {100 * error:.0f} %"
+            for level, share, error in (shares if "coverage" in data else ())
+            if np.isfinite(share)
+        ]
+        axes.text(0.995, 0.97, "\n".join(told), ha="right", va="top", transform=axes.transAxes, fontsize=8, color=MUTED)
+
+
+def _inefficiency(axes: Axes, tree: xr.DataTree) -> None:
+    effective, found = variable(tree, "diagnostics", "ess"), inefficiency_heat(tree)
+    if found is not None:
+        tidy(axes, "Inefficiency factor τ", "frame")
+        draw_heat(axes, *found)
+    elif is_weighted(tree) and effective is not None:
+        axes.semilogy(frame_numbers(tree), effective[:, 0], color=POSTERIOR)
+        axes.set_ylim(0.8, 1.3 * int(tree.attrs["num_particles"]))
+        axes.minorticks_off()
+        tidy(axes, f"Effective number of {tree.attrs['num_particles']} particles", "frame")
+    else:
+        tidy(axes, "Inefficiency factor τ", "frame")
+        axes.text(0.5, 0.5, "too few draws a chain", ha="center", va="center", transform=axes.transAxes, color=MUTED)
 
 
 def _title(tree: xr.DataTree) -> str:

@@ -12,42 +12,26 @@ import xarray as xr
 
 from poseppl.diagnostics.batches import ratio_interval
 from poseppl.diagnostics.selection import Array, variable
-from poseppl.report.chart_parts import Chart, layout_of, line, plain
+from poseppl.report.chart import Chart, chart, line, points
 from poseppl.report.picture import MUTED, POSTERIOR, SAMPLE
 
 BINS = 10
 
 
 def prediction_chart(tree: xr.DataTree) -> Chart | None:
-    """Draw the histogram.
-
-    Args:
-        tree: The result.
-
-    Returns:
-        The chart; None where the result has no predictive checks.
-    """
+    """Draw the histogram; none where the result has no predictive checks."""
     transform = variable(tree, "predictive", "transform")
     if transform is None or not np.isfinite(transform).any():
         return None
     share, error = transform_shares(np.asarray(transform, np.float64))
-    centres, width = (np.arange(BINS) + 0.5) / BINS, 1 / BINS
-    bars = {"type": "data", "array": plain(200 * error), "color": POSTERIOR, "thickness": 1.5}
-    histogram = {
-        "type": "bar",
-        "x": plain(centres),
-        "y": plain(100 * share),
-        "width": width,
-        "name": "share of the data (± 2 standard errors)",
-        "marker": {"color": SAMPLE, "line": {"color": "white", "width": 1}},
-        "error_y": bars,
-    }
+    name, centres = "share of the data (± 2 standard errors)", (np.arange(BINS) + 0.5) / BINS
+    bars = {"type": "bar", "width": 1 / BINS, "marker": {"color": SAMPLE, "line": {"color": "white", "width": 1}}}
+    drawn = points(centres, 100 * share, name, POSTERIOR, 100 * error) | bars
     flat = {"color": MUTED, "width": 1, "dash": "dot"}
-    level = np.full(2, 100 / BINS)
-    ideal = line([0, 1], level, "predictions that hold", MUTED, line=flat, hoverinfo="skip")
-    layout = layout_of("data (%)", height=260, hovermode="closest")
-    layout["xaxis"] = layout["xaxis"] | {"title": {"text": "place among the predicted data"}, "range": [0, 1]}
-    return {"data": [histogram, ideal], "layout": layout}
+    ideal = line([0, 1], np.full(2, 100 / BINS), "predictions that hold", MUTED, line=flat, hoverinfo="skip")
+    histogram = {key: value for key, value in drawn.items() if key not in ("mode", "line")}
+    label = "place among the predicted data"
+    return chart([histogram, ideal], "data (%)", xlabel=label, height=260, hovermode="closest", xaxis={"range": [0, 1]})
 
 
 def transform_shares(transform: Array) -> tuple[Array, Array]:

@@ -1,47 +1,22 @@
-"""The tables of the report, as HTML: provenance, inefficiency of each coordinate, worst frames, errors."""
+"""The tables of the report: what was run, inefficiency of each coordinate, worst frames, errors; and its headline numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import frame_numbers, variable
-from poseppl.report.shell import card
+from poseppl.report.page import DASH, Rows
 from poseppl.runs.results import is_weighted, provenance
 
 MAX_WORST = 10
 _OF_CHAINS = ("rejection_rate", "divergences")
 
 
-class Raw(str):
-    """HTML that is to stand as it is."""
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Lay out a table; every cell that is not :class:`Raw` is escaped.
-
-    Args:
-        head: Titles of the columns.
-        rows: Cells.
-
-    Returns:
-        The HTML.
-    """
-    top = "".join(f"<th>{escape(title)}</th>" for title in head)
-    body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
-def _cell(value: object) -> str:
-    return value if isinstance(value, Raw) else escape(str(value))
-
-
-def provenance_table(tree: xr.DataTree) -> str:
-    """Lay out what was run: every root attribute, nested settings one line each, and the sizes of the result."""
+def settings_table(tree: xr.DataTree) -> Rows:
+    """List what was run: every root attribute, nested settings one line each, and the sizes of the result."""
     posterior = tree["posterior"]
     sizes = posterior.sizes
     rows: list[tuple[str, object]] = [("frames", sizes["frame"])]
@@ -54,45 +29,35 @@ def provenance_table(tree: xr.DataTree) -> str:
         rows.append(("frames a second of the recording", f"{float(tree.attrs['rate']):g}"))
     for name, value in provenance(tree).items():
         rows.extend(flatten(name.replace("_", " "), value))
-    return table(("", ""), rows)
+    return Rows(("", ""), list(rows))
 
 
-def inefficiency_table(tree: xr.DataTree) -> str:
-    """Lay out the inefficiency of each coordinate over the frames, the worst first; nothing for weighted particles."""
+def inefficiency_table(tree: xr.DataTree) -> Rows:
+    """List the inefficiency of each coordinate over the frames, the worst first; nothing for weighted particles."""
     data = tree["diagnostics"].dataset
     if is_weighted(tree) or np.isnan(data["tau"].values).all():
-        return ""
+        return Rows((), [])
     frames, names = frame_numbers(tree), data["dof"].values
     tau, windowed, ess, rhat = (np.asarray(data[name].values) for name in ("tau", "tau_windowed", "ess", "rhat"))
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for dof in np.argsort(-np.nan_to_num(tau, nan=-1).max(axis=0), kind="stable"):
         if np.isnan(tau[:, dof]).all():
             rows.append((names[dof], *["fixed"] * 7))
             continue
         worst = int(np.nanargmax(tau[:, dof]))
-        largest = f"{np.nanmax(rhat[:, dof]):.2f}" if np.isfinite(rhat[:, dof]).any() else "–"
-        rows.append(
-            (
-                names[dof],
-                f"{np.nanmedian(tau[:, dof]):.1f}",
-                f"{np.nanmean(tau[:, dof]):.1f}",
-                f"{tau[worst, dof]:.1f}",
-                frames[worst],
-                f"{np.nanmedian(windowed[:, dof]):.1f}",
-                f"{np.nanmin(ess[:, dof]):.0f}",
-                largest,
-            )
-        )
-    return table(
-        ("coordinate", "τ median", "τ mean", "τ largest", "in frame", "τ windowed", "least ESS", "largest R-hat"), rows
-    )
+        measures = (np.nanmedian(tau[:, dof]), np.nanmean(tau[:, dof]), tau[worst, dof])
+        largest = f"{np.nanmax(rhat[:, dof]):.2f}" if np.isfinite(rhat[:, dof]).any() else DASH
+        rest = (f"{np.nanmedian(windowed[:, dof]):.1f}", f"{np.nanmin(ess[:, dof]):.0f}", largest)
+        rows.append((names[dof], *(f"{measure:.1f}" for measure in measures), frames[worst], *rest))
+    head = ("coordinate", "τ median", "τ mean", "τ largest", "in frame", "τ windowed", "least ESS", "largest R-hat")
+    return Rows(head, rows)
 
 
-def worst_frames_table(tree: xr.DataTree) -> str:
-    """Lay out the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences, joint error."""
+def worst_frames_table(tree: xr.DataTree) -> Rows:
+    """List the frames that were sampled worst: largest inefficiency factor, ESS, rejection, divergences, joint error."""
     tau, frames = variable(tree, "diagnostics", "tau"), frame_numbers(tree)
     if tau is None or np.isnan(tau).all():
-        return ""
+        return Rows((), [])
     score = np.nan_to_num(tau, nan=-1).max(axis=1)
     names = tree["posterior"].dataset["dof"].values
     columns: list[tuple[str, Any, str]] = []
@@ -110,24 +75,24 @@ def worst_frames_table(tree: xr.DataTree) -> str:
     for frame in np.argsort(-score, kind="stable")[:MAX_WORST]:
         worst = "all" if is_weighted(tree) else names[int(np.nan_to_num(tau[frame], nan=-1).argmax())]
         rows.append((frames[frame], f"{score[frame]:.1f}", worst, *(form.format(values[frame]) for _, values, form in columns)))
-    return table(("frame", "τ largest", "coordinate", *(title for title, _, _ in columns)), rows)
+    return Rows(("frame", "τ largest", "coordinate", *(title for title, _, _ in columns)), rows)
 
 
-def error_table(tree: xr.DataTree) -> str:
-    """Lay out the error of each marker over the frames, absolute and relative to the root; nothing without a truth."""
+def error_table(tree: xr.DataTree) -> Rows:
+    """List the error of each marker over the frames, absolute and relative to the root; nothing without a truth."""
     error, relative = variable(tree, "diagnostics", "joint_error"), variable(tree, "diagnostics", "joint_error_relative")
     if error is None or relative is None:
-        return ""
+        return Rows((), [])
+    columns = {str(name): (error[:, i], relative[:, i]) for i, name in enumerate(tree["diagnostics"].dataset["marker"].values)}
     rows = [
-        (name, f"{error[:, i].mean():.0f}", f"{np.quantile(error[:, i], 0.95):.0f}", f"{relative[:, i].mean():.0f}")
-        for i, name in enumerate(tree["diagnostics"].dataset["marker"].values)
+        (name, f"{all_.mean():.0f}", f"{np.quantile(all_, 0.95):.0f}", f"{beside.mean():.0f}")
+        for name, (all_, beside) in [*columns.items(), ("all", (error, relative))]
     ]
-    rows.append(("all", f"{error.mean():.0f}", f"{np.quantile(error, 0.95):.0f}", f"{relative.mean():.0f}"))
-    return table(("marker", "error, mm", "95 % of frames below", "relative to the root, mm"), rows)
+    return Rows(("marker", "error, mm", "95 % of frames below", "relative to the root, mm"), rows)
 
 
-def cards(tree: xr.DataTree) -> str:
-    """Lay out the headline numbers."""
+def cards(tree: xr.DataTree) -> list[tuple[str, str]]:
+    """List the headline numbers."""
     data, known = tree["diagnostics"].dataset, provenance(tree)
     shown: list[tuple[str, str]] = []
     if "joint_error" in data:
@@ -144,7 +109,7 @@ def cards(tree: xr.DataTree) -> str:
     seconds = known.get("wall_seconds")
     if isinstance(seconds, int | float) and seconds > 0:
         shown.append((f"{tree['posterior'].sizes['frame'] / seconds:.1f}", "frames a second"))
-    return "".join(card(big, small) for big, small in shown)
+    return shown
 
 
 def flatten(name: str, value: object) -> list[tuple[str, object]]:
@@ -155,4 +120,4 @@ def flatten(name: str, value: object) -> list[tuple[str, object]]:
         return [(name, f"{value:.6g}")]
     if isinstance(value, list):
         return [(name, ", ".join(str(part) for part in value))]
-    return [(name, "–" if value is None else value)]
+    return [(name, DASH if value is None else value)]

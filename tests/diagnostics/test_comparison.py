@@ -13,8 +13,8 @@ from same_data import DOFS, run_on, scene
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.batches import CONFIDENCE, log_ratio, mean_interval
 from poseppl.diagnostics.contest import LEAST_COVERAGE, TIE, hold_contest
+from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.errors import InputError
-from poseppl.report.compare_words import findings
 
 DATA = scene()
 

@@ -15,9 +15,9 @@ from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.diagnostics import compare
 from poseppl.diagnostics.evidence import evidence_of_run
+from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.filters import particle_filter
 from poseppl.report.compare_tables import log_evidence
-from poseppl.report.compare_words import findings
 from poseppl.runs.results import Names, build_result
 from poseppl.runs.simulation import simulate
 

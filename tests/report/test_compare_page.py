@@ -14,10 +14,11 @@ import xarray as xr
 from same_data import run_on, scene
 
 from poseppl.diagnostics import compare, comparison_table
+from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
-from poseppl.report.compare_charts import MAX_CELLS, comparison_charts, heat_data, variance_data
+from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps, variance_charts
 from poseppl.report.compare_tables import shown
-from poseppl.report.compare_words import findings, words
+from poseppl.report.page import to_json
 
 DATA = scene(num_frames=20)
 
@@ -61,11 +62,11 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
     page = comparison_html(comparison)
     assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
     assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
-    heat = _data(page, "heat-data")
-    assert heat["formula"] == [False, False, True, False]
-    tau = next(part for part in heat["quantities"] if part["key"] == "tau")
-    assert all(value is None for line in tau["values"][2] for value in line)
-    assert heat["runs"][3] == "wrong (disqualified)"
+    tau = _data(page, "charts-data")["heat"][0]
+    assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
+    assert tau["data"][3]["name"] == "wrong (disqualified)"
+    told = [note["text"] for note in tau["layout"]["annotations"] if note["xref"] == "x3 domain"]
+    assert told == ["●", "kalman", "closed form: no Monte Carlo error"]
     texts = [found.text for found in findings(comparison)]
     assert any(text.startswith("quick has the most effective draws a second") for text in texts)
     assert any(text.startswith("A wrong posterior") and "wrong (" in text for text in texts)
@@ -99,10 +100,10 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
     for row, want in zip(rows, expected, strict=True):
         assert (row["run"], int(row["frame"]), row["dof"]) == (want["run"], want["frame"], want["dof"])
         assert row["tau"] == "" if want["tau"] is None else float(row["tau"]) == pytest.approx(want["tau"], rel=1e-5)
-    heat = heat_data(comparison)
-    for part in heat["quantities"]:
-        drawn = np.array(part["values"], float)
-        named = [float(row[part["key"]] or "nan") for row in rows]
+    keys = {label: key for key, label, *_ in HEATS}
+    for part in heat_maps(comparison):
+        drawn = np.array([trace["customdata"] for trace in part["data"]])
+        named = [float(row[keys[part["label"]]] or "nan") for row in rows]
         np.testing.assert_allclose(drawn, np.reshape(named, (4, 20, 3)).swapaxes(1, 2), rtol=6e-3)
     summary = comparison["summary"].dataset.sel(run="quick")
     cells = _row(comparison_html(comparison), "quick")
@@ -111,10 +112,10 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
 
 
 def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) -> None:
-    assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress"}
+    assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress", "heat", "variance"}
     closed = {name: run_on(DATA, method="extended-kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
     result = compare(closed)
-    assert comparison_charts(result) == {} and variance_data(result) is None and heat_data(result)["quantities"] == []
+    assert comparison_charts(result) == {"heat": [], "variance": []}
     page = comparison_html(result)
     assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
 
@@ -124,7 +125,7 @@ def test_one_frame_and_many_runs_have_a_page() -> None:
     page = comparison_html(compare({"a": run_on(single), "b": run_on(single, seed=1)}))
     assert "tie" in page
     many = compare({f"run {i}": run_on(DATA, seed=i % 4, shape=(2, 8)) for i in range(12)})
-    assert variance_data(many)["replicates"] == [4]  # type: ignore[index]
+    assert "4 seeds" in variance_charts(many)[0]["data"][0]["text"][0]
     assert "and 4 more" in comparison_html(many)
 
 
@@ -136,10 +137,11 @@ def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
         frame=np.arange(frames), dof=[f"joint {i}" for i in range(dofs)], run=[f"run {i}" for i in range(runs)]
     )
     tree = xr.DataTree.from_dict({"figures": large, "summary": comparison["summary"].dataset.isel(run=places["run"])})
-    heat = heat_data(tree)
-    assert len(heat["frames"]) == 300 and heat["frames"][-1] == 2999
-    assert len(heat["frames"]) * dofs * runs <= MAX_CELLS
-    assert len(json.dumps(heat)) < 4_000_000
+    heat = heat_maps(tree)
+    shown = heat[0]["data"][0]["x"]
+    assert len(shown) == 300 and shown[-1] == 2999
+    assert len(shown) * dofs * runs <= MAX_CELLS
+    assert len(to_json(heat)) < 4_000_000
 
 
 def test_numbers_and_names_in_words() -> None:

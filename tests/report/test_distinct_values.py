@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from distinct_values import ERRORS, SHARES, distinct_result
@@ -13,7 +11,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.diagnostics.diagnosis import root_index
 from poseppl.diagnostics.selection import image_grows_down
 from poseppl.motion.tracking.metrics import measure_run
-from poseppl.report.charts import charts, coordinate_data
+from poseppl.report.charts import charts
 from poseppl.report.tables import cards, error_table
 
 TREE = distinct_result()
@@ -45,15 +43,14 @@ def test_the_rows_of_the_command_line() -> None:
 
 
 def test_the_cards_of_the_report() -> None:
-    text = re.sub(r"<[^>]+>", " ", cards(TREE))
-    for shown in ("55 mm", "11 mm", "83 ± 2 %", "4.0", "36 %"):
-        assert shown in text, shown
+    shown = [big for big, _ in cards(TREE)]
+    assert shown[:5] == ["55 mm", "11 mm", "83 ± 2 %", "4.0", "36 %"]
 
 
 def test_errors_by_marker() -> None:
     """Means over the frames, 95 % quantiles of 0 to 5 above the first, and relative ones."""
-    cells = [re.findall(r"<td>(.*?)</td>", row) for row in error_table(TREE).split("<tr>")[2:]]
-    assert cells[0] == ["knee", "35", "58", "7"] and cells[2] == ["pelvis", "85", "108", "15"]
+    rows = error_table(TREE).rows
+    assert rows[0] == ("knee", "35", "58", "7") and rows[2] == ("pelvis", "85", "108", "15")
 
 
 def test_coverage_is_drawn_at_its_level_with_two_standard_errors() -> None:
@@ -66,12 +63,13 @@ def test_coverage_is_drawn_at_its_level_with_two_standard_errors() -> None:
 
 
 def test_bands_are_the_central_ninety_percent() -> None:
-    shown, draws = coordinate_data(TREE), TREE["posterior/state"].values.reshape(16, 6, 3)
-    np.testing.assert_allclose(shown["low"], np.quantile(draws, 0.05, axis=0).T, rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(shown["high"], np.quantile(draws, 0.95, axis=0).T, rtol=1e-3, atol=1e-3)
+    drawn, draws = charts(TREE), TREE["posterior/state"].values.reshape(16, 6, 3)
+    low, high = (np.array([each["data"][end]["y"] for each in drawn["coordinates"]]) for end in (0, 1))
+    np.testing.assert_allclose(low, np.quantile(draws, 0.05, axis=0).T, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(high, np.quantile(draws, 0.95, axis=0).T, rtol=1e-3, atol=1e-3)
     markers = TREE["posterior/markers"].values.reshape(16, 6, 3, 3)
     distance = np.linalg.norm(markers - markers.mean(0), axis=-1).mean(-1)
-    upper, lower = (line["y"] for line in charts(TREE)["error"]["data"][:2])
+    lower, upper = (line["y"] for line in drawn["error"]["data"][:2])
     np.testing.assert_allclose(upper, np.quantile(distance, 0.95, axis=0), rtol=1e-3)
     np.testing.assert_allclose(lower, np.quantile(distance, 0.05, axis=0), rtol=1e-3)
 

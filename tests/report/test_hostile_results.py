@@ -8,7 +8,7 @@ import pytest
 from hostile import HOSTILE, telling
 
 from poseppl.diagnostics import compare
-from poseppl.report import comparison_html, report_html, shell
+from poseppl.report import comparison_html, page, report_html
 
 HARMLESS = tuple(f"name {number} " for number in range(len(HOSTILE)))
 
@@ -38,11 +38,10 @@ def compared(texts: tuple[str, ...]) -> str:
     return comparison_html(compare({texts[0]: telling(texts), texts[1]: telling(texts)}))
 
 
-@pytest.mark.parametrize("page", [lambda texts: report_html(telling(texts)), compared], ids=["report", "comparison"])
-def test_texts_of_a_result_are_texts_on_its_page(page, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, hostile = elements(page(HARMLESS)), elements(page(HOSTILE))
+@pytest.mark.parametrize("made", [lambda texts: report_html(telling(texts)), compared], ids=["report", "comparison"])
+def test_texts_of_a_result_are_texts_on_its_page(made, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, hostile = elements(made(HARMLESS)), elements(made(HOSTILE))
     assert hostile == plain and len(plain) > 100
     assert {tag for tag, *_ in plain} & {"script", "style", "table", "option"}
-    monkeypatch.setattr(shell, "escape", lambda text: text)  # what would be noticed
-    monkeypatch.setattr(shell, "_json", lambda value: str(value))
-    assert elements(page(HOSTILE)) != plain
+    monkeypatch.setattr(page, "ENVIRONMENT", page.ENVIRONMENT.overlay(autoescape=False))  # what would be noticed
+    assert elements(made(HOSTILE)) != plain

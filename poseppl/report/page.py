@@ -1,0 +1,91 @@
+"""Pages of one HTML file that holds its style, data and scripts, and opens without a network.
+
+What comes from results is escaped: by Jinja2 in the templates, in the data by the page's script before Plotly reads a text.
+A browser runs no script but the page's own two, which it knows by their hashes, and fetches nothing (content security policy).
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from os import PathLike
+from typing import Any, NamedTuple
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from poseppl.files.atomic_writing import atomic_path
+
+DASH = "–"
+
+
+class Cell(NamedTuple):
+    """A cell that is more than text: coloured dots with the names they stand for, an HTML element around the text."""
+
+    text: str
+    dots: tuple[tuple[str, str], ...] = ()
+    element: str = ""
+
+
+class Rows(NamedTuple):
+    """A table: titles of the columns, and rows of text or :class:`Cell`."""
+
+    head: tuple[str, ...]
+    rows: list[tuple[Any, ...]]
+
+
+def to_json(value: object) -> str:
+    """JSON, with arrays as nested lists of five significant figures and null for what is not finite."""
+    return json.dumps(value, default=_plain, separators=(",", ":"), allow_nan=False)
+
+
+def _plain(values: Any) -> Any:
+    if isinstance(values, np.ndarray) and values.dtype.kind == "f":
+        if values.ndim > 1:
+            return [_plain(row) for row in values]
+        return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
+    return values.tolist()
+
+
+def _environment() -> Environment:
+    made = Environment(loader=PackageLoader("poseppl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    made.policies.update({"json.dumps_function": to_json, "json.dumps_kwargs": {}})
+    return made
+
+
+ENVIRONMENT = _environment()
+
+
+def page_html(template: str, **content: Any) -> str:
+    """Render a page.
+
+    Args:
+        template: Its name among the package's templates.
+        content: What the template reads; ``data`` goes to the script, by the id of its element.
+
+    Returns:
+        The whole page.
+    """
+    loader = ENVIRONMENT.loader
+    assert loader is not None
+    style, own = (loader.get_source(ENVIRONMENT, name)[0] for name in ("page.css", "page.js"))
+    scripts = [get_plotlyjs(), own]
+    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
+    known = " ".join(f"'sha256-{value}'" for value in hashes)
+    policy = f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
+    trusted = {"style": Markup(style), "scripts": [Markup(text) for text in scripts], "policy": Markup(policy)}
+    return ENVIRONMENT.get_template(template).render(**trusted, **content)
+
+
+def write_page(page: str, path: str | PathLike[str]) -> None:
+    """Write a page, whole or not at all.
+
+    Raises:
+        InputError: The folder is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(page, encoding="utf-8", errors="replace")

@@ -1,0 +1,54 @@
+"""The report of a run: one HTML file that holds everything, its scripts included, and opens without a network.
+
+Bounded in size for any length of sequence: the slider shows at most 120 frames with 20 draws each, charts at most 600 frames.
+"""
+
+from __future__ import annotations
+
+from os import PathLike
+
+import xarray as xr
+
+from poseppl.diagnostics import verdicts
+from poseppl.diagnostics.selection import diagnosed
+from poseppl.report.charts import charts
+from poseppl.report.page import page_html, write_page
+from poseppl.report.pose_data import pose_data
+from poseppl.report.tables import cards, error_table, inefficiency_table, settings_table, worst_frames_table
+from poseppl.runs.results import is_weighted, provenance
+
+
+def write_report(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+    """Write the report of a result.
+
+    Args:
+        tree: The result; diagnosed first if it has no group ``diagnostics``.
+        path: The HTML file, overwritten if it exists; it appears when it is whole.
+
+    Raises:
+        InputError: The folder is missing or cannot be written.
+        PosepplError: The disk is full.
+    """
+    write_page(report_html(tree), path)
+
+
+def report_html(tree: xr.DataTree) -> str:
+    """Make the report of a result, the whole page."""
+    whole = diagnosed(tree)
+    drawn, poses, known = charts(whole), pose_data(whole), provenance(whole)
+    return page_html(
+        "report.html",
+        title=str(known.get("input", "Tracking")),
+        subtitle=" · ".join(str(known[name]) for name in ("model", "filter", "created") if name in known),
+        cards=cards(whole),
+        data={"charts-data": drawn, "pose-data": poses},
+        charts=drawn,
+        poses=poses,
+        found=verdicts(whole),
+        known="truth" in whole.children,
+        weighted=is_weighted(whole),
+        errors=error_table(whole),
+        by_coordinate=inefficiency_table(whole),
+        worst=worst_frames_table(whole),
+        settings=settings_table(whole),
+    )
