@@ -33,3 +33,16 @@ class InputError(PosepplError):
         message = f"{', '.join(where)}: {problem}" if where else problem
         told = f"{message} (expected {expected})" if expected else message
         super().__init__("".join(letter if letter.isprintable() else "?" for letter in told))
+
+
+class SettingError(InputError):
+    """A setting of an algorithm that it does not take; the command line writes ``--set`` before the message.
+
+    Args:
+        name: The setting, an argument of the algorithm.
+        value: What it was set to.
+        problem: What is wrong, or what was expected.
+    """
+
+    def __init__(self, name: str, value: object, problem: str) -> None:
+        super().__init__(problem, field=f"{name}={value}")

@@ -118,7 +118,7 @@ def synthetic_result(
         attrs={
             "model": "poseppl_models.synthetic:stick",
             "filter": "particle filter" if weighted else "hmc filter",
-            "settings": {"chains": num_chains, "draws": num_draws, "note": "<b>not bold</b>"},
+            "settings": {"num_chains": num_chains, "num_updates": num_draws, "note": "<b>not bold</b>"},
             "seed": seed,
             "versions": {"jax": "0.10.2", "numpy": np.__version__},
             "wall_seconds": 2.5,

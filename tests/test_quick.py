@@ -147,15 +147,16 @@ def test_examples_in_docstrings_are_true(name: str) -> None:
 
 
 TINY = {
-    "assumed-density": ["--chains", "4", "--draws", "12", "--leapfrog", "4", "--burn-in", "2", "--starts", "4"],
-    "particle": ["--particles", "100"],
+    "assumed-density": ["num_chains=4", "num_updates=12", "num_leapfrog=4", "burn_in=2", "num_starts=4"],
+    "particle": ["num_particles=100"],
 }
 
 
 @pytest.mark.parametrize("name", TINY)
 def test_the_main_job_at_a_tiny_size(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "result.nc"
-    arguments = ["track", "--frames", "0:4", "--filter", name, *TINY[name], "--max-draws", "10", "-o", str(target)]
+    settings = [word for setting in TINY[name] for word in ("--set", setting)]
+    arguments = ["track", "--frames", "0:4", "--filter", name, *settings, "--max-draws", "10", "-o", str(target)]
     assert main(arguments) == 0
     assert "mean joint error" in capsys.readouterr().out
     assert target.with_suffix(".png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""The command line: track, smooth, simulate, report, compare, reproduce, fit-gait.
+"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -16,11 +16,13 @@ from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
+from poseppl.cli.settings import filters as filters_command
+from poseppl.cli.settings import smoothers as smoothers_command
 from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command
 from poseppl.cli.track import track as track_command
-from poseppl.errors import PosepplError
+from poseppl.errors import PosepplError, SettingError
 
 EPILOG = """\b
 Exit status:
@@ -40,6 +42,7 @@ Examples:
   poseppl track                              a built-in walk, seen by one camera
   poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
   poseppl smooth poseppl-02_01.nc            every frame given all frames
+  poseppl filters                            the algorithms of track --filter, and their settings
   poseppl report poseppl-02_01.nc            its report, one HTML file
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track --help                       every option
@@ -54,6 +57,8 @@ def cli() -> None:
 for command in (
     track_command,
     smooth_command,
+    filters_command,
+    smoothers_command,
     simulate_command,
     report_command,
     compare_command,
@@ -87,6 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say("interrupted; every file that was written is whole", debug)
         end_by_signal(number := signal_of(error))
         return 128 + number
+    except SettingError as error:
+        _say(f"--set {error}", debug)
     except PosepplError as error:
         _say(str(error), debug)
     except BrokenPipeError:

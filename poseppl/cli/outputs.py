@@ -100,3 +100,35 @@ def write_outputs(tree: Any, target: Path, note: Callable[[str], None]) -> list[
     picture = target.with_suffix(".png")
     drawn = draw(picture, lambda: save_picture(plot_track(tree), picture), note)
     return [("result", target), *([("picture", picture)] if drawn else [])]
+
+
+def summary(tree: Any) -> list[tuple[str, str]]:
+    """The rows of the table."""
+    from poseppl.motion.tracking import measure_run
+    from poseppl.runs.results import provenance
+
+    numbers, known = measure_run(tree), provenance(tree)
+    sizes = tree["posterior"].sizes
+    residual = known.get("residual_mm")
+
+    def shown(value: float | None, pattern: str) -> str | None:
+        return None if value is None else pattern.format(value)
+
+    rows = [
+        ("input", str(known["input"])),
+        ("model", f"{known['model'].rpartition(':')[2]}, {sizes['dof']} coordinates"),
+        ("filter", str(known["filter"])),
+        ("smoother", known.get("smoother")),
+        ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),
+        ("body's distance from the recording", shown(residual, "{:.1f} mm")),
+        ("mean joint error", shown(numbers.joint_error, "{:.1f} mm")),
+        ("  relative to the pelvis", shown(numbers.joint_error_relative, "{:.1f} mm")),
+        ("coverage of 90 % intervals, joints", shown(numbers.coverage, "{:.1%}")),
+        ("  of the coordinates", shown(numbers.coverage_state, "{:.1%}")),
+        ("rejection rate", shown(numbers.rejection, "{:.1%}")),
+        ("inefficiency factor, median", shown(numbers.tau, "{:.1f}")),
+        ("  mean", shown(numbers.tau_mean, "{:.1f}")),
+        ("frames a second", shown(numbers.frames_per_second, "{:.1f}")),
+        ("compilation", f"{known['compile_seconds']:.1f} s"),
+    ]
+    return [(name, value) for name, value in rows if value is not None]

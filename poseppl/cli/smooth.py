@@ -8,21 +8,8 @@ from typing import Any
 import click
 
 from poseppl.cli.options import common_options
+from poseppl.cli.settings import CommandWithSettings, settings_option
 from poseppl.errors import InputError
-
-METHODS = (
-    "nuts",
-    "forward-backward",
-    "backward-simulation",
-    "two-filter",
-    "viterbi",
-    "genealogy",
-    "fixed-lag",
-    "rauch-tung-striebel",
-    "gibbs",
-    "variational",
-    "particle-gibbs",
-)
 
 EXAMPLES = """
 \b
@@ -31,7 +18,8 @@ Examples:
       NUTS on all frames at once, started from the filter's draws.
   poseppl smooth poseppl-walk.nc --method forward-backward
       The filter's particles, weighted anew.
-  poseppl smooth poseppl-walk.nc --method nuts --set num_draws=500 --set num_chains=8
+  poseppl smooth poseppl-walk.nc --set num_draws=500 --set num_chains=8
+      More and longer chains of the default.
 
 \b
 Files written:
@@ -44,16 +32,18 @@ Exit status: 0 done, 1 bad input or a smoothing that breaks down, 2 wrong usage,
 """
 
 
-@click.command(epilog=EXAMPLES, short_help="Smooth a result: every frame given all data.")
+class SmoothCommand(CommandWithSettings):
+    """The command, which takes the settings of smoothers."""
+
+    kind = "smoother"
+
+
+@click.command(cls=SmoothCommand, epilog=EXAMPLES, short_help="Smooth a result: every frame given all data.")
 @click.argument("result", type=click.Path())
-@click.option("--method", type=click.Choice(METHODS), default=METHODS[0], show_default=True, help="Which smoother.")
 @click.option(
-    "--set",
-    "assignments",
-    metavar="NAME=VALUE",
-    multiple=True,
-    help="A setting of the smoother; may be given several times. A wrong name lists those that it takes, with their defaults.",
+    "--method", metavar="NAME", default="trajectory", show_default=True, help="Which smoother; poseppl smoothers lists them."
 )
+@settings_option
 @click.option(
     "--model",
     metavar="BUILDER",
@@ -70,7 +60,7 @@ Exit status: 0 done, 1 bad input or a smoothing that breaks down, 2 wrong usage,
 )
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: NAME-METHOD.nc, here]")
 @common_options
-def smooth(result: str, method: str, assignments: tuple[str, ...], **options: Any) -> None:
+def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -> None:
     """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
 
     RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
@@ -80,13 +70,11 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path
-    from poseppl.cli.outputs import write_outputs
-    from poseppl.cli.track import summary
+    from poseppl.cli.outputs import summary, write_outputs
     from poseppl.motion.tracking import SmoothSettings
     from poseppl.motion.tracking import smooth as smooth_result
     from poseppl.runs.results import load_result
 
-    settings = dict(_assignment(word) for word in assignments)
     if options["max_draws"] is not None and options["max_draws"] < 1:
         raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
     if not 0 <= options["seed"] < 2**32:
@@ -105,10 +93,3 @@ def smooth(result: str, method: str, assignments: tuple[str, ...], **options: An
     if not options["quiet"]:
         print_table("poseppl smooth", [*summary(smoothed), *((name, str(path)) for name, path in files)])
     print_verdict(smoothed, target, options["quiet"])
-
-
-def _assignment(word: str) -> tuple[str, str]:
-    name, equals, value = word.partition("=")
-    if not equals or not name or not value:
-        raise InputError(f"{word!r}", field="--set", expected="NAME=VALUE")
-    return name.strip(), value.strip()

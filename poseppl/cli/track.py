@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.cli.settings import settings_option
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -18,23 +19,6 @@ from poseppl.cli.track_video import (
 )
 from poseppl.errors import InputError, PosepplError
 
-FILTERS = (
-    "assumed-density",
-    "window",
-    "hmc",
-    "particle",
-    "guided",
-    "auxiliary",
-    "tempered",
-    "annealed",
-    "de-mc",
-    "extended-kalman",
-    "unscented-kalman",
-)
-_CHAIN_OPTIONS = ("chains", "draws", "leapfrog", "burn_in", "step_size", "rejection", "jitter", "components", "starts")
-_PARTICLE_OPTIONS = ("particles", "resampling", "ess_threshold", "target", "ess_target", "chain_length", "layers", "survival")
-_FILTER_OPTIONS = (*_CHAIN_OPTIONS, "window", "dense_mass", *_PARTICLE_OPTIONS)
-
 EXAMPLES = """
 \b
 Examples:
@@ -42,7 +26,7 @@ Examples:
       The built-in walk, seen by one camera at 5 m.
   poseppl track 02_01.amc --skeleton 02.asf --frames 0:200:2 --cameras 2
       Every second of the first 200 frames of a recording, seen by two cameras.
-  poseppl track walk.bvh --filter hmc --chains 50 --draws 64 --burn-in 10
+  poseppl track walk.bvh --filter hmc --set num_chains=50 --set num_updates=64 --set burn_in=10
       The filter of Choo and Fleet 2001, with more and longer chains.
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.
@@ -78,65 +62,14 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @camera_options
 @video_options
 @click.option(
-    "--filter", "filter_name", type=click.Choice(FILTERS), default=FILTERS[0], show_default=True, help="Which algorithm."
+    "--filter",
+    "filter_name",
+    metavar="NAME",
+    default="assumed-density",
+    show_default=True,
+    help="Which algorithm; poseppl filters lists them.",
 )
-@click.option("--chains", metavar="M", type=int, help="Markov chains a frame. [default: 30; 10 for hmc]")
-@click.option("--draws", metavar="R", type=int, help="Updates of a chain and frame, with burn-in. [default: 24; 32 for hmc]")
-@click.option("--leapfrog", metavar="L", type=int, help="Leapfrog steps of an update. [default: 8; 40 for hmc]")
-@click.option("--burn-in", metavar="B", type=int, help="Updates that are thrown away. [default: 4; 6 for hmc]")
-@click.option(
-    "--step-size",
-    metavar="EPS",
-    type=float,
-    help="Leapfrog step, in standard deviations; where it adapts, its first value. [default: 0.4; 0.5 for hmc]",
-)
-@click.option(
-    "--rejection", metavar="RATE", type=float, help="Rejection rate that the step size adapts to; 0 fixes it. [default: 0.15]"
-)
-@click.option(
-    "--jitter",
-    metavar="FRACTION",
-    type=float,
-    help="Fraction by which trajectories are shortened at random. [default: 0.5; 0 for hmc]",
-)
-@click.option("--components", metavar="K", type=int, help="assumed-density: Gaussians in the temporal prior. [default: 3]")
-@click.option("--starts", metavar="S", type=int, help="assumed-density, window: climbs to the modes of a frame. [default: 40]")
-@click.option("--window", metavar="W", type=int, help="window: frames that are sampled together. [default: 3]")
-@click.option("--dense-mass/--diagonal-mass", default=None, help="hmc: form of the mass matrix. [default: diagonal]")
-@click.option(
-    "--particles",
-    metavar="N",
-    type=int,
-    help="How many particles; draws of the Gaussian for the Kalman filters. [default: 10000 for particle, 2000 for guided and "
-    "auxiliary, 500 for tempered, 1000 otherwise]",
-)
-@click.option(
-    "--resampling",
-    type=click.Choice(["systematic", "stratified", "residual", "multinomial"]),
-    help="The scheme, where particles are resampled. [default: systematic; multinomial for annealed]",
-)
-@click.option(
-    "--ess-threshold",
-    metavar="FRACTION",
-    type=float,
-    help="particle, guided, auxiliary: resample when the effective number falls to this fraction. [default: 1, every frame]",
-)
-@click.option(
-    "--target",
-    type=click.Choice(["ancestor", "mixture"]),
-    help="tempered: whether moves hold the ancestor fixed, or see the mixture over all. [default: ancestor]",
-)
-@click.option(
-    "--ess-target",
-    metavar="FRACTION",
-    type=float,
-    help="tempered: effective number at each temperature, as a fraction. [default: 0.5]",
-)
-@click.option("--chain-length", metavar="P", type=int, help="tempered: waste-free chains of so many states. [default: 1]")
-@click.option("--layers", metavar="R", type=int, help="annealed, de-mc: layers of a frame. [default: 10; 7 for de-mc]")
-@click.option(
-    "--survival", metavar="FRACTION", type=float, help="annealed: fraction of particles that outlives a layer. [default: 0.5]"
-)
+@settings_option
 @click.option(
     "--sigma-position",
     metavar="MM",
@@ -198,7 +131,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
-    from poseppl.cli.outputs import write_outputs
+    from poseppl.cli.outputs import summary, write_outputs
     from poseppl.cli.subject import stem_of
 
     _check_usage(recording, observations, options)
@@ -251,22 +184,22 @@ def _run(
 ) -> tuple[Any, str | None]:
     """The result, and why it ends before its scene does, if it does."""
     from poseppl.cli.subject import given_rate
-    from poseppl.filters.registry import check_settings
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking.walk import ASSUMED_RATE
+    from poseppl.runs.algorithms import FILTERS
 
     model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
         model=model,
         filter=options["filter_name"],
-        options={name: options[name] for name in _FILTER_OPTIONS},
+        options=options["settings"],
         on_failure=options["on_failure"],
         **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "seed", "max_draws", "devices")},
     )
-    check_settings(settings.filter, settings.options)
+    FILTERS[settings.filter].check(settings.options)
     progress.stage("reading")
     scene: Any
     if sources:
@@ -308,35 +241,3 @@ def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tupl
         progress.stage("fitting the body to the recording")
     subject = find_subject(recording, options)
     return subject, *look_at_subject(subject, options)
-
-
-def summary(tree: Any) -> list[tuple[str, str]]:
-    """The rows of the table."""
-    from poseppl.motion.tracking import measure_run
-    from poseppl.runs.results import provenance
-
-    numbers, known = measure_run(tree), provenance(tree)
-    sizes = tree["posterior"].sizes
-    residual = known.get("residual_mm")
-
-    def shown(value: float | None, pattern: str) -> str | None:
-        return None if value is None else pattern.format(value)
-
-    rows = [
-        ("input", str(known["input"])),
-        ("model", f"{known['model'].rpartition(':')[2]}, {sizes['dof']} coordinates"),
-        ("filter", str(known["filter"])),
-        ("smoother", known.get("smoother")),
-        ("frames", f"{sizes['frame']}" + (f", {numbers.failed} impossible" if numbers.failed else "")),
-        ("body's distance from the recording", shown(residual, "{:.1f} mm")),
-        ("mean joint error", shown(numbers.joint_error, "{:.1f} mm")),
-        ("  relative to the pelvis", shown(numbers.joint_error_relative, "{:.1f} mm")),
-        ("coverage of 90 % intervals, joints", shown(numbers.coverage, "{:.1%}")),
-        ("  of the coordinates", shown(numbers.coverage_state, "{:.1%}")),
-        ("rejection rate", shown(numbers.rejection, "{:.1%}")),
-        ("inefficiency factor, median", shown(numbers.tau, "{:.1f}")),
-        ("  mean", shown(numbers.tau_mean, "{:.1f}")),
-        ("frames a second", shown(numbers.frames_per_second, "{:.1f}")),
-        ("compilation", f"{known['compile_seconds']:.1f} s"),
-    ]
-    return [(name, value) for name, value in rows if value is not None]

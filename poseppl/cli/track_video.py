@@ -9,13 +9,14 @@ from typing import Any
 
 import click
 
+from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
 MANY = ("--video", "--empty", "--hidden", "--masks")
 _ONLY = ("calibration", "empty", "hidden", "masks", "faces", "silhouette_noise", "refine", "edges")
 
 
-class ManyFiles(click.Command):
+class ManyFiles(CommandWithSettings):
     """A command some of whose options take all the words up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

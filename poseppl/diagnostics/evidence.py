@@ -22,8 +22,8 @@ from poseppl.diagnostics.replicates import settings_of_runs
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
 from poseppl.runs.results import provenance
 
-MODE_SEEKERS = ("annealed", "de-mc")
-WEIGHING = ("particle", "guided", "auxiliary")
+MODE_SEEKERS = ("annealed", "demc")
+WEIGHING = ("particle", "guided")
 """Filters whose ESS is that of the weights whose mean is a frame's evidence."""
 REPLICATES, WEIGHTS, NONE, UNKNOWN = "replicates", "weights", "none", "unknown"
 _LEAST_SEEDS = 3

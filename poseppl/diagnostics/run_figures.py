@@ -37,7 +37,7 @@ from poseppl.diagnostics.calibration import LEVELS
 from poseppl.diagnostics.diagnosis import diagnose
 from poseppl.runs.results import is_weighted, provenance
 
-CLOSED_FORM = ("extended-kalman", "unscented-kalman", "rauch-tung-striebel", "variational", "viterbi")
+CLOSED_FORM = ("kalman", "rauch-tung-striebel", "variational", "viterbi")
 """Filters and smoothers of the command line whose means are not averages of draws."""
 
 CHAINS, WEIGHTED, FORMULA = "chains", "weighted particles", "closed form"

@@ -83,7 +83,7 @@ def annealed_filter(
         diffusion: Diagonal of P (d,), variances; by default the transition's (in the first frame the initial state's).
         crossover: Groups of coordinates, by index or name, that stay together when two parents are crossed; coordinates of no
             group come from the first parent. None makes no crossover.
-        resampling: One of systematic, stratified, residual, multinomial.
+        resampling: How ancestors are drawn.
 
     Returns:
         The filter; its state is :class:`AnnealedState`. `Info.ess` is that of the last layer.

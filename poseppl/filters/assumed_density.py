@@ -60,7 +60,7 @@ def assumed_density_filter(
 
     Args:
         model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
-        num_chains: M.
+        num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         num_components: K, Gaussians in the temporal prior.
         num_starts: States that climb to modes.
@@ -72,6 +72,7 @@ def assumed_density_filter(
     """
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
+    check_at_least(0, num_mode_steps=num_mode_steps)
     moved = int(_MOVED * (num_starts - 1))
 
     def before(observation: Observation, inputs: Any = None) -> ChainState:

@@ -124,7 +124,7 @@ def demc_filter(
         noise: c, half-width of the noise in standard deviations of the particles, in [0, 1).
         noise_follows: "survival" (Eq. 7), "degeneracy" (its inverse) or "nothing".
         snooker: Probability that a particle makes a snooker update instead.
-        resampling: One of systematic, stratified, residual, multinomial.
+        resampling: How ancestors are drawn.
 
     Returns:
         The filter; its state is :class:`DEMCState`.
@@ -132,7 +132,7 @@ def demc_filter(
     Raises:
         ValueError: A setting out of its range.
     """
-    check_at_least(1, num_particles=num_particles)
+    check_at_least(1, num_particles=num_particles, num_layers=num_layers)
     check_choice(Target, target=target)
     check_choice(Prediction, prediction=prediction)
     check_choice(NoiseFollows, noise_follows=noise_follows)

@@ -43,7 +43,7 @@ def guided_filter(
         num_particles: N, at least 1.
         proposal: Programs to draw from; a local linearisation of the model if None.
         auxiliary: Whether ancestors are chosen by what the data say of them.
-        resampling: One of systematic, stratified, residual, multinomial.
+        resampling: How ancestors are drawn.
         ess_threshold: Resample when ESS <= threshold * N: 1 at every frame, 0 never.
 
     Returns:

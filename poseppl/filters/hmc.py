@@ -47,11 +47,11 @@ def hmc_filter(
 
     Args:
         model: The compiled model, its sites over the real line.
-        num_chains: M.
+        num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         dense_mass: Whether the mass matrix has the curvature's off-diagonal entries.
         curvature: Second derivatives of the energy by coordinate (d,), to be used for Eq. 17 instead of our estimate.
-        resampling: Scheme of step 2: "systematic", "stratified", "residual" or "multinomial".
+        resampling: How step 2 resamples.
 
     Returns:
         The filter; its state is :class:`~poseppl.filters.chains.ChainState`.

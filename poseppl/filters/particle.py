@@ -27,7 +27,7 @@ def particle_filter(
     Args:
         model: The compiled model.
         num_particles: N, at least 1.
-        resampling: One of systematic, stratified, residual, multinomial.
+        resampling: How ancestors are drawn.
         ess_threshold: Resample when ESS <= threshold * N: 1 at every frame, 0 never.
 
     Returns:

@@ -80,7 +80,7 @@ def tempered_filter(
         chain_length: P of waste-free SMC, a divisor of N: N / P particles are resampled and make P - 1 moves, whose states are
             all kept; 1 moves each of N particles as `moves` says.
         whiten: Whether the particles set the moves' scale in each direction.
-        resampling: One of systematic, stratified, residual, multinomial.
+        resampling: How ancestors are drawn.
 
     Returns:
         The filter; its state is :class:`TemperedState`. `Info.ess` is the least ESS of the frame's temperatures, before

@@ -74,7 +74,7 @@ def window_filter(
 
     Args:
         model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
-        num_chains: M.
+        num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         window: W, frames whose joint density the chains sample.
         num_starts: Draws from the prediction that climb to modes.
@@ -89,6 +89,7 @@ def window_filter(
     """
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, window=window, num_starts=num_starts)
+    check_at_least(0, num_mode_steps=num_mode_steps)
     dimension = model.dimension
 
     def run(

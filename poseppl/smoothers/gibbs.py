@@ -25,7 +25,7 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_choice, check_fraction
+from poseppl.checks import check_at_least, check_choice, check_fraction
 from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
@@ -70,7 +70,7 @@ def gibbs_smoother(
         num_components: K, the most components of a frame's likelihood; goes before the setting in `mixture`.
         num_draws: Rounds, those of all chains together and burn-in included.
         burn_in: Fraction of each chain's rounds that is left out.
-        num_chains: M; divides `num_draws`.
+        num_chains: M, Markov chains; divides `num_draws`.
         target: "mixture", or "model" for moves that are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
@@ -84,8 +84,9 @@ def gibbs_smoother(
     Raises:
         ValueError: A setting out of range; when it is run, `blocked` with a transition that is not linear.
     """
-    if num_chains < 1 or num_draws % num_chains or num_draws < num_chains:
-        raise ValueError(f"num_draws is {num_draws}. Expected a multiple of num_chains = {num_chains}, which is at least 1.")
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    if num_draws % num_chains:
+        raise ValueError(f"num_draws is {num_draws}. Expected a multiple of num_chains = {num_chains}.")
     check_fraction("[0, 1)", burn_in=burn_in)
     check_choice(Target, target=target)
     if blocked and target == "model":

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 import jax.numpy as jnp
 import pytest
 
+import poseppl.filters
 from poseppl.filters import Filter, Info, ParticleState
 
 
 def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
-    """Let `track` use a filter of four chains at the first state's mean, whose state is NaN from frame `at` on."""
+    """Export a filter "breaking" of four chains at the first state's mean, whose state is NaN from frame `at` on."""
 
-    def build(name: str, model: Any, options: Any) -> tuple[Filter, dict[str, Any]]:
+    def breaking_filter(model: Any, num_particles: int = 4) -> Filter:
         zero, number = jnp.zeros(()), jnp.int32(0)
         info = Info(zero, zero, jnp.arange(4, dtype=jnp.int32), zero, number, number, number, jnp.array(False), zero)
 
@@ -28,6 +28,6 @@ def break_down(monkeypatch: pytest.MonkeyPatch, at: int) -> None:
         def step(rng_key: Any, before: Any, observation: Any, inputs: Any) -> Any:
             return state(before.log_weights[0] + 1, inputs), info
 
-        return Filter(init, step), {"particles": 4}
+        return Filter(init, step)
 
-    monkeypatch.setattr(importlib.import_module("poseppl.motion.tracking.track"), "build_filter", build)
+    monkeypatch.setattr(poseppl.filters, "breaking_filter", breaking_filter, raising=False)

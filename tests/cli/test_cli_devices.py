@@ -16,8 +16,8 @@ from poseppl.runs.results import load_result, provenance
 MAIN = "import sys; from poseppl.cli import main; sys.exit(main())"
 TRACK = ["track", "--frames", "0:3", "--max-draws", "20", "--quiet"]
 FILTERS = {
-    "particle": ["--filter", "particle", "--particles", "200"],
-    "assumed-density": ["--filter", "assumed-density", "--chains", "10"],
+    "particle": ["--filter", "particle", "--set", "num_particles=200"],
+    "assumed-density": ["--filter", "assumed-density", "--set", "num_chains=10"],
 }
 
 

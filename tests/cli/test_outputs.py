@@ -26,7 +26,7 @@ from poseppl.errors import PosepplError
 from poseppl.motion.tracking import problem_of_result
 from poseppl.runs.results import load_result, provenance
 
-SMALL = ["--filter", "extended-kalman", "--particles", "20", "--frames", "0:4", "-q"]
+SMALL = ["--filter", "kalman", "--set", "num_particles=20", "--frames", "0:4", "-q"]
 
 
 @pytest.fixture(autouse=True)
@@ -118,7 +118,7 @@ def test_frames_before_one_that_breaks_down_are_written(
 ) -> None:
     at = 1
     break_down(monkeypatch, at)
-    assert main(["track", *SMALL]) == 1
+    assert main(["track", *SMALL, "--filter", "breaking"]) == 1
     message = capsys.readouterr().err
     assert f"frame {at}: the filter's state is not finite" in message
     assert f"; the frames before it, {at} of 4, are in poseppl-walk.nc" in message

@@ -11,7 +11,7 @@ import pytest
 from poseppl.cli import main
 from poseppl.runs.results import load_result, provenance
 
-SMALL = ["--filter", "particle", "--particles", "100", "--max-draws", "10", "-q", "-o", "out.nc"]
+SMALL = ["--filter", "particle", "--set", "num_particles=100", "--max-draws", "10", "-q", "-o", "out.nc"]
 SKELETON = "cmu_expmap/skeleton.json"
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

@@ -20,7 +20,7 @@ from poseppl.diagnostics import verdicts
 from poseppl.motion.io import open_video, write_cameras, write_image, write_video
 from poseppl.runs.results import load_result, provenance
 
-FEW = ["--filter", "annealed", "--particles", "40", "--layers", "2", "--quiet"]
+FEW = ["--filter", "annealed", "--set", "num_particles=40", "--set", "num_layers=2", "--quiet"]
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path,
 
 def test_frames_before_one_that_breaks_down_are_written(room, tmp_path, capsys, monkeypatch):
     break_down(monkeypatch, 2)
-    status, text = run(capsys, *videos(room), *empty(room), "--quiet", "-o", tmp_path / "part.nc")
+    status, text = run(capsys, *videos(room), *empty(room), "--filter", "breaking", "--quiet", "-o", tmp_path / "part.nc")
     assert status == 1 and "frame 2: the filter's state is not finite" in text and "2 of 3, are in " in text
     assert load_result(tmp_path / "part.nc")["posterior"].sizes["frame"] == 2
     assert sum(1 for _ in open_video(tmp_path / "part-left.mp4").images()) == 2

@@ -25,7 +25,7 @@ def runs() -> dict[str, xr.DataTree]:
         "slow": run_on(DATA, rho=0.8, seed=1),
         "quick": run_on(DATA, rho=0.0, seed=2, seconds=0.05),
         "weighted": run_on(DATA, method="particle", weighted=40.0, evaluations=(1000, 0), seed=3),
-        "kalman": run_on(DATA, method="extended-kalman", weighted=1000.0, evaluations=(1, 1), seed=4),
+        "kalman": run_on(DATA, method="kalman", weighted=1000.0, evaluations=(1, 1), seed=4),
     }
 
 

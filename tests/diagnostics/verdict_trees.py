@@ -62,7 +62,7 @@ def steps_tree(
         summary={"state_mean": mean, "state_sd": np.full(mean.shape, 0.05)},
         inputs={"step_scale": walk},
         frames=np.arange(7, 7 + frames),
-        attrs={"smoother": "nuts"} if smoother else {},
+        attrs={"smoother": "trajectory"} if smoother else {},
     )
 
 

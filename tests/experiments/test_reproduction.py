@@ -136,9 +136,11 @@ def test_the_full_plan_is_the_papers():
     assert len(jobs) == 3 * 3 * 5 and sum(len(job.runs) for job in jobs) == 450
     sequences = tasks_of("sequence", FULL, [BUILT_IN])["sequences"].jobs
     settings = {(job.system, job.method): dict(job.settings) for job in sequences}
-    assert settings["lower_body", "particle filter"] == {"particles": 23_000}
-    assert settings["full_body", "particle filter"] == {"particles": 108_000}
-    assert settings["full_body", "HMC filter"]["draws"] == 32 and settings["full_body", "HMC filter"]["leapfrog"] == 40
+    assert settings["lower_body", "particle filter"] == {"num_particles": 23_000}
+    assert settings["full_body", "particle filter"] == {"num_particles": 108_000}
+    assert (
+        settings["full_body", "HMC filter"]["num_updates"] == 32 and settings["full_body", "HMC filter"]["num_leapfrog"] == 40
+    )
 
 
 def test_every_job_of_the_full_plan_has_a_name_and_a_cost():

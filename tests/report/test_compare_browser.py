@@ -26,7 +26,7 @@ def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: P
         {
             "slow <i>": run_on(DATA, rho=0.8),
             "quick": run_on(DATA, seed=1),
-            "kalman": run_on(DATA, method="extended-kalman", weighted=1000.0, evaluations=(1, 1)),
+            "kalman": run_on(DATA, method="kalman", weighted=1000.0, evaluations=(1, 1)),
         }
     )
     write_comparison(comparison, tmp_path / "page.html")
@@ -96,7 +96,7 @@ def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
 
 
 def test_a_comparison_without_figures_opens_too(driver: Any, tmp_path: Path) -> None:
-    runs = {name: run_on(DATA, method="extended-kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
+    runs = {name: run_on(DATA, method="kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
     write_comparison(compare(runs), tmp_path / "page.html")
     open_page(driver, tmp_path / "page.html")
     assert errors(driver) == []

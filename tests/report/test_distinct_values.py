@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from distinct_values import ERRORS, SHARES, distinct_result
 
-from poseppl.cli.track import summary
+from poseppl.cli.outputs import summary
 from poseppl.diagnostics import diagnose
 from poseppl.diagnostics.diagnosis import root_index
 from poseppl.diagnostics.selection import image_grows_down

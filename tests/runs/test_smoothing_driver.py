@@ -32,7 +32,6 @@ from poseppl.smoothers import (
     smoothed_moments,
 )
 from poseppl.smoothers.base import smoothing_info
-from poseppl.smoothers.registry import SMOOTHERS, build_smoother
 
 POSED = problem()
 KEY = jax.random.key(0)
@@ -126,31 +125,10 @@ def test_states_that_are_not_finite_are_never_passed_over():
         )
 
 
-@pytest.mark.parametrize("name", list(SMOOTHERS))
-def test_every_smoother_builds_with_its_defaults(name):
-    smoother, settings = build_smoother(name, POSED.model, {})
-    assert isinstance(smoother, Smoother)
-    assert all(isinstance(value, bool | int | float | str) for value in settings.values())
-
-
-def test_settings_are_words_that_are_checked():
-    _, settings = build_smoother("gibbs", POSED.model, {"num_draws": "400", "burn_in": "0.1"})
-    assert settings["num_draws"] == 400
-    assert settings["burn_in"] == 0.1
-    for name, words, message in [
-        ("gibs", {}, "forward-backward"),
-        ("gibbs", {"draws": "3"}, "num_draws=2000"),
-        ("gibbs", {"num_draws": "many"}, "whole number"),
-        ("fixed-lag", {"lag": "-1"}, "lag"),
-    ]:
-        with pytest.raises(InputError, match=message):
-            build_smoother(name, POSED.model, words)
-
-
 def small_result():
     subject = walking_subject("poseppl_models.choo_fleet:arm", frames="0:6")
     scene = observe_motion(subject, place_cameras(subject.markers, 0.0), ("camera",))
-    settings = TrackSettings("poseppl_models.choo_fleet:arm", "particle", {"particles": 300}, max_draws=200)
+    settings = TrackSettings("poseppl_models.choo_fleet:arm", "particle", {"num_particles": 300}, max_draws=200)
     return track(scene, settings)
 
 
@@ -189,13 +167,19 @@ def test_smoothers_that_follow_ancestors_take_all_particles_of_the_same_run():
 
 def test_results_without_a_genealogy_or_its_settings_are_refused():
     tree = small_result()
-    tree.attrs["filter"] = json.dumps("hmc")
-    with pytest.raises(InputError, match="'hmc' has no genealogy.*track --filter particle"):
+    settings = json.loads(tree.attrs["settings"])
+    tree.attrs["filter"] = json.dumps("kalman")
+    tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order"})
+    with pytest.raises(InputError, match="'kalman' has no genealogy.*track --filter particle"):
         smooth(tree, SmoothSettings("genealogy"))
     tree.attrs["filter"] = json.dumps("particle")
-    settings = json.loads(tree.attrs["settings"])
-    for particles, message in [("many", "'particles'"), (None, "'particles'"), (2**26, "more than 4 GiB"), (0, "--particles")]:
-        tree.attrs["settings"] = json.dumps({**settings, "particles": particles})
+    for particles, message in [
+        ("many", "'num_particles'"),
+        (None, "'num_particles'"),
+        (2**26, "more than 4 GiB"),
+        (0, "num_particles=0"),
+    ]:
+        tree.attrs["settings"] = json.dumps({**settings, "num_particles": particles})
         with pytest.raises(InputError, match=message):
             smooth(tree, SmoothSettings("fixed-lag"))
 

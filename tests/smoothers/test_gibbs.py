@@ -163,7 +163,7 @@ def test_blocked_rounds_need_a_linear_transition():
     model = curved_model()
     built = gibbs_smoother(model, num_draws=8, num_chains=2, blocked=True)
     observations = model.observe({"y": np.ones(4)})
-    with pytest.raises(ValueError, match="blocked is True"):
+    with pytest.raises(ValueError, match="leave out blocked"):
         jax.eval_shape(built.smooth, jax.random.key(0), history_around(4, dimension=1), observations)
 
 
@@ -171,7 +171,7 @@ def test_blocked_rounds_need_a_linear_transition():
     ("settings", "match"),
     [
         ({"num_draws": 10, "num_chains": 4}, "multiple of num_chains"),
-        ({"num_draws": 0}, "multiple of num_chains"),
+        ({"num_draws": 0}, "num_draws is 0"),
         ({"burn_in": 1.0}, "burn_in is 1.0"),
         ({"target": "likelihood"}, "mixture, model"),
         ({"target": "model", "blocked": True}, "blocked is True"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, INFO, WARNING, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, INFO, WARNING, Verdict, settings_among, statistic, where
 from poseppl.runs.results import is_weighted, provenance
 
 TAU_BAD = 25.0
@@ -36,14 +36,19 @@ def divergences(tree: xr.DataTree) -> list[Verdict]:
     if share <= DIVERGENT and not many.any():
         return [Verdict(INFO, f"{text}: too few to matter.")]
     severity = ERROR if share > DIVERGENT_ERROR else WARNING
-    return [Verdict(severity, f"{text}: the step size is too large there; lower --step-size, or --rejection if it adapts.")]
+    return [Verdict(severity, f"{text}: the step size is too large there; {_smaller_steps(tree)}.")]
 
 
 def _trajectories(tree: xr.DataTree) -> int:
     """Trajectories of a frame: chains times updates as the settings tell them, else the draws that are kept."""
     settings, sizes = provenance(tree).get("settings"), tree["posterior"].sizes
     told = settings if isinstance(settings, dict) else {}
-    return int(told.get("chains", sizes["chain"]) * told.get("draws", sizes["draw"]))
+    return int(told.get("num_chains", sizes["chain"]) * told.get("num_updates", sizes["draw"]))
+
+
+def _smaller_steps(tree: xr.DataTree) -> str:
+    rate = settings_among(tree, "target_acceptance")
+    return f"raise {rate}" if "--" in rate else f"lower {settings_among(tree, 'step_size', 'target_rejection')}"
 
 
 def _percent(share: float) -> str:
@@ -68,13 +73,13 @@ def mixing(tree: xr.DataTree) -> list[Verdict]:
         others = np.array(affected[MAX_NAMED:])
         text = f"{len(others)} other coordinates mix badly (tau up to {tau[:, others][bad[:, others]].max():.0f})"
         found.append(Verdict(WARNING, f"{text} in {where(tree, bad[:, others].any(axis=1))}."))
-    low = (ess < ESS_LOW).any(axis=1)
+    low, more = (ess < ESS_LOW).any(axis=1), settings_among(tree, "num_updates", "num_draws", "num_chains")
     if low.any():
         worst_dof = names[int(np.nanargmin(np.where(np.isnan(ess), np.inf, ess).min(axis=0)))]
         text = f"ESS below {ESS_LOW:.0f} in {where(tree, low)} (least {np.nanmin(ess):.1f}, {worst_dof})"
-        found.append(Verdict(WARNING, f"{text}: means and intervals are rough; raise --draws or --chains."))
+        found.append(Verdict(WARNING, f"{text}: means and intervals are rough; raise {more}."))
     if np.isnan(tau).all():
-        found.append(Verdict(WARNING, "Mixing cannot be judged: too few draws a chain; raise --draws or --max-draws."))
+        found.append(Verdict(WARNING, f"Mixing cannot be judged: too few draws a chain; raise {more}, or --max-draws."))
     return found
 
 
@@ -91,7 +96,8 @@ def agreement(tree: xr.DataTree) -> list[Verdict]:
     worst = f"{rhat[frame, dof]:.2f}, {data['dof'].values[dof]} in frame {data['frame'].values[frame]}"
     text = f"R-hat above {RHAT_HIGH} in {_percent(share)} of frames and coordinates, above {RHAT_APART:g} in {_percent(apart)}"
     severity = WARNING if share > RHAT_WARNING else INFO  # never an error: chains that keep to modes may weigh them well
-    return [Verdict(severity, f"{text} (largest {worst}): the chains disagree; raise --draws, --burn-in or --starts.")]
+    more = settings_among(tree, "num_updates", "num_draws", "num_warmup", "burn_in", "num_starts")
+    return [Verdict(severity, f"{text} (largest {worst}): the chains disagree; raise {more}.")]
 
 
 def rejection(tree: xr.DataTree) -> list[Verdict]:
@@ -105,7 +111,7 @@ def rejection(tree: xr.DataTree) -> list[Verdict]:
     if high.any():
         text = f"Rejection rate up to {100 * rate[high].max():.0f} % in {where(tree, high)}: the step size is too large"
         severity = ERROR if np.nanmean(rate) > REJECTION_HIGH else WARNING
-        found.append(Verdict(severity, f"{text}; lower --step-size or --rejection."))
+        found.append(Verdict(severity, f"{text}; {_smaller_steps(tree)}."))
     if np.nanmean(rate) < REJECTION_LOW:
-        found.append(Verdict(INFO, "Hardly a proposal is rejected: a larger --step-size would save time."))
+        found.append(Verdict(INFO, "Hardly a proposal is rejected: larger steps would save time."))
     return found

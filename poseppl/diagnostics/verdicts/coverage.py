@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, settings_among
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -42,20 +42,21 @@ def calibration(share: float, standard_error: float) -> Calibration:
 def coverage(tree: xr.DataTree) -> list[Verdict]:
     """Coverage of the 90 % intervals of coordinates and joints."""
     data = tree["diagnostics"].dataset
-    found = []
+    found, more = [], settings_among(tree, "num_updates", "num_draws", "num_particles")
     for name, what in _SITES.items():
         if name in data:
             share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
             if np.isfinite(share):
-                found.append(_verdict(what, share, error))
+                found.append(_verdict(what, share, error, more))
     return found
 
 
-def _verdict(what: str, share: float, error: float) -> Verdict:
+def _verdict(what: str, share: float, error: float, more: str) -> Verdict:
     kind = calibration(share, error)
     text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
     if kind == "over-confident":
-        advice = "over-confident, intervals are too narrow: raise --noise, --sigma-angle or --sigma-position, or --draws"
+        advice = "over-confident, intervals are too narrow: raise --noise, --sigma-angle or --sigma-position"
+        advice += f", or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident":
         return Verdict(

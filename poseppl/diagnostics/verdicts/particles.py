@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, settings_among, statistic, where
 from poseppl.runs.results import is_weighted
 
 LOW_SHARE = 0.1
@@ -16,7 +16,7 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
     """What weighted particles suffer from."""
     if not is_weighted(tree):
         return []
-    number = int(tree.attrs["num_particles"])
+    number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")
     found = []
     effective = statistic(tree, "ess")
     if effective is not None:
@@ -24,7 +24,7 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
         if low.any():
             worst = f"{np.nanmin(effective):.1f}"
             text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
-            advice = "the particles miss the posterior; raise --particles, or use --filter assumed-density"
+            advice = f"the particles miss the posterior; raise {more}, or use --filter assumed-density"
             found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
     if unique is not None:
@@ -32,5 +32,5 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
         few[0] = False  # no resampling comes before the first frame
         if few.any():
             text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
-            found.append(Verdict(WARNING, f"{text}: the sample is impoverished; raise --particles."))
+            found.append(Verdict(WARNING, f"{text}: the sample is impoverished; raise {more}."))
     return found

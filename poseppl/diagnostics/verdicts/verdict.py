@@ -13,6 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from poseppl.runs.results import provenance
+
 ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
 
@@ -66,3 +68,12 @@ def array_of(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64] | 
 def statistic(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
     """One of the sample statistics (frame,); None where the result has none of this name."""
     return array_of(tree, "sample_stats", name)
+
+
+def settings_among(tree: xr.DataTree, *names: str) -> str:
+    """Those of some settings that the run's algorithm has, as its command takes them; all of them where it does not tell."""
+    known = provenance(tree)
+    told = known.get("smoother settings" if "smoother" in known else "settings")
+    there = [f"--set {name}" for name in names if isinstance(told, dict) and name in told]
+    *others, last = there or names
+    return f"{', '.join(others)} or {last}" if others else last

@@ -14,29 +14,29 @@ from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import Settings
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, observe, pose_frame, stage_of
 from poseppl.experiments.jobs import Job
-from poseppl.filters.registry import build_filter
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.frame_sequence import frame_inputs
 
 _SEED = 28
 
 
-_PUBLISHED = {"chains": 10, "leapfrog": 40, "burn_in": 6, "step_size": 0.25, "rejection": 0.0, "jitter": 0.0}
-_DENSE = {"dense_mass": True, "leapfrog": 8, "burn_in": 6, "step_size": 0.4, "rejection": 0.15, "jitter": 0.5}
+_PUBLISHED = {"num_chains": 10, "num_leapfrog": 40, "burn_in": 6, "step_size": 0.25, "target_rejection": None, "jitter": 0.0}
+_DENSE = {"dense_mass": True, "num_leapfrog": 8, "burn_in": 6, "step_size": 0.4, "target_rejection": 0.15, "jitter": 0.5}
 CONTESTANTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
-    "particle filter": ("particle", {"particles": 108_000}),
-    "HMC, as published": ("hmc", {**_PUBLISHED, "draws": 32}),
-    "HMC, dense mass": ("hmc", {**_DENSE, "chains": 10, "draws": 32}),
-    "HMC, dense mass, 60 chains": ("hmc", {**_DENSE, "chains": 60, "draws": 12}),
+    "particle filter": ("particle", {"num_particles": 108_000}),
+    "HMC, as published": ("hmc", {**_PUBLISHED, "num_updates": 32}),
+    "HMC, dense mass": ("hmc", {**_DENSE, "num_chains": 10, "num_updates": 32}),
+    "HMC, dense mass, 60 chains": ("hmc", {**_DENSE, "num_chains": 60, "num_updates": 12}),
     "assumed density": ("assumed-density", {}),
-    "assumed density, 1 Gaussian": ("assumed-density", {"components": 1}),
-    "assumed density, 80 climbers": ("assumed-density", {"starts": 80}),
-    "assumed density, short": ("assumed-density", {"draws": 16, "leapfrog": 6}),
+    "assumed density, 1 Gaussian": ("assumed-density", {"num_components": 1}),
+    "assumed density, 80 climbers": ("assumed-density", {"num_starts": 80}),
+    "assumed density, short": ("assumed-density", {"num_updates": 16, "num_leapfrog": 6}),
     "window of 3": ("window", {"window": 3}),
-    "tempered": ("tempered", {"particles": 500}),
-    "guided": ("guided", {"particles": 2000}),
-    "auxiliary": ("auxiliary", {"particles": 2000}),
-    "extended Kalman": ("extended-kalman", {"particles": 1000}),
-    "unscented Kalman": ("unscented-kalman", {"particles": 1000}),
+    "tempered": ("tempered", {"num_particles": 500}),
+    "guided": ("guided", {"num_particles": 2000}),
+    "auxiliary": ("guided", {"num_particles": 2000, "auxiliary": True}),
+    "extended Kalman": ("kalman", {"num_particles": 1000}),
+    "unscented Kalman": ("kalman", {"num_particles": 1000, "linearisation": "unscented"}),
 }
 """Methods by name: a filter of the library and its settings."""
 
@@ -106,7 +106,7 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     """The filter at one frame, run once so that it is compiled."""
     stage = stage_of(recording, SYSTEMS[system])
     problem = pose_frame(stage, 1)
-    built, _ = build_filter(filter, problem.model, dict(settings))
+    built, _ = FILTERS[filter].build(problem.model, dict(settings))
 
     def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:
         state, info = built.init(rng_key, observation, inputs)

@@ -143,18 +143,18 @@ def _rivals(scale: Scale, system: str) -> dict[str, tuple[str, dict[str, Any]]]:
     """The filters of section 7.4 with their settings, by name."""
     row = SYSTEMS[system]
     chains: dict[str, Any] = {
-        "chains": row.num_chains,
-        "draws": PUBLISHED_UPDATES,
-        "leapfrog": row.num_leapfrog,
+        "num_chains": row.num_chains,
+        "num_updates": PUBLISHED_UPDATES,
+        "num_leapfrog": row.num_leapfrog,
         "burn_in": 6,
         "step_size": row.step_size,
-        "rejection": 0.0,
+        "target_rejection": None,
         "jitter": 0.0,
     }
     numbers = {"particle filter": (scale.particles or PUBLISHED_PARTICLES)[system]}
     if scale.particles is None:
         numbers[f"particle filter, N = {OTHER_PARTICLES[system]:,}"] = OTHER_PARTICLES[system]
-    particles = {method: ("particle", {"particles": number}) for method, number in numbers.items()}
+    particles = {method: ("particle", {"num_particles": number}) for method, number in numbers.items()}
     return {"HMC filter": ("hmc", chains), **particles}
 
 

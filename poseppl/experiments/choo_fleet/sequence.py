@@ -16,9 +16,9 @@ from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.jobs import Job
 from poseppl.filters.chains import ChainState
-from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking.problem import Problem
 from poseppl.program.population import log_transitions_into
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.results import QUANTILES
 
@@ -59,10 +59,10 @@ class SequenceRuns(Job):
     @property
     def cost(self) -> float:
         """Relative to a second."""
-        settings = dict(self.settings)
-        size = settings.get("particles", 10_000) * 3e-6
-        if "leapfrog" in settings:
-            size = settings.get("chains", 30) * settings.get("draws", 24) * settings["leapfrog"] * 4e-6
+        settings = FILTERS[self.filter].complete(dict(self.settings))
+        size = settings.get("num_particles", 0) * 3e-6
+        if "num_chains" in settings:
+            size = settings["num_chains"] * settings["num_updates"] * settings["num_leapfrog"] * 4e-6
         return 5.0 + len(self.runs) * self.num_frames * max(float(size), 0.01)
 
 
@@ -140,7 +140,7 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     frames = slice(1, 1 + num_frames)
     problem = pose_sequence(stage, frames, stage.points[frames])
     model = problem.model
-    built, _ = build_filter(filter, model, dict(settings))
+    built, _ = FILTERS[filter].build(model, dict(settings))
     layout = frame_sequence(problem.observations, problem.inputs, num_frames).layout
     collect = problem.collector(2)
 

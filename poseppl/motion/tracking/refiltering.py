@@ -12,9 +12,9 @@ from typing import Any
 import jax
 import xarray as xr
 
-from poseppl.errors import InputError
-from poseppl.filters.registry import FILTERS, build_filter
+from poseppl.errors import InputError, SettingError
 from poseppl.motion.tracking.problem import Problem
+from poseppl.runs.algorithms import FILTERS, Algorithm
 from poseppl.runs.results import provenance
 from poseppl.runs.run import run_filter
 from poseppl.smoothers.base import History, collect_history
@@ -38,25 +38,23 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
         RunError: The run cannot go on.
     """
     known = provenance(tree)
-    name, seed = known.get("filter"), known.get("seed")
-    with_genealogy = [entry for entry, filter in FILTERS.items() if filter.genealogy]
-    if name not in with_genealogy:
+    name, seed = str(known.get("filter")), known.get("seed")
+    filter, settings = FILTERS[name].build(problem.model, _recorded(FILTERS[name], known.get("settings")))
+    if not filter.genealogy:
         raise InputError(
             f"the result of the filter {name!r} has no genealogy, which this smoother follows",
             field="--method",
-            expected=f"a result of track --filter {' or '.join(with_genealogy)}, or another smoother, such as nuts",
+            expected="a result of a particle filter, as of track --filter particle, or another smoother, such as trajectory",
         )
-    settings = _recorded(known.get("settings"), FILTERS[name].defaults)
     if not isinstance(seed, int):
         raise InputError("the result does not tell the filter's seed", expected="a result of poseppl track of this version")
     num_frames = tree["posterior"].sizes["frame"]
-    if num_frames * settings["particles"] * (problem.model.dimension + 2) > _MAX_VALUES:
+    if num_frames * settings["num_particles"] * (problem.model.dimension + 2) > _MAX_VALUES:
         raise InputError(
-            f"the genealogy of {settings['particles']:,} particles over {num_frames} frames would take more than 4 GiB",
+            f"the genealogy of {settings['num_particles']:,} particles over {num_frames} frames would take more than 4 GiB",
             field="--method",
-            expected="a result of fewer --particles or --frames, or --method forward-backward, which takes the draws kept",
+            expected="a result of fewer particles or frames, or --method forward-backward, which takes the draws kept",
         )
-    filter, _ = build_filter(name, problem.model, settings)
     history: History = run_filter(
         filter,
         jax.random.key(seed),
@@ -69,11 +67,13 @@ def filter_again(tree: xr.DataTree, problem: Problem) -> History:
     return history
 
 
-def _recorded(settings: Any, defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """The filter's settings, each a value of its default's kind."""
+def _recorded(filter: Algorithm, settings: Any) -> dict[str, Any]:
+    """The filter's settings as the result tells them, all of them."""
     given = settings if isinstance(settings, Mapping) else {}
-    for name, default in defaults.items():
-        if not isinstance(given.get(name), float | int if isinstance(default, float) else type(default)):
+    for name, setting in filter.settings.items():
+        try:
+            setting.read(given[name])
+        except (KeyError, SettingError) as error:
             message = f"the result does not tell the filter's setting {name!r}"
-            raise InputError(message, expected="a result of poseppl track of this version")
-    return {name: given[name] for name in defaults}
+            raise InputError(message, expected="a result of poseppl track of this version") from error
+    return {name: given[name] for name in filter.settings}

@@ -14,11 +14,11 @@ from poseppl.errors import InputError
 from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
+from poseppl.runs.algorithms import SMOOTHERS
 from poseppl.runs.outcome import parts_of_smoothing, timing_of_smoothing
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.smoothing import run_smoother
 from poseppl.smoothers.base import History
-from poseppl.smoothers.registry import SMOOTHERS, build_smoother
 
 _NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
 """Where a result has the names of its degrees of freedom, markers and cameras."""
@@ -28,15 +28,15 @@ class SmoothSettings(NamedTuple):
     """How a result is smoothed.
 
     Attributes:
-        method: Name of the smoother.
-        options: Its settings, as words; absent ones are its defaults.
+        method: Name of the smoother, one of :data:`poseppl.runs.algorithms.SMOOTHERS`.
+        options: Its settings by the names of its arguments, such as ``num_draws``; absent ones are its defaults.
         seed: Of the smoother.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
     """
 
-    method: str = "nuts"
-    options: Mapping[str, str] = {}
+    method: str = "trajectory"
+    options: Mapping[str, Any] = {}
     seed: int = 0
     max_draws: int | None = None
     model: str | None = None
@@ -66,12 +66,11 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
     if "smoother" in known:
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     problem = problem_of_result(tree, settings.model)
-    smoother, options = build_smoother(settings.method, problem.model, settings.options)
-    follows = SMOOTHERS[settings.method].follows_ancestors
+    smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     run = run_smoother(
         smoother,
         jax.random.key(settings.seed),
-        filter_again(tree, problem) if follows else history_of_result(tree),
+        filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(tree),
         problem.observations,
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),

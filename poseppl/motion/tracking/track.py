@@ -15,7 +15,6 @@ import xarray as xr
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
-from poseppl.filters.registry import build_filter
 from poseppl.motion.bodies.body import Body, source_of_model
 from poseppl.motion.tracking.first_frames import first_frames
 from poseppl.motion.tracking.problem import Problem, pose_problem
@@ -25,6 +24,7 @@ from poseppl.motion.tracking.silhouette_problem import silhouette_problem
 from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.outcome import parts_of_run, timing_of_run
 from poseppl.runs.predictive import predictive_checks
@@ -41,8 +41,8 @@ class TrackSettings(NamedTuple):
 
     Attributes:
         model: Name of the body's builder, for the record.
-        filter: Name of the filter.
-        options: Settings of the filter; absent ones, or None, are its defaults.
+        filter: Name of the filter, one of :data:`poseppl.runs.algorithms.FILTERS`.
+        options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
         sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
         sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
         walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
@@ -117,9 +117,9 @@ def track(
     problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)
     if settings.walk == "learned":
         problem = learn_walk(problem)
-    built, options = build_filter(settings.filter, problem.model, settings.options)
+    built, options = FILTERS[settings.filter].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
-    max_draws = settings.max_draws or affordable_draws(problem, int(options.get("chains", 1)))
+    max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
     obstacle = problem.model.prediction_obstacle(frame_inputs(problem.inputs, 0))
     described = {
         "model": settings.model,
@@ -183,10 +183,10 @@ def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filt
     """
     if devices == 1:
         return filter
-    name = "chains" if "chains" in options else "particles"
-    if devices > 1 and options[name] % devices:
-        expected = f"a number that divides the {options[name]} {name}"
-        raise InputError(f"{devices} devices cannot share {options[name]} {name}", field="--devices", expected=expected)
+    name = "num_chains" if "num_chains" in options else "num_particles"
+    if devices > 1 and options.get(name, devices) % devices:
+        expected = f"a number that divides {name}, {options[name]}"
+        raise InputError(f"{devices} devices cannot share them evenly", field="--devices", expected=expected)
     try:
         return sharded(filter, devices)
     except ValueError as error:

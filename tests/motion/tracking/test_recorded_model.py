@@ -38,7 +38,7 @@ def build(lengths=None):
 def result() -> Any:
     subject = walking_subject(ARM, frames="0:3")
     scene = observe_motion(subject, place_cameras(subject.markers[:, 0], 0.0), ("camera",))
-    return track(scene, TrackSettings(ARM, "extended-kalman", {"particles": 20}))
+    return track(scene, TrackSettings(ARM, "kalman", {"num_particles": 20}))
 
 
 def saying(result: Any, **attrs: Any) -> Any:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.filters.registry import FILTERS, check_settings
 from poseppl.motion.geometry import depth, marker_positions, project
 from poseppl.motion.io import read_cameras, write_cameras, write_observations
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, scene_of_observations, track, walking_subject
@@ -83,7 +82,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
     again = scene_of_observations(tmp_path / "points.csv", records, frames="2:8:2", rate=30.0)
     np.testing.assert_array_equal(again.frames, [2, 4, 6])
     np.testing.assert_array_equal(again.points, scene.points[[2, 4, 6]])
-    tree = track(again, TrackSettings(filter="particle", options={"particles": 200}, max_draws=20))
+    tree = track(again, TrackSettings(filter="particle", options={"num_particles": 200}, max_draws=20))
     assert "truth" not in tree.children
     assert tree["posterior/markers"].shape == (1, 20, 3, 17, 3)
     np.testing.assert_array_equal(tree["posterior"]["frame"], [2, 4, 6])
@@ -92,7 +91,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
 def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     arm = walking_subject("poseppl_models.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
-    tree = track(scene, TrackSettings(filter="particle", options={"particles": 300}, max_draws=20))
+    tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20))
     assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.points[0].size)
     assert list(tree["posterior"]["dof"].values) == ["shoulder_r.Z", "shoulder_r.Y", "shoulder_r.X", "elbow_r.X"]
     clamped = scene.body.tree.marker_names.index("pelvis")
@@ -100,36 +99,6 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     assert float(tree["diagnostics/joint_error"].mean()) < 50
     with pytest.raises(InputError, match="needs the truth"):
         scene_of_observations(tmp_path / "none.csv", (), model="poseppl_models.choo_fleet:arm")
-
-
-@pytest.mark.parametrize(
-    ("name", "settings", "named"),
-    [
-        ("hmc", {"chains": 0}, "--chains"),
-        ("hmc", {"draws": 4, "burn_in": 4}, "--burn-in"),
-        ("hmc", {"step_size": -1.0}, "--step-size"),
-        ("hmc", {"step_size": float("nan")}, "--step-size"),
-        ("hmc", {"particles": 10}, "--particles"),
-        ("particle", {"particles": 0}, "--particles"),
-        ("particle", {"ess_threshold": 1.5}, "--ess-threshold"),
-        ("assumed-density", {"components": 0}, "--components"),
-        ("window", {"window": 0}, "--window"),
-        ("kalman", {}, "--filter"),
-        ("tempered", {"ess_target": 1.0}, "--ess-target"),
-        ("annealed", {"survival": 0.0}, "--survival"),
-        ("de-mc", {"layers": 0}, "--layers"),
-    ],
-)
-def test_settings_out_of_range_name_their_option(name: str, settings: dict[str, float], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        check_settings(name, settings)
-
-
-def test_every_filter_has_defaults_that_it_accepts() -> None:
-    for name in FILTERS:
-        assert check_settings(name, {"chains": None} if "chains" in FILTERS[name].defaults else {}) == dict(
-            FILTERS[name].defaults
-        )
 
 
 @pytest.mark.parametrize("turn", [-2.5, 2.5])

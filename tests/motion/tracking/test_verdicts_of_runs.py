@@ -18,7 +18,7 @@ def scene():
 
 
 def errors_of(scene, **settings):
-    tree = track(scene, TrackSettings(filter="extended-kalman", options={"particles": 100}, max_draws=50, **settings))
+    tree = track(scene, TrackSettings(filter="kalman", options={"num_particles": 100}, max_draws=50, **settings))
     return [verdict.text for verdict in verdicts(tree) if verdict.severity == "error"]
 
 

@@ -79,7 +79,7 @@ def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> 
     scene = scene_of(60.0, "0:5")
     scene.points[1:] = np.nan
     draws = 4000
-    settings = TrackSettings(ARM, "extended-kalman", {"particles": draws}, sigma_angle=0.6)
+    settings = TrackSettings(ARM, "kalman", {"num_particles": draws}, sigma_angle=0.6)
     tree = track(scene, settings)
     expected = 0.6 / np.sqrt(60.0)
     assert tree["inputs/step_scale"].dims == ("frame", "dof")
@@ -145,7 +145,7 @@ def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
 
 def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     scene = scene_of(120.0, "0:20")
-    settings = TrackSettings(ARM, "extended-kalman", {"particles": 20}, walk="learned")
+    settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="learned")
     tree = track(scene, settings)
     recorded = tree["inputs/step_scale"].values
     expected = learn_walk(pose_problem(scene)).record()["step_scale"]

@@ -1,0 +1,95 @@
+"""Settings of algorithms on the command line: `--set NAME=VALUE`, and the commands that list them.
+
+All is read from the signatures of what :mod:`poseppl.filters` and :mod:`poseppl.smoothers` export.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+
+def settings_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--set NAME=VALUE`, given to the command as the mapping `settings`."""
+    return click.option(
+        "--set",
+        "settings",
+        metavar="NAME=VALUE",
+        multiple=True,
+        callback=_assignments,
+        help="A setting of the algorithm; may be given several times. poseppl filters NAME, or smoothers NAME, lists them.",
+    )(command)
+
+
+def _assignments(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in words]
+    for name, _, value in pairs:
+        if not name or not value:
+            raise click.BadParameter("expected NAME=VALUE, such as num_chains=50")
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+class CommandWithSettings(click.Command):
+    """A command that takes `--set`; an unknown option that is called like a setting is answered with it."""
+
+    kind = "filter"
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, as click does."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            word = error.option_name.lstrip("-").replace("-", "_")
+            names = {name for algorithm in _algorithms(self.kind).values() for name in algorithm.settings if word in name}
+            error.possibilities = [f"--set {name}=" for name in names] or error.possibilities
+            raise
+
+
+def _algorithms(kind: str) -> Any:
+    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+
+    return {"filter": FILTERS, "smoother": SMOOTHERS}[kind]
+
+
+def listing(kind: str, option: str, example: str) -> click.Command:
+    """The command that lists the algorithms of a kind, or the settings of one."""
+    examples = f"""
+\b
+Examples:
+  poseppl {kind}s              all, each with a sentence, its settings, their types and defaults
+  poseppl {kind}s {example:12} one, and what each of its settings is
+
+\b
+Files written: none.
+
+\b
+Exit status: 0 done, 1 no such {kind}, 2 wrong usage.
+"""
+
+    @click.command(f"{kind}s", epilog=examples, short_help=f"List the {kind}s and their settings.")
+    @click.argument("name", required=False)
+    def show(name: str | None) -> None:
+        _list(_algorithms(kind), name)
+
+    show.help = f"List the {kind}s that {option} names, with the settings that --set takes; or those of the one called NAME."
+    return show
+
+
+def _list(algorithms: Any, name: str | None) -> None:
+    formatter = click.HelpFormatter(max_width=100)
+    for algorithm in algorithms.values() if name is None else [algorithms[name]]:
+        settings = list(algorithm.settings.values())
+        with formatter.section(algorithm.name):
+            formatter.write_text(algorithm.summary)
+            if name is None and settings:
+                formatter.write_text(", ".join(setting.shown.replace(" ", "\N{NO-BREAK SPACE}") for setting in settings))
+            elif settings:
+                formatter.write_paragraph()
+                formatter.write_dl([(setting.shown, setting.text) for setting in settings])
+    click.echo(formatter.getvalue().replace("\N{NO-BREAK SPACE}", " ").strip())
+
+
+filters = listing("filter", "poseppl track --filter", "hmc")
+smoothers = listing("smoother", "poseppl smooth --method", "trajectory")
