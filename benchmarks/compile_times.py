@@ -14,13 +14,12 @@ from typing import Any
 import jax
 from timing import arguments, peak_memory, show
 
-from poseppl.filters.registry import FILTERS
 from poseppl.motion.geometry import paper_camera
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
+from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.results import provenance
-from poseppl.smoothers.registry import SMOOTHERS
 
-_FILTER_OF = {"rauch-tung-striebel": "extended-kalman", "genealogy": "particle", "fixed-lag": "particle"}
+_FILTER_OF = {"rauch-tung-striebel": "kalman", "genealogy": "particle", "fixed-lag": "particle"}
 
 
 def measure(kind: str, name: str, num_frames: int, options: dict[str, Any], answer: Any) -> None:
@@ -31,9 +30,7 @@ def measure(kind: str, name: str, num_frames: int, options: dict[str, Any], answ
     if kind == "filter":
         known = provenance(track(scene, TrackSettings(filter=name, options=options)))
     elif kind == "smoother":
-        known = provenance(
-            smooth(track(scene, TrackSettings(filter=_FILTER_OF.get(name, "extended-kalman"))), SmoothSettings(name))
-        )
+        known = provenance(smooth(track(scene, TrackSettings(filter=_FILTER_OF.get(name, "kalman"))), SmoothSettings(name)))
     if kind != "none":
         seconds, rate = known["compile_seconds"], num_frames / known["wall_seconds"]
     answer.put((seconds, rate, peak_memory()))
@@ -42,8 +39,9 @@ def measure(kind: str, name: str, num_frames: int, options: dict[str, Any], answ
 def main() -> None:
     options = arguments(__doc__, frames=10)
     wanted: list[tuple[str, str, dict[str, Any]]] = [("none", "", {})]
-    wanted += [("filter", name, {}) for name in FILTERS]
-    wanted += [("filter", "particle", {"particles": 100_000})]
+    wanted += [("filter", name, {}) for name in FILTERS if name != "hidden-markov"]
+    wanted += [("filter", "particle", {"num_particles": 100_000})]
+    wanted += [("filter", "guided", {"auxiliary": True}), ("filter", "kalman", {"linearisation": "unscented"})]
     wanted += [("smoother", name, {}) for name in SMOOTHERS if name not in ("genealogy", "fixed-lag")]
     context, rows = multiprocessing.get_context("spawn"), []
     for kind, name, settings in wanted[:2] if options.quick else wanted:

@@ -35,18 +35,24 @@ from timing import arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names
 from poseppl.motion.tracking.track import _result, walk_params
 from poseppl.program import CompiledModel
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.outcome import result_of_run
 from poseppl.runs.predictive import Prediction, predictive_checks
 from poseppl.runs.run import run_filter
 from poseppl.runs.simulation import simulate
 
-FILTERS = ("extended-kalman", "unscented-kalman", "particle", "auxiliary", "tempered", "hmc", "assumed-density")
+METHODS: Mapping[str, tuple[str, dict[str, Any]]] = {
+    "extended-kalman": ("kalman", {}),
+    "unscented-kalman": ("kalman", {"linearisation": "unscented"}),
+    "auxiliary": ("guided", {"auxiliary": True}),
+    **{name: (name, {}) for name in ("particle", "tempered", "hmc", "assumed-density")},
+}
+"""The filters and their settings, by the names that tables have."""
 BODIES = ("extended-kalman", "particle", "tempered", "hmc", "assumed-density")
 _COLUMNS = ("model", "filter", "seed", "frames", "coverage", "inflation", "errors")
 _KEY = 4
@@ -86,7 +92,9 @@ class Wanted(NamedTuple):
 @cache
 def filter_of(name: str, model: CompiledModel) -> tuple[Any, Any, Any]:
     """Filter, collector and checks, the same for all seeds, so that they are compiled once."""
-    return build_filter(name, model, {})[0], collect_draws(model, max_draws=20), predictive_checks(model)
+    filter, settings = METHODS[name]
+    built, _ = FILTERS[filter].build(model, settings)
+    return built, collect_draws(model, max_draws=20), predictive_checks(model)
 
 
 def toy_runs(which: str, names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
@@ -103,7 +111,7 @@ def toy_result(toy: Toy, name: str, seed: int, frames: int) -> Any:
     truth, values = simulate(toy.model, jax.random.key(1000 + seed), frames, inputs)
     observations = toy.model.observe(jax.tree.map(np.asarray, values))
     run = run_filter(filter, jax.random.key(seed), observations, inputs, collect=collect, predict=predict)
-    return result_of_run(run, toy.model, observations, truth=truth, attrs={"filter": name})
+    return result_of_run(run, toy.model, observations, truth=truth, attrs={"filter": METHODS[name][0]})
 
 
 def walk_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
@@ -132,13 +140,13 @@ def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: 
     problem, (filter, _, predict) = shared_problem(scene, model), filter_of(name, model)
     key, count = jax.random.key(seed), len(scene.points)
     run = run_filter(filter, key, problem.observations, problem.inputs, num_frames=count, collect=collect, predict=predict)
-    return _result(scene, problem, run, {"filter": name, "settings": walk_params(scene.body, TrackSettings())})
+    return _result(scene, problem, run, {"filter": METHODS[name][0], "settings": walk_params(scene.body, TrackSettings())})
 
 
 def tracked(subject: Any, cameras: Any, count: int, name: str, seed: int) -> Any:
     """Result of a filter on what the cameras see of a subject."""
     scene = observe_motion(subject, cameras, camera_names(count), seed=seed)
-    return track(scene, TrackSettings(filter=name, seed=seed, max_draws=100))
+    return track(scene, TrackSettings(filter=METHODS[name][0], options=METHODS[name][1], seed=seed, max_draws=100))
 
 
 class Judged(NamedTuple):
@@ -220,7 +228,7 @@ def main() -> None:
         table.rows[:] = [judged_again(output / "predictions", row) for row in table.rows]
         write_csv(table, output)
     for which in options.models.split(",") if not options.again else ():
-        known = FILTERS if which in TOYS else BODIES
+        known = METHODS if which in TOYS else BODIES
         names = [name for name in options.filters.split(",") if name] or list(known)
         runs = {"walk": walk_runs, "recordings": recorded_runs}.get(which, partial(toy_runs, which))
         for wanted in runs(names, seeds, frames):

@@ -1,6 +1,6 @@
 """What do predictive checks cost a track? The built-in walk, with and without them, in turns.
 
-    python benchmarks/predictive_cost.py [--quick] [--filters assumed-density,extended-kalman,particle] [--cameras 2]
+    python benchmarks/predictive_cost.py [--quick] [--filters assumed-density,kalman,particle] [--cameras 2]
         [--frames 60] [--runs 5]
 
 Seconds of compilation (without a cache) and of a run, by the clock and of the processor: medians over runs, of which the first,
@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import jax
 from timing import arguments, show
 
-from poseppl.filters.registry import build_filter
 from poseppl.motion.tracking import observe_motion, place_cameras, pose_problem, walking_subject
 from poseppl.motion.tracking.placing import camera_names
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.run import Run, run_filter
 
@@ -36,7 +36,7 @@ class Cost(NamedTuple):
 
 
 def main() -> None:
-    options = arguments(__doc__, filters="assumed-density,extended-kalman,particle", cameras=2, frames=60, runs=5)
+    options = arguments(__doc__, filters="assumed-density,kalman,particle", cameras=2, frames=60, runs=5)
     jax.config.update("jax_enable_compilation_cache", False)
     frames, repetitions = (4, 1) if options.quick else (options.frames, options.runs)
     walk = walking_subject(frames=f"0:{frames}")
@@ -44,8 +44,8 @@ def main() -> None:
     problem = pose_problem(observe_motion(walk, cameras, camera_names(options.cameras)))
     rows = []
     for name in options.filters.split(","):
-        filter, settings = build_filter(name, problem.model, {})
-        collect = problem.collector(max(1, DRAWS // int(settings.get("chains", 1))))
+        filter, settings = FILTERS[name].build(problem.model, {})
+        collect = problem.collector(max(1, DRAWS // int(settings.get("num_chains", 1))))
         checks = {"without": None, "with": predictive_checks(problem.model)}
 
         def run(predict: Any, filter: Any = filter, collect: Any = collect) -> Run:

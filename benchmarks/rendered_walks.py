@@ -38,7 +38,7 @@ from poseppl.runs.results import provenance
 
 NAMES = ("camera_1", "camera_2", "camera_3", "camera_4")
 """In the corners of the room; two cameras are neighbours."""
-FILTERS = "assumed-density,tempered,hmc,extended-kalman,annealed,de-mc,particle"
+FILTERS = "assumed-density,tempered,hmc,kalman,annealed,demc,particle"
 _COLUMNS = ("scene", "cameras", "filter", "seed", "frames", "error", "relative", "coverage", "seconds", "compile")
 _KEY = 5
 """So many columns tell which run it was."""

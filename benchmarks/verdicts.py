@@ -33,7 +33,7 @@ from poseppl.motion.tracking.scene import Scene, noise_of
 from poseppl.runs.results import load_result, save_result
 
 NOISE = 0.003
-KALMAN = TrackSettings(filter="extended-kalman")
+KALMAN = TrackSettings(filter="kalman")
 
 
 class Case(NamedTuple):

@@ -43,8 +43,8 @@ class CommandWithSettings(click.Command):
         except click.NoSuchOption as error:
             word = error.option_name.lstrip("-").replace("-", "_")
             names = {name for algorithm in _algorithms(self.kind).values() for name in algorithm.settings if word in name}
-            error.possibilities = [f"--set {name}=" for name in names] or error.possibilities
-            raise
+            hints = [f"--set {name}=" for name in names] or error.possibilities
+            raise click.NoSuchOption(error.option_name, possibilities=hints, ctx=ctx) from error
 
 
 def _algorithms(kind: str) -> Any:

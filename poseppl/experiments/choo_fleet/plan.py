@@ -188,7 +188,7 @@ def _contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
         for method in scale.contestants
     ]
     whole = [
-        TrajectoryRuns(recording, scale.other_system, method, "nuts", settings, scale.num_frames, tuple(range(runs)))
+        TrajectoryRuns(recording, scale.other_system, method, "trajectory", settings, scale.num_frames, tuple(range(runs)))
         for recording in (recordings[0], SIMULATED)
         for method, settings in scale.smoothers
     ]
