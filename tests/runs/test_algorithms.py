@@ -141,8 +141,8 @@ def test_settings_come_to_the_algorithm(monkeypatch: pytest.MonkeyPatch):
         return particle_filter(model, num_particles)
 
     monkeypatch.setattr(poseppl.filters, "toy_filter", toy_filter, raising=False)
-    FILTERS["toy"].check({"num_particles": "9", "jitter": "0.25"})
-    assert seen == {"num_particles": 9, "settings": SMALL_STEPS._replace(jitter=0.25)}
+    FILTERS["toy"].check({"num_particles": "9", "num_updates": "40", "jitter": "0.25"})
+    assert seen == {"num_particles": 9, "settings": SMALL_STEPS._replace(num_updates=40, jitter=0.25)}
 
 
 def test_the_lists_tell_every_algorithm_and_every_setting(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
