@@ -28,8 +28,6 @@
 # there are none.
 
 # %%
-from collections.abc import Callable
-
 import arviz_stats
 import jax
 import numpy as np
@@ -82,7 +80,7 @@ print(refusal)
 # ## Data, with a hole
 #
 # The programs also simulate. We draw eight seconds, and then the ruler is out of sight for twelve frames. Missing data
-# are NaN; at the boundary `observe` turns them into a mask, and inside the library there is no NaN at all.
+# are NaN; at the boundary they become a mask, and inside the library there is no NaN at all.
 
 # %%
 NUM_FRAMES = 80
@@ -90,21 +88,20 @@ truth, readings = poseppl.simulate(model, jax.random.key(3), NUM_FRAMES)
 values = np.array(readings["reading"])
 hidden = slice(40, 52)
 values[hidden] = np.nan
-data = model.observe({"reading": values})
+data = {"reading": values}
 
 # %% [markdown]
 # ## Filtering
 #
 # A filter is a pair of pure functions, `init` for the first frame and `step` for each later one. The particle filter
 # carries a swarm of weighted guesses: it moves each by `transition`, weighs it by the density of the reading, and
-# resamples. `run_filter` takes the pair over the whole sequence in one compilation. The collector says what to keep of a
-# frame; this one keeps a few hundred draws and, made over all particles, the mean, the standard deviation and quantiles.
+# resamples. `infer` takes the pair over the whole sequence in one compilation, and keeps of each frame two hundred draws
+# and, made over all particles, the mean, the standard deviation and quantiles.
 
 # %%
 particles = poseppl.particle_filter(model, num_particles=4000)
-collect = poseppl.collect_draws(model, max_draws=400)
-run = poseppl.run_filter(particles, jax.random.key(0), data, collect=collect)
-result = poseppl.result_of_run(run, model, data, truth=truth, rate=1 / STEP, attrs={"model": "a weight on a spring"})
+about = {"truth": truth, "rate": 1 / STEP, "attrs": {"model": "a weight on a spring"}}
+result = poseppl.infer(model, data, particles, jax.random.key(0), **about)
 result
 
 # %% [markdown]
@@ -125,7 +122,7 @@ plot_state(result)
 online = poseppl.Online(particles, jax.random.key(0))
 live = []
 for reading in values:
-    state, info = online.update(model.observe({"reading": reading}))
+    state, info = online.update({"reading": reading})
     live.append(float(np.exp(state.log_weights) @ state.particles[:, 0]))
 print(f"after {online.frame} frames the position is {live[-1]:.3f}, its truth {float(truth[-1, 0]):.3f}")
 
@@ -173,9 +170,9 @@ exact_mean, exact_sd, exact_evidence = kalman(values)
 NUM_RUNS = 16
 
 
-def repeat(filter: poseppl.Filter, keep: Callable):
-    runs = [poseppl.run_filter(filter, key, data, collect=keep) for key in jax.random.split(jax.random.key(9), NUM_RUNS)]
-    return np.array([run.outputs.summary["state_mean"] for run in runs])
+def repeat(filter: poseppl.Filter):
+    results = [poseppl.infer(model, data, filter, key) for key in jax.random.split(jax.random.key(9), NUM_RUNS)]
+    return np.array([result["summary/state_mean"] for result in results])
 
 
 def errors_apart(answers, expected):
@@ -183,7 +180,7 @@ def errors_apart(answers, expected):
     return (answers.mean(0) - expected) / (answers.std(0, ddof=1) / np.sqrt(NUM_RUNS))
 
 
-answers = repeat(particles, collect)
+answers = repeat(particles)
 apart = errors_apart(answers, exact_mean)
 mistaken = errors_apart(answers, kalman(np.nan_to_num(values))[0])
 print(f"standard errors between particles and Kalman: {np.abs(apart).max():.1f} at most")
@@ -211,9 +208,7 @@ print(f"log-evidence: particles {evidence.sum():.2f}, exact {exact_evidence.sum(
 # %%
 settings = poseppl.HMCSettings(num_updates=110, burn_in=10, num_leapfrog=6, step_size=0.3, target_rejection=None, jitter=0.5)
 walkers = poseppl.assumed_density_filter(model, num_chains=16, settings=settings, num_starts=4)
-chains = poseppl.result_of_run(
-    poseppl.run_filter(walkers, jax.random.key(1), data, collect=collect), model, data, truth=truth, rate=1 / STEP
-)
+chains = poseppl.infer(model, data, walkers, jax.random.key(1), **about)
 
 # %% [markdown]
 # Its draws are Markov chains, so ArviZ's diagnostics apply, and they take the tree as it is.

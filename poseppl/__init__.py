@@ -1,7 +1,8 @@
 """Sequential Bayesian inference in high-dimensional state-space models written as NumPyro programs.
 
 A model is three programs; a filter is built for it and run over a sequence, with NaN where data are missing; the result is an
-xarray DataTree that ArviZ's functions take as it is.
+xarray DataTree that ArviZ's functions take as it is. Who wants something else of a run than draws takes its parts:
+``run_filter``, a collector such as ``collect_draws``, and ``result_of_run``.
 
 Example:
     >>> import jax, numpyro, numpyro.distributions as dist
@@ -13,13 +14,14 @@ Example:
     >>> def observation(params, state, inputs):
     ...     numpyro.sample("height", dist.Normal(state["level"], 1.0))
     >>> model = poseppl.StateSpaceModel(initial, transition, observation).compile()
-    >>> data = model.observe({"height": [0.3, float("nan"), 0.8]})
-    >>> filter = poseppl.particle_filter(model, num_particles=2000)
-    >>> run = poseppl.run_filter(filter, jax.random.key(0), data, collect=poseppl.collect_draws(model))
-    >>> result = poseppl.result_of_run(run, model, data)
+    >>> data = {"height": [0.3, float("nan"), 0.8]}
+    >>> result = poseppl.infer(model, data, poseppl.particle_filter(model, 2000), jax.random.key(0))
     >>> result["posterior/state"].dims
     ('chain', 'draw', 'frame', 'dof')
     >>> abs(result["summary/state_mean"].sel(frame=0, dof="level").item() - 0.15) < 0.1
+    True
+    >>> smoothed = poseppl.smooth(result, poseppl.forward_backward_smoother(model), jax.random.key(1))
+    >>> (smoothed["summary/state_mean"] > result["summary/state_mean"]).sel(frame=0).item()
     True
 
 The names below are those of most uses; each is loaded when it is first asked for, so that importing the package costs nothing.
@@ -55,12 +57,14 @@ if TYPE_CHECKING:
     from poseppl.report import write_report as write_report
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
+    from poseppl.runs.infer import infer as infer
+    from poseppl.runs.infer import smooth as smooth
+    from poseppl.runs.online import Online as Online
     from poseppl.runs.outcome import result_of_run as result_of_run
     from poseppl.runs.outcome import result_of_smoothing as result_of_smoothing
     from poseppl.runs.results import load_result as load_result
     from poseppl.runs.results import save_result as save_result
     from poseppl.runs.run import Constant as Constant
-    from poseppl.runs.run import Online as Online
     from poseppl.runs.run import Run as Run
     from poseppl.runs.run import RunError as RunError
     from poseppl.runs.run import run_filter as run_filter
@@ -91,6 +95,8 @@ _HOMES = {
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
     "result_of_smoothing": "runs.outcome",
+    "infer": "runs.infer",
+    "smooth": "runs.infer",
     "Clamped": "program",
     "CompiledModel": "program",
     "Observation": "program",
@@ -99,7 +105,7 @@ _HOMES = {
     "load_result": "runs.results",
     "save_result": "runs.results",
     "Constant": "runs.run",
-    "Online": "runs.run",
+    "Online": "runs.online",
     "Run": "runs.run",
     "RunError": "runs.run",
     "run_filter": "runs.run",

@@ -34,6 +34,7 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 
 _BISECTIONS = 50
@@ -63,6 +64,7 @@ class _Layer(NamedTuple):
     ancestors: jax.Array
 
 
+@built_once
 def annealed_filter(
     model: CompiledModel,
     num_particles: int = 1000,

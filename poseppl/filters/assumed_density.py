@@ -39,6 +39,7 @@ from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, propagate, transition_moments
 
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
@@ -47,6 +48,7 @@ _MOVED = 0.9
 """Share of the climbers that set out from draws of the last frame."""
 
 
+@built_once
 def assumed_density_filter(
     model: CompiledModel,
     num_chains: int = 30,

@@ -10,12 +10,15 @@ compilation of `step` serves a sequence of any length. `inputs` follows the time
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+
+from poseppl.program import CompiledModel
 
 
 class FilterState(Protocol):
@@ -88,8 +91,9 @@ def stay(state: Any) -> Any:
     return state
 
 
-class Filter(NamedTuple):
-    """A filtering algorithm for one model.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Filter:
+    """A filtering algorithm for one model; what was compiled for it is kept with it.
 
     Attributes:
         init: `(rng_key, observation, inputs) -> (state, info)`, the first frame.
@@ -98,6 +102,8 @@ class Filter(NamedTuple):
         before: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it, too;
             nothing but `step` is then compiled.
         genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
+        model: The model; None for a filter whose builder is not decorated with
+            :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
 
     init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
@@ -105,3 +111,4 @@ class Filter(NamedTuple):
     place: Callable[[Any], Any] = stay
     before: Callable[[Any, Any], Any] | None = None
     genealogy: bool = False
+    model: CompiledModel | None = dataclasses.field(default=None, repr=False)

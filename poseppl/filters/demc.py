@@ -44,6 +44,7 @@ from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate
 
 Target = Literal["likelihood", "posterior"]
@@ -101,6 +102,7 @@ class _Evolved(NamedTuple):
     num_likelihood: jax.Array
 
 
+@built_once
 def demc_filter(
     model: CompiledModel,
     num_particles: int = 1000,

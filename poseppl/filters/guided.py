@@ -23,9 +23,11 @@ from poseppl.filters.sequential_monte_carlo import Draw, Lookahead, smc_filter
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel, Observation, Proposal
+from poseppl.program.built_once import built_once
 from poseppl.program.proposal import propose_initial, propose_transition
 
 
+@built_once
 def guided_filter(
     model: CompiledModel,
     num_particles: int = 2000,

@@ -22,11 +22,13 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.sequential_monte_carlo import ParticleState
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
 _MOST = 10_000
 
 
+@built_once
 def hidden_markov_filter(model: CompiledModel) -> Filter:
     """The exact filter of hidden Markov models, whose state has finitely many values.
 

@@ -28,12 +28,14 @@ from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate, transition_moments
 
 PAPER = HMCSettings()
 """The paper's 28-D row of Table 1, with an adapted step size."""
 
 
+@built_once
 def hmc_filter(
     model: CompiledModel,
     num_chains: int = 10,

@@ -20,6 +20,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.gaussians.linearisation import Gaussian, Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 
 
 class KalmanState(NamedTuple):
@@ -38,6 +39,7 @@ class KalmanState(NamedTuple):
     started: jax.Array
 
 
+@built_once
 def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order") -> Filter:
     """The Kalman filter, extended or unscented where programs are not linear: one Gaussian.
 

@@ -19,6 +19,7 @@ few frames; from there on the run is another one of the same law.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,10 +28,12 @@ import numpy as np
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from poseppl.filters.base import Filter, Info
+from poseppl.program.built_once import built_once
 
 _AXIS = "particles"
 
 
+@built_once
 def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     """Share a filter's particles or chains among devices.
 
@@ -74,7 +77,7 @@ def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     def place(state: Any) -> Any:
         return jax.device_put(state, shardings(state))
 
-    return filter._replace(init=init, step=step, place=place)
+    return dataclasses.replace(filter, init=init, step=step, place=place)
 
 
 def _find_devices(devices: int | Sequence[jax.Device]) -> list[jax.Device]:

@@ -35,6 +35,7 @@ from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, MoveSettings
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_prediction, log_transitions_into, propagate
 
 Target = Literal["ancestor", "mixture"]
@@ -54,6 +55,7 @@ class TemperedState(NamedTuple):
     log_step_size: jax.Array
 
 
+@built_once
 def tempered_filter(
     model: CompiledModel,
     num_particles: int = 500,

@@ -40,6 +40,7 @@ from poseppl.gaussians.transition_curvature import precision_of
 from poseppl.kernels.hmc import Chains, HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, transition_moments
 
 
@@ -61,6 +62,7 @@ class WindowState(NamedTuple):
     window: Window
 
 
+@built_once
 def window_filter(
     model: CompiledModel,
     num_chains: int = 30,

@@ -43,6 +43,25 @@ def check_is_observation(data: Any) -> None:
         )
 
 
+def check_frame_shapes(sites: Mapping[str, Declared], data: Observation, num_frames: int | None = None) -> None:
+    """Compare the shapes of data with those of the model's sites, which would broadcast in silence.
+
+    Args:
+        sites: The observation sites of the model.
+        data: One frame, or a sequence of `num_frames`.
+        num_frames: T; None for one frame.
+
+    Raises:
+        ValueError: Another site, or another shape.
+    """
+    leading = () if num_frames is None else (num_frames,)
+    wanted = {name: (*leading, *site.shape) for name, site in sites.items()}
+    given = {name: np.shape(values) for name, values in data.values.items()}
+    if given != wanted:
+        frames = "one frame" if num_frames is None else f"{num_frames} frames"
+        raise ValueError(f"The data have the shapes {given}. Expected those of {frames} of the model's sites: {wanted}.")
+
+
 def observe(
     sites: Mapping[str, Declared],
     values: Mapping[str, Any],

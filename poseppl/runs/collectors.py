@@ -19,6 +19,7 @@ from poseppl.particles.quantiles import column_quantiles
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
+from poseppl.program.built_once import built_once
 from poseppl.runs.results import QUANTILES
 from poseppl.runs.run import Collect
 
@@ -43,6 +44,7 @@ class Draws(NamedTuple):
     summary: dict[str, jax.Array]
 
 
+@built_once
 def collect_draws(
     model: CompiledModel,
     *,

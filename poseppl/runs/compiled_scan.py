@@ -1,14 +1,14 @@
 """The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays.
 
-Both programs are compiled before either runs, so that no compilation counts as time of the frames. JAX keeps what it compiled:
-a run whose filter, collector and shapes are equal to those of an earlier one compiles nothing.
+Both programs are compiled before either runs, so that no compilation counts as time of the frames. The filter keeps what was
+compiled for it: a run whose filter, collector and shapes are those of an earlier one compiles nothing, and what was compiled
+goes with the filter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,13 +17,19 @@ import numpy as np
 
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
+from poseppl.program.built_once import built_once
 from poseppl.runs.checkpoint import Part
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
+from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
 
 Collect = Callable[[jax.Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
+_LONG, _SHORT = 64, 8
+"""Frames of a compiled scan, whatever the parts of a run, so that all share one program; the fewer where a frame is large."""
+_LARGE = 2**20
+"""Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2
 """What the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
 
@@ -61,67 +67,63 @@ def _keep(
     collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None
 ) -> Kept:
     offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
-    alive = state.log_weights > -jnp.inf
-    finite = jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
     outputs = collect(rng_key, state, info, inputs)
     told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-    return Kept(outputs, told, jnp.sum(offspring), finite, prediction)
+    return Kept(outputs, told, jnp.sum(offspring), is_finite(state), prediction)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _first(
-    filter: Filter,
-    collect: Collect,
-    predict: Predict | None,
-    layout: Layout,
-    rng_key: jax.Array,
-    observation: Observation,
-    varying: list[Any],
-    constant: list[Any],
-) -> tuple[Any, Kept]:
-    """The first frame."""
-    key_filter, key_collect = frame_keys(rng_key, 0)
-    inputs = layout.join(varying, constant)
-    key_check = _prediction_key(rng_key, 0)
-    prediction = predict(key_check, None, True, observation, inputs) if predict else None
-    state, info = filter.init(key_filter, observation, inputs)
-    kept = _keep(collect, key_collect, state, info, inputs, prediction)
-    return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
+def is_finite(state: FilterState) -> jax.Array:
+    """Whether all particles of positive weight are finite."""
+    alive = state.log_weights > -jnp.inf
+    return jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
-def _scan_frames(
-    filter: Filter,
-    collect: Collect,
-    predict: Predict | None,
-    layout: Layout,
-    state: Any,
-    blank: Kept,
-    rng_key: jax.Array,
-    frames: jax.Array,
-    active: jax.Array,
-    observations: Observation,
-    varying: list[Any],
-    constant: list[Any],
-) -> tuple[Any, Kept]:
-    """Later frames of the numbers `frames` (chunk,), of which the `active` (chunk,) ones count."""
+@built_once
+def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout) -> tuple[Any, Any]:
+    """The two programs, that of the first frame and that of later ones; kept, with what is compiled for them, by the filter."""
+    tell_filter_defined_anew(filter)
+    tell_defined_anew(filter, "collector", collect)
+    tell_defined_anew(filter, "predictive check", predict)
 
-    def body(state: Any, row: Any) -> tuple[Any, Kept]:
-        frame, wanted, observation, varying = row
+    def first_frame(rng_key: jax.Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Kept]:
+        key_filter, key_collect = frame_keys(rng_key, 0)
+        inputs = layout.join(varying, constant)
+        key_check = _prediction_key(rng_key, 0)
+        prediction = predict(key_check, None, True, observation, inputs) if predict else None
+        state, info = filter.init(key_filter, observation, inputs)
+        kept = _keep(collect, key_collect, state, info, inputs, prediction)
+        return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
 
-        def run(state: Any) -> tuple[Any, Kept]:
-            key_filter, key_collect = frame_keys(rng_key, frame)
-            inputs = layout.join(varying, constant)
-            first = False if filter.before is None else frame == 0
-            key_check = _prediction_key(rng_key, frame)
-            prediction = predict(key_check, state, first, observation, inputs) if predict else None
-            new, info = filter.step(key_filter, state, observation, inputs)
-            return new, _keep(collect, key_collect, new, info, inputs, prediction)
+    def scan_frames(
+        state: Any,
+        blank: Kept,
+        rng_key: jax.Array,
+        frames: jax.Array,
+        active: jax.Array,
+        observations: Observation,
+        varying: list[Any],
+        constant: list[Any],
+    ) -> tuple[Any, Kept]:
+        """Later frames of the numbers `frames` (length,), of which the `active` (length,) ones count."""
 
-        result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
-        return result
+        def body(state: Any, row: Any) -> tuple[Any, Kept]:
+            frame, wanted, observation, varying = row
 
-    return jax.lax.scan(body, state, (frames, active, observations, varying))
+            def run(state: Any) -> tuple[Any, Kept]:
+                key_filter, key_collect = frame_keys(rng_key, frame)
+                inputs = layout.join(varying, constant)
+                first = False if filter.before is None else frame == 0
+                key_check = _prediction_key(rng_key, frame)
+                prediction = predict(key_check, state, first, observation, inputs) if predict else None
+                new, info = filter.step(key_filter, state, observation, inputs)
+                return new, _keep(collect, key_collect, new, info, inputs, prediction)
+
+            result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
+            return result
+
+        return jax.lax.scan(body, state, (frames, active, observations, varying))
+
+    return jax.jit(first_frame), jax.jit(scan_frames)
 
 
 class Calls:
@@ -133,7 +135,6 @@ class Calls:
         predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
-        length: Frames in a scan.
 
     Attributes:
         state: A state of the right shapes; nothing is compiled for it.
@@ -147,28 +148,28 @@ class Calls:
         predict: Predict | None,
         sequence: FrameSequence,
         rng_key: jax.Array,
-        length: int,
     ) -> None:
-        self._what = filter, collect, predict, sequence.layout
-        self._sequence, self._rng_key, self._length = sequence, rng_key, length
-        trace: Any = _first
-        shapes = trace.eval_shape(*self._what, *self._first_data())
+        self._filter, self._sequence, self._rng_key = filter, sequence, rng_key
+        self._programs = _programs(filter, collect, predict, sequence.layout)
+        shapes = self._programs[0].eval_shape(*self._first_data())
         self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
         self.blank: Kept = jax.tree.map(lambda leaf: leaf[0], kept)
+        size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
+        self._length = _SHORT if size > _LARGE else _LONG
         self._before: Any = None
         self._first: Any = None
         self._scan: Any = None
 
     def compile(self, first: bool) -> None:
         """Compile both programs side by side; that of the first frame only if it is wanted."""
-        filter, sequence = self._what[0], self._sequence
+        filter, sequence = self._filter, self._sequence
         with ThreadPoolExecutor(1) as pool:
             alone = first and filter.before is None
-            compiling = pool.submit(self._compiled, _first, self._first_data()) if alone else None
+            compiling = pool.submit(self._compiled, 0, self._first_data()) if alone else None
             if first and filter.before is not None:
                 self._before = _before(filter, sequence)
             if sequence.num_frames > 1 or filter.before is not None:
-                self._scan = self._compiled(_scan_frames, self._scan_data(self.state, 1, 1))
+                self._scan = self._compiled(1, self._scan_data(self.state, 1, 1))
             self._first = compiling.result() if compiling else None
 
     def advance(self, state: Any, start: int, stop: int) -> Part:
@@ -176,10 +177,16 @@ class Calls:
         if start == 0 and self._first is not None:
             return _part(self._first(*self._first_data()), 1)
         state = self._before if start == 0 else state
-        return _part(self._scan(*self._scan_data(state, start, stop)), stop - start)
+        kept = []
+        for begin in range(start, stop, self._length):
+            end = min(begin + self._length, stop)
+            part = _part(self._scan(*self._scan_data(state, begin, end)), end - begin)
+            state = part.state
+            kept.append(part.kept)
+        return Part(jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept), state)
 
-    def _compiled(self, program: Any, data: tuple[Any, ...]) -> Any:
-        return program.lower(*self._what, *data).compile()
+    def _compiled(self, which: int, data: tuple[Any, ...]) -> Any:
+        return self._programs[which].lower(*data).compile()
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, *self._sequence.frame(0), self._sequence.constant
@@ -187,7 +194,7 @@ class Calls:
     def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
-        placed = self._what[0].place(state)
+        placed = self._filter.place(state)
         return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
 
 

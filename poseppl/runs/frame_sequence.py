@@ -36,10 +36,20 @@ class Layout(NamedTuple):
         return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
 
 
+def device_array(value: Any, declared: Any = None) -> jax.Array:
+    """The value as a JAX array of its own dtype, or of the declared one if that holds it exactly.
+
+    A Python number has a weak dtype, and an integer another one than a float: each would be compiled for again.
+    """
+    array = jnp.asarray(value)
+    dtype = array.dtype if declared is None or jnp.promote_types(array.dtype, declared) != declared else declared
+    return jax.lax.convert_element_type(array, dtype) if array.weak_type or dtype != array.dtype else array
+
+
 def _split_inputs(inputs: Any) -> tuple[Layout, list[Any], list[Any]]:
     leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
     flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
-    constant = [jax.tree.map(jnp.asarray, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
+    constant = [jax.tree.map(device_array, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
     return Layout(tree, flags), [leaf for leaf in leaves if not isinstance(leaf, Constant)], constant
 
 

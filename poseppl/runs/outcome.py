@@ -13,6 +13,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.runs.results import Names, Truth, build_result
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
+from poseppl.smoothers.base import History
 
 
 def parts_of_run(run: Run) -> dict[str, Any]:
@@ -125,7 +126,22 @@ def timing_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
     return {**seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
 
 
+def history_of_result(tree: xr.DataTree) -> History:
+    """The draws of a result as a filter's history; those of weighted particles were resampled, and have no genealogy."""
+    state = tree["posterior"].dataset["state"].transpose("frame", "chain", "draw", "dof").values
+    particles = state.reshape(state.shape[0], -1, state.shape[-1])
+    frames, count = particles.shape[:2]
+    failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
+    log_weights = np.full((frames, count), -np.log(count), particles.dtype)
+    return History(particles, log_weights, np.zeros((frames, 0), np.int32), failed)  # type: ignore[arg-type]
+
+
 def _parts(outputs: Any, sample_stats: Mapping[str, Any], num_particles: int | None) -> dict[str, Any]:
+    if not hasattr(outputs, "summary"):
+        raise ValueError(
+            f"The collector kept a {type(outputs).__name__} of each frame. Expected draws, which a result is made of: use "
+            "collect_draws, or take the outputs of run_filter as they are."
+        )
     return {
         "state": _by_chain(outputs.state),
         "extras": {name: _by_chain(values) for name, values in outputs.extras.items()},

@@ -25,6 +25,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import FilterState
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, propagate
 
 _MAX_JOINT = 400
@@ -64,6 +65,7 @@ class Predict(Protocol):
         """From the state after the frame before; where it is the first frame, from the initial program."""
 
 
+@built_once
 def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     """Build the checks for :func:`poseppl.runs.run.run_filter`.
 

@@ -1,7 +1,6 @@
-"""The one driver: run a filter over a sequence, or feed it frame by frame.
+"""The one driver: run a filter over a sequence.
 
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
-    online = Online(filter, rng_key); state, info = online.update(observation, inputs)
 
 A sequence of any length is one compilation of the filter's `init` and one of its `step`, or of `step` alone where a filter
 tells its state before the first frame: frames go through a scan of a fixed length, of which the last call, or the calls of a
@@ -27,9 +26,9 @@ from poseppl.checks import check_at_least
 from poseppl.errors import PosepplError
 from poseppl.filters.base import Filter, Info
 from poseppl.program import Observation
-from poseppl.program.observation import check_is_observation
+from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, Part, fingerprint
-from poseppl.runs.compiled_scan import Calls, frame_keys
+from poseppl.runs.compiled_scan import Calls
 from poseppl.runs.compiled_scan import Collect as Collect
 from poseppl.runs.compiled_scan import Kept as Kept
 from poseppl.runs.frame_sequence import Constant as Constant
@@ -142,6 +141,8 @@ def run_filter(
     """
     sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
+    if filter.model is not None:
+        check_frame_shapes(filter.model.observation_sites, sequence.observations, num_frames)
     if chunk is not None:
         check_at_least(1, chunk=chunk)
     adapts = chunk is None and checkpoint is None
@@ -149,7 +150,7 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, predict, sequence, rng_key, length)
+    calls = Calls(filter, collect, predict, sequence, rng_key)
     saved: list[Part] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
@@ -234,10 +235,7 @@ def _fault(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Ca
     for index in range(len(kept.finite)):
         number = numbers[start + index]
         if not kept.finite[index]:
-            return index, (
-                f"frame {number}: the filter's state is not finite; its model or settings break down there, and nothing "
-                "after it could be trusted (try a smaller step size, or check the model's densities)"
-            )
+            return index, not_finite_message(number)
         if kept.info.failed[index]:
             problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
             if on_failure == "stop":
@@ -246,41 +244,9 @@ def _fault(kept: Kept, start: int, numbers: list[int], on_failure: str, note: Ca
     return None
 
 
-class Online:
-    """A filter fed frame by frame; each method compiles once. It gives what :func:`run_filter` gives with the same key.
-
-    Args:
-        filter: The filter.
-        rng_key: PRNG key.
-    """
-
-    def __init__(self, filter: Filter, rng_key: jax.Array) -> None:
-        self._filter, self._rng_key = filter, rng_key
-        self._init = jax.jit(filter.init)
-        self._step = jax.jit(filter.step)
-        self.frame = 0
-        self.state: Any = None
-
-    def update(self, observation: Observation, inputs: Any = None) -> tuple[Any, Info]:
-        """Take the next frame.
-
-        Args:
-            observation: Data of the frame.
-            inputs: Inputs of the frame.
-
-        Returns:
-            The new state and the diagnosis; a failed frame is told by ``info.failed``, as values inside jit cannot raise.
-
-        Raises:
-            ValueError: The data are no Observation, or the inputs are not those that the model was compiled for.
-        """
-        check_is_observation(observation)
-        key, _ = frame_keys(self._rng_key, self.frame)
-        if self.frame == 0 and self._filter.before is not None:
-            self.state = self._filter.before(observation, inputs)
-        if self.state is None:
-            self.state, info = self._init(key, observation, inputs)
-        else:
-            self.state, info = self._step(key, self.state, observation, inputs)
-        self.frame += 1
-        return self.state, info
+def not_finite_message(frame: int) -> str:
+    """What is said of a frame after which nothing can be trusted."""
+    return (
+        f"frame {frame}: the filter's state is not finite; its model or settings break down there, and nothing after it could "
+        "be trusted (try a smaller step size, or check the model's densities)"
+    )

@@ -10,7 +10,6 @@ data. What is kept is kept by the collectors that :func:`poseppl.runs.run.run_fi
 from __future__ import annotations
 
 import time
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,7 +20,9 @@ from numpy.typing import NDArray
 from poseppl.errors import PosepplError
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
+from poseppl.program.built_once import built_once
 from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.recompilation import tell_defined_anew
 from poseppl.runs.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
 
@@ -97,7 +98,7 @@ def run_smoother(
     seconds = ready - started, time.perf_counter() - ready
     if not _is_finite(smoothed):
         raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
-    outputs = jax.tree.map(np.asarray, _collected(collect, smoother.joint, key_collect, smoothed, whole))
+    outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(key_collect, smoothed, whole))
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
     return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds)
 
@@ -111,19 +112,24 @@ def mask_failed(observations: Observation, failed: jax.Array | NDArray[np.bool_]
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _collected(collect: Collect, joint: bool, rng_key: jax.Array, smoothed: Smoothed, inputs: Any) -> Any:
-    """Let the collector see one frame after another; trajectories count as one chain, so that they stay whole.
+@built_once
+def _collecting(smoother: Smoother, collect: Collect) -> Any:
+    """A compiled function that lets the collector see one frame after another; trajectories count as one chain, and stay whole.
 
     Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
     """
-    frames = _Frame(smoothed.particles, smoothed.log_weights)
-    key_trajectories, key_frames = jax.random.split(rng_key)
-    if joint and smoothed.particles.ndim == 3:
-        chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
-        frames = jax.tree.map(lambda leaf: leaf[:, None, chosen], frames)
-    keys = jax.random.split(key_frames, smoothed.particles.shape[0])
-    return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
+    tell_defined_anew(smoother, "collector", collect)
+
+    def collected(rng_key: jax.Array, smoothed: Smoothed, inputs: Any) -> Any:
+        frames = _Frame(smoothed.particles, smoothed.log_weights)
+        key_trajectories, key_frames = jax.random.split(rng_key)
+        if smoother.joint and smoothed.particles.ndim == 3:
+            chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
+            frames = jax.tree.map(lambda leaf: leaf[:, None, chosen], frames)
+        keys = jax.random.split(key_frames, smoothed.particles.shape[0])
+        return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
+
+    return jax.jit(collected)
 
 
 def _is_finite(smoothed: Smoothed) -> bool:

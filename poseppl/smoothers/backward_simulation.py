@@ -30,6 +30,7 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_transition_matrix, log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows, with_densities
@@ -39,6 +40,7 @@ Step = Callable[[jax.Array, jax.Array, Any], tuple[jax.Array, jax.Array]]
 Method = Literal["exact", "metropolis"]
 
 
+@built_once
 def backward_simulation_smoother(
     model: CompiledModel, num_trajectories: int = 500, *, method: Method = "exact", num_moves: int = 1, tile: int | None = None
 ) -> Smoother:

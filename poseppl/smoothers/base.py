@@ -9,6 +9,7 @@ data of the frames that the filter reported as failed; a smoother sees them as f
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ import jax.numpy as jnp
 
 from poseppl.filters.base import Info
 from poseppl.particles.weights import normalise
-from poseppl.program import Observation
+from poseppl.program import CompiledModel, Observation
 
 
 class History(NamedTuple):
@@ -68,18 +69,22 @@ class Smoothed(NamedTuple):
     info: SmoothingInfo
 
 
-class Smoother(NamedTuple):
-    """A smoothing algorithm for one model.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Smoother:
+    """A smoothing algorithm for one model; what was compiled for it is kept with it.
 
     Attributes:
         smooth: `(rng_key, history, observations, inputs) -> smoothed`.
         joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
         follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
+        model: The model; None for a smoother whose builder is not decorated with
+            :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
 
     smooth: Callable[[jax.Array, History, Observation, Any], Smoothed]
     joint: bool
     follows_ancestors: bool = False
+    model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
 
 def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:

@@ -24,6 +24,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.genealogy import check_genealogy, shared_ess
 
@@ -53,6 +54,7 @@ class FixedLagState(NamedTuple):
         return current
 
 
+@built_once
 def fixed_lag(filter: Filter, lag: int) -> Filter:
     """Make a filter of particles smooth as it goes.
 
@@ -85,9 +87,10 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
         window = jnp.concatenate([state.window[1:, info.ancestors], inner.particles[None]])
         return FixedLagState(inner, window), info
 
-    return Filter(init, step)
+    return Filter(init, step, model=filter.model)
 
 
+@built_once
 def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
     """Fixed-lag smoothing: the ancestors of the particles a few frames later.
 

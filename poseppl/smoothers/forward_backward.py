@@ -22,11 +22,13 @@ import jax.numpy as jnp
 
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, split_rows, tile_rows, with_densities
 
 
+@built_once
 def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
     """Forward-backward smoothing (FBS): the filter's particles, weighted anew by what comes after them.
 

@@ -14,9 +14,11 @@ import jax.numpy as jnp
 
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 
+@built_once
 def genealogy_smoother(model: CompiledModel) -> Smoother:
     """The ancestors of the last frame's particles: the baseline of smoothing.
 

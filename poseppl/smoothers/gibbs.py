@@ -30,6 +30,7 @@ from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
 from poseppl.smoothers.likelihood_mixture import (
@@ -50,6 +51,7 @@ class GibbsChains(NamedTuple):
     acceptance: jax.Array
 
 
+@built_once
 def gibbs_smoother(
     model: CompiledModel,
     *,

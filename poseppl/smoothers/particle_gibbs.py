@@ -16,12 +16,14 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 
 
+@built_once
 def particle_gibbs_smoother(
     model: CompiledModel,
     *,

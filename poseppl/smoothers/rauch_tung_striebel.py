@@ -20,9 +20,11 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.kalman import assimilate
 from poseppl.gaussians.linearisation import Gaussian, Method, linearise, propagate
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 
+@built_once
 def rauch_tung_striebel_smoother(
     model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order"
 ) -> Smoother:

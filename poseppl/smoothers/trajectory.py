@@ -33,12 +33,14 @@ from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 
 
+@built_once
 def trajectory_smoother(
     model: CompiledModel,
     *,

@@ -35,6 +35,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
 from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -51,6 +52,7 @@ class _Backward(NamedTuple):
     log_prior: jax.Array
 
 
+@built_once
 def two_filter_smoother(
     model: CompiledModel,
     *,

@@ -54,6 +54,7 @@ from poseppl.gaussians.linear_transitions import (
 )
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_transitions
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.likelihood_mixture import (
@@ -97,6 +98,7 @@ class _State(NamedTuple):
     shares: jax.Array
 
 
+@built_once
 def variational_smoother(
     model: CompiledModel,
     *,

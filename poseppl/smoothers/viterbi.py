@@ -21,11 +21,13 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
 
+@built_once
 def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smoother:
     """The most probable path through the filter's particles.
 

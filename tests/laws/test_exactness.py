@@ -6,6 +6,7 @@ below one of them; the wrong variants show that the tests would notice.
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 
 import numpy as np
@@ -122,7 +123,7 @@ def test_evidence_that_forgets_the_weights_is_noticed():
         forgetful = state._replace(log_weights=0.0 * state.log_weights)
         return adaptive.step(rng_key, forgetful, observation, inputs)
 
-    _, _, increments = replicate(adaptive._replace(step=step), POSED, 200)
+    _, _, increments = replicate(dataclasses.replace(adaptive, step=step), POSED, 200)
     ratio = np.exp(increments.sum(1) - POSED.exact.log_evidence.sum())
     assert abs(z_scores(ratio, 1.0)) > 20
 

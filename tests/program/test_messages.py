@@ -16,7 +16,8 @@ from programs import initial, observation, transition
 from poseppl.filters import kalman_filter, particle_filter
 from poseppl.program import StateSpaceModel
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.run import Constant, Online, run_filter
+from poseppl.runs.online import Online
+from poseppl.runs.run import Constant, run_filter
 from poseppl.runs.smoothing import run_smoother
 from poseppl.smoothers import collect_history, forward_backward_smoother
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ def overconfident(filter: Filter) -> Filter:
         posterior = state.posterior._replace(covariance=state.posterior.covariance / 4)
         return state._replace(particles=mean + (state.particles - mean) / 2, posterior=posterior), info
 
-    return filter._replace(init=lambda *a: narrowed(filter.init(*a)), step=lambda *a: narrowed(filter.step(*a)))
+    return dataclasses.replace(filter, init=lambda *a: narrowed(filter.init(*a)), step=lambda *a: narrowed(filter.step(*a)))
 
 
 def test_ranks_are_uniform_under_the_exact_filter() -> None:

@@ -17,7 +17,8 @@ from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl.filters import Filter, Info, ParticleState, kalman_filter, particle_filter
 from poseppl.program import Observation, StateSpaceModel
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.run import Constant, Online, RunError, frame_inputs, run_filter
+from poseppl.runs.online import Online
+from poseppl.runs.run import Constant, RunError, frame_inputs, run_filter
 
 
 class Controls(NamedTuple):
@@ -85,11 +86,27 @@ def test_a_sequence_of_any_length_is_one_compilation() -> None:
 def test_chunks_do_not_change_the_result() -> None:
     model, observations = toy(11)
     filter, collect = particle_filter(model, 50), collect_draws(model, max_draws=10)
-    first, second = (
-        run_filter(filter, jax.random.key(0), observations, num_frames=11, collect=collect, chunk=chunk) for chunk in (3, 16)
+    first, *others = (
+        run_filter(filter, jax.random.key(0), observations, num_frames=11, collect=collect, chunk=chunk) for chunk in (3, 8, 99)
     )
-    jax.tree.map(np.testing.assert_array_equal, first.outputs, second.outputs)
-    jax.tree.map(np.testing.assert_array_equal, first.state, second.state)
+    for other in others:
+        jax.tree.map(np.testing.assert_array_equal, first.outputs, other.outputs)
+        jax.tree.map(np.testing.assert_array_equal, first.state, other.state)
+
+
+@pytest.mark.parametrize("size", [1, 2**18])
+def test_parts_longer_than_a_scan_are_several_scans(size: int) -> None:
+    """And frames of more than a megabyte make shorter ones."""
+    model, observations = toy(70)
+    filter, count = counted(particle_filter(model, 4))
+
+    def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+        return state.particles, jnp.zeros(size)
+
+    runs = [run_filter(filter, jax.random.key(0), observations, collect=collect, chunk=chunk) for chunk in (None, 69, 5)]
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.outputs[0], runs[0].outputs[0])
+    assert runs[0].outputs[0].shape == (70, 4, 2) and count == {"init": 1, "step": 1}
 
 
 def test_online_equals_the_scan_and_compiles_once() -> None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics import diagnose
@@ -15,10 +14,9 @@ from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
-from poseppl.runs.outcome import parts_of_smoothing, timing_of_smoothing
+from poseppl.runs.outcome import history_of_result, parts_of_smoothing, timing_of_smoothing
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.smoothing import run_smoother
-from poseppl.smoothers.base import History
 
 _NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
 """Where a result has the names of its degrees of freedom, markers and cameras."""
@@ -87,16 +85,6 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         **timing_of_smoothing(run),
     }
     return diagnose(_result(tree, problem, parts_of_smoothing(run, stats), attrs))
-
-
-def history_of_result(tree: xr.DataTree) -> History:
-    """The draws of a result as a filter's history; those of weighted particles were resampled, and have no genealogy."""
-    state = tree["posterior"].dataset["state"].transpose("frame", "chain", "draw", "dof").values
-    particles = state.reshape(state.shape[0], -1, state.shape[-1])
-    frames, count = particles.shape[:2]
-    failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
-    log_weights = np.full((frames, count), -np.log(count), particles.dtype)
-    return History(particles, log_weights, np.zeros((frames, 0), np.int32), failed)  # type: ignore[arg-type]
 
 
 def _result(tree: xr.DataTree, problem: Problem, parts: Mapping[str, Any], attrs: Mapping[str, Any]) -> xr.DataTree:

@@ -1,0 +1,201 @@
+"""One call from a model and data to a result, and one from a result to its smoothing.
+
+    result = infer(model, data, particle_filter(model, 1000), rng_key, inputs=inputs)
+    smoothed = smooth(result, forward_backward_smoother(model), rng_key, inputs=inputs)
+
+They assemble what stands in :mod:`poseppl.runs.run`, :mod:`~poseppl.runs.smoothing`, :mod:`~poseppl.runs.collectors` and
+:mod:`~poseppl.runs.outcome`: whoever wants something else of each frame than draws, such as all particles, calls these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+import jax
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from poseppl.filters.base import Filter
+from poseppl.program import CompiledModel, Observation, StateSpaceModel
+from poseppl.runs.checkpoint import Checkpoint
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.outcome import history_of_result, result_of_run, result_of_smoothing
+from poseppl.runs.predictive import Predict
+from poseppl.runs.results import provenance
+from poseppl.runs.run import Collect, Progress, run_filter
+from poseppl.runs.smoothing import run_smoother
+from poseppl.smoothers.base import History, Smoother
+
+Data = Observation | Mapping[str, ArrayLike]
+"""Arrays by the name of their observation site, with NaN where nothing was seen, or what `model.observe` made of them."""
+
+
+def infer(
+    model: CompiledModel,
+    data: Data,
+    filter: Filter | Callable[[CompiledModel], Filter],
+    rng_key: jax.Array,
+    inputs: Any = None,
+    *,
+    collect: Collect | None = None,
+    predict: Predict | None = None,
+    truth: ArrayLike | None = None,
+    frames: ArrayLike | None = None,
+    rate: float | None = None,
+    attrs: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    checkpoint: Checkpoint | None = None,
+    on_failure: Literal["continue", "stop"] = "continue",
+) -> xr.DataTree:
+    """Filter a sequence.
+
+    Args:
+        model: The compiled model.
+        data: Arrays with a leading T by the name of their site, NaN where nothing was seen; or an Observation.
+        filter: A filter of the model, or its builder, such as ``kalman_filter`` or
+            ``lambda model: particle_filter(model, 1000)``.
+        rng_key: PRNG key; the same key gives the same result.
+        inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None where the model
+            takes none.
+        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 200 draws and summaries of all if
+            None.
+        predict: Predictive checks, of :func:`~poseppl.runs.predictive.predictive_checks`.
+        truth: The true flat states (T, d), where known.
+        frames: Frame numbers (T,); 0, 1, ... if None.
+        rate: Frames a second.
+        attrs: Provenance: anything that JSON can hold.
+        progress: Who is told how the run goes.
+        checkpoint: Where the run is saved, and resumed from.
+        on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+
+    Returns:
+        The result, which ArviZ's functions take; see :mod:`poseppl.runs.results`.
+
+    Raises:
+        ValueError: The model is not compiled, the filter is one of another model, or data, inputs or frames do not fit.
+        RunError: The run cannot go on.
+    """
+    _check_compiled(model)
+    observations = data if isinstance(data, Observation) else model.observe(data)
+    run = run_filter(
+        _filter_of(filter, model),
+        rng_key,
+        observations,
+        inputs,
+        collect=collect_draws(model) if collect is None else collect,
+        predict=predict,
+        progress=progress,
+        checkpoint=checkpoint,
+        on_failure=on_failure,
+        frame_numbers=None if frames is None else np.asarray(frames).tolist(),
+    )
+    return result_of_run(run, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
+
+
+def smooth(
+    filtered: xr.DataTree | History,
+    smoother: Smoother,
+    rng_key: jax.Array,
+    inputs: Any = None,
+    *,
+    data: Data | None = None,
+    collect: Collect | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.DataTree:
+    """Smooth what a filter left: every frame given all data, also those after it.
+
+    Args:
+        filtered: The result of :func:`infer`, whose draws the smoother starts from; or a history, all particles of
+            ``run_filter(..., collect=collect_history)``, which smoothers that follow ancestors need.
+        smoother: The smoother; it knows the model.
+        rng_key: PRNG key; the same key gives the same result.
+        inputs: The filter's inputs.
+        data: The filter's data; those that the result holds if None. A history holds none.
+        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; as in :func:`infer` if None.
+        attrs: Provenance: anything that JSON can hold; that of the result is kept.
+
+    Returns:
+        The smoothed result, with truth, frames and rate of the filtered one.
+
+    Raises:
+        ValueError: The smoother does not know its model, the data of a history are missing, the result is smoothed already or
+            one of another model, or data or inputs do not fit.
+        SmoothingError: The smoothed states are not finite.
+    """
+    model = smoother.model
+    if model is None:
+        raise ValueError(
+            "The smoother does not know its model. Use a builder of poseppl.smoothers, or Smoother(..., model=model)."
+        )
+    history, known = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model)
+    held = known.pop("data", None)
+    given = held if data is None else data
+    if given is None:
+        raise ValueError(
+            "There are no data to smooth with: a history holds none. Give those that the filter saw, smooth(..., data=data)."
+        )
+    observations = given if isinstance(given, Observation) else model.observe(given)
+    collect = collect_draws(model) if collect is None else collect
+    run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
+    known["attrs"] = {**known.get("attrs", {}), "smoother": _name(smoother), **(attrs or {})}
+    return result_of_smoothing(run, model, observations, **known)
+
+
+def _check_compiled(model: Any) -> None:
+    if isinstance(model, StateSpaceModel):
+        raise ValueError("The model is not compiled: infer(model.compile(inputs, params), ...), with the inputs of one frame.")
+    if not isinstance(model, CompiledModel):
+        raise ValueError(f"The model is a {type(model).__name__}. Expected what StateSpaceModel.compile returns.")
+
+
+def _filter_of(filter: Any, model: CompiledModel) -> Filter:
+    built = filter if isinstance(filter, Filter) or not callable(filter) else filter(model)
+    if not isinstance(built, Filter):
+        raise ValueError(
+            f"The filter is a {type(built).__name__}. Expected a filter, as particle_filter(model, 1000) builds it, or its "
+            "builder, a function of the model."
+        )
+    if built.model not in (None, model):
+        raise ValueError(
+            "The filter was built for another model than the one given. Build it for this one, or give its builder: "
+            "infer(model, data, lambda model: particle_filter(model, 1000), ...)."
+        )
+    return built
+
+
+def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
+    """The draws of a result, and what else a smoothing takes over from it."""
+    if not isinstance(result, xr.DataTree) or "posterior" not in result.children:
+        raise ValueError(
+            f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
+            "run_filter(..., collect=collect_history)."
+        )
+    posterior, attrs = result["posterior"].dataset, provenance(result)
+    names = tuple(posterior.coords["dof"].values.tolist())
+    if names != model.coordinate_names:
+        raise ValueError(
+            f"The result is one of the coordinates {list(names)}, the smoother of {list(model.coordinate_names)}. Expected the "
+            "same model."
+        )
+    if "smoother" in attrs:
+        raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
+    groups = {
+        name: {str(key): values.values for key, values in result[name].dataset.data_vars.items()}
+        for name in ("observed_data", "sample_stats", "truth")
+        if name in result.children
+    }
+    return history_of_result(result), {
+        "data": groups.get("observed_data"),
+        "filtered": groups["sample_stats"],
+        "truth": groups.get("truth", {}).get("state"),
+        "frames": posterior.coords["frame"].values,
+        "rate": result.attrs.get("rate"),
+        "attrs": {**attrs, "filter seconds": attrs.get("wall_seconds")},
+    }
+
+
+def _name(smoother: Smoother) -> str:
+    """The builder of a smoother, as far as its function tells."""
+    return getattr(smoother.smooth, "__qualname__", type(smoother.smooth).__name__).partition(".")[0]

@@ -1,0 +1,102 @@
+"""A filter fed frame by frame, as the data come in.
+
+    online = Online(filter, rng_key)
+    state, info = online.update({"height": 0.9}, inputs)
+
+The keys of a frame are those of :func:`poseppl.runs.run.run_filter`, and so are its results; the same is checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import jax
+from numpy.typing import ArrayLike
+
+from poseppl.filters.base import Filter, Info
+from poseppl.program import Observation
+from poseppl.program.built_once import built_once
+from poseppl.program.explanation import check_inputs
+from poseppl.program.observation import check_frame_shapes, check_is_observation
+from poseppl.runs.compiled_scan import frame_keys, is_finite
+from poseppl.runs.frame_sequence import device_array
+from poseppl.runs.recompilation import tell_filter_defined_anew
+from poseppl.runs.run import RunError, not_finite_message
+
+
+class Online:
+    """A filter fed frame by frame, compiled once. It gives what :func:`run_filter` gives with the same key.
+
+    Args:
+        filter: The filter.
+        rng_key: PRNG key.
+
+    Attributes:
+        frame: How many frames it has seen.
+        state: The state after the last of them; None before the first.
+    """
+
+    def __init__(self, filter: Filter, rng_key: jax.Array) -> None:
+        self._filter, self._rng_key = filter, rng_key
+        self._init, self._step = _programs(filter)
+        self.frame = 0
+        self.state: Any = None
+
+    def update(self, observation: Observation | Mapping[str, ArrayLike], inputs: Any = None) -> tuple[Any, Info]:
+        """Take the next frame.
+
+        Args:
+            observation: Data of the frame: an Observation, or values by the name of their site with NaN where nothing was seen.
+            inputs: Inputs of the frame.
+
+        Returns:
+            The new state and the diagnosis; a failed frame is told by ``info.failed``.
+
+        Raises:
+            ValueError: The data are not one frame of the model's, or the inputs are not those that it was compiled for.
+            RunError: The new state is not finite, computed twice; the tracker stays at the frame before.
+        """
+        observation, inputs = self._checked(observation, inputs)
+        key, _ = frame_keys(self._rng_key, self.frame)
+        state = self.state
+        if state is None and self._filter.before is not None:
+            state = self._filter.before(observation, inputs)
+        for _ in range(2):  # a fault of the machine does not come again
+            call = partial(self._init, key) if state is None else partial(self._step, key, state)
+            new, info, finite = call(observation, inputs)
+            if finite:
+                self.state, self.frame = new, self.frame + 1
+                return new, info
+        raise RunError(not_finite_message(self.frame), self.frame)
+
+    def _checked(self, observation: Any, inputs: Any) -> tuple[Observation, Any]:
+        """Data and inputs of a frame, in the form that the filter was compiled for."""
+        model = self._filter.model
+        if model is not None and isinstance(observation, Mapping):
+            observation = model.observe(observation)
+        check_is_observation(observation)
+        inputs = jax.tree.map(device_array, inputs)
+        if model is None:
+            return observation, inputs
+        check_frame_shapes(model.observation_sites, observation)
+        check_inputs(model.input_shapes, inputs)
+        declared = model.input_shapes if jax.tree.leaves(model.input_shapes) else inputs
+        return observation, jax.tree.map(lambda leaf, shape: device_array(leaf, shape.dtype), inputs, declared)
+
+
+@built_once
+def _programs(filter: Filter) -> tuple[Any, Any]:
+    """A filter's `init` and `step`, compiled for single frames; both return besides whether the state is finite."""
+    tell_filter_defined_anew(filter)
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any) -> tuple[Any, Info, jax.Array]:
+        state, info = filter.init(rng_key, observation, inputs)
+        return state, info, is_finite(state)
+
+    def step(rng_key: jax.Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, Info, jax.Array]:
+        new, info = filter.step(rng_key, state, observation, inputs)
+        return new, info, is_finite(new)
+
+    return jax.jit(init), jax.jit(step)

@@ -1,0 +1,136 @@
+"""One call from model and data to a result, and from a result to its smoothing."""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+
+import arviz_stats
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from law_problems import problem
+
+import poseppl
+from poseppl.filters import Filter
+from poseppl.runs import recompilation
+from poseppl.smoothers import Smoother, genealogy_smoother
+
+POSED = problem()
+KEY = jax.random.key(0)
+VALUES = {"y": np.where(POSED.observations.mask["y"], POSED.observations.values["y"], np.nan)}
+
+
+def filtered(**options):
+    return poseppl.infer(POSED.model, VALUES, poseppl.particle_filter(POSED.model, 300), KEY, inputs=POSED.inputs, **options)
+
+
+def test_a_dict_of_arrays_gives_what_the_long_form_gives():
+    result = filtered(truth=POSED.exact.means, rate=25.0, frames=range(10, 15), attrs={"model": "toy"})
+    collect = poseppl.collect_draws(POSED.model)
+    run = poseppl.run_filter(poseppl.particle_filter(POSED.model, 300), KEY, POSED.observations, POSED.inputs, collect=collect)
+    about = {"truth": POSED.exact.means, "rate": 25.0, "frames": range(10, 15), "attrs": {"model": "toy"}}
+    long = poseppl.result_of_run(run, POSED.model, POSED.observations, **about)
+    for name in ("posterior", "summary", "sample_stats", "observed_data", "truth"):
+        xr.testing.assert_identical(result[name].to_dataset(), long[name].to_dataset())
+    assert set(result.attrs) == set(long.attrs)
+    assert arviz_stats.ess(result["posterior"])["state"].shape == (5, 2)
+
+
+@pytest.mark.parametrize("filter", [poseppl.kalman_filter, partial(poseppl.kalman_filter, num_particles=1000)])
+def test_a_builder_stands_for_its_filter(filter):
+    built, handed = (
+        poseppl.infer(POSED.model, data, given, KEY, POSED.inputs)
+        for data, given in ((VALUES, poseppl.kalman_filter(POSED.model)), (POSED.observations, filter))
+    )
+    xr.testing.assert_identical(built["posterior"].to_dataset(), handed["posterior"].to_dataset())
+
+
+def test_a_result_is_smoothed():
+    result = filtered(truth=POSED.exact.means, rate=25.0, attrs={"model": "toy"})
+    smoother = poseppl.backward_simulation_smoother(POSED.model, 100)
+    smoothed = poseppl.smooth(result, smoother, KEY, inputs=POSED.inputs, attrs={"seed": 3})
+    xr.testing.assert_identical(smoothed["observed_data"].to_dataset(), result["observed_data"].to_dataset())
+    xr.testing.assert_identical(smoothed["truth"].to_dataset(), result["truth"].to_dataset())
+    known = poseppl.runs.results.provenance(smoothed)
+    assert (known["model"], known["seed"], known["smoother"]) == ("toy", 3, "backward_simulation_smoother")
+    assert smoothed.attrs["rate"] == 25.0
+    assert smoothed["sample_stats/log_evidence"].equals(result["sample_stats/log_evidence"])
+    assert smoothed["posterior/state"].shape == (1, 100, 5, 2)
+    # the future moves the first frame; nothing moves the last
+    apart = abs(smoothed["summary/state_mean"] - result["summary/state_mean"]).max("dof").values
+    assert apart[0] > 2 * apart[-1]
+    with pytest.raises(ValueError, match="smoothed already"):
+        poseppl.smooth(smoothed, smoother, KEY, inputs=POSED.inputs)
+
+
+def test_all_particles_are_smoothed_from_a_history():
+    run = poseppl.run_filter(
+        poseppl.particle_filter(POSED.model, 300), KEY, POSED.observations, POSED.inputs, collect=poseppl.collect_history
+    )
+    smoothed = poseppl.smooth(run.outputs, genealogy_smoother(POSED.model), KEY, POSED.inputs, data=VALUES)
+    assert smoothed.attrs["num_particles"] == 300
+    with pytest.raises(ValueError, match="data=data"):
+        poseppl.smooth(run.outputs, genealogy_smoother(POSED.model), KEY, POSED.inputs)
+
+
+def test_what_is_no_model_filter_smoother_or_result_is_said():
+    other = problem().model
+    with pytest.raises(ValueError, match="not compiled"):
+        poseppl.infer(POSED.model.programs, VALUES, poseppl.kalman_filter, KEY)
+    with pytest.raises(ValueError, match="another model"):
+        poseppl.infer(POSED.model, VALUES, poseppl.particle_filter(other, 10), KEY, POSED.inputs)
+    with pytest.raises(ValueError, match="The filter is a int"):
+        poseppl.infer(POSED.model, VALUES, 7, KEY)
+    with pytest.raises(ValueError, match="no observation site"):
+        poseppl.infer(POSED.model, {"z": VALUES["y"]}, poseppl.kalman_filter, KEY)
+    with pytest.raises(ValueError, match="Expected draws"):
+        filtered(collect=lambda rng_key, state, info, inputs: state.particles)
+    with pytest.raises(ValueError, match="does not know its model"):
+        poseppl.smooth(filtered(), Smoother(genealogy_smoother(POSED.model).smooth, True), KEY)
+    with pytest.raises(ValueError, match="left is a Problem"):
+        poseppl.smooth(POSED, genealogy_smoother(POSED.model), KEY)
+    with pytest.raises(ValueError, match="no ancestor"):
+        poseppl.smooth(filtered(), genealogy_smoother(POSED.model), KEY, POSED.inputs)
+
+
+def run_with(collect, filter=None):
+    filter = poseppl.particle_filter(POSED.model, 20) if filter is None else filter
+    return poseppl.run_filter(filter, KEY, POSED.observations, POSED.inputs, collect=collect)
+
+
+def test_a_lambda_in_a_loop_is_said_once(caplog):
+    shared = jnp.ones(2)
+    with caplog.at_level(logging.WARNING, logger="poseppl"):
+        for _ in range(3):
+            run_with(lambda rng_key, state, info, inputs: state.particles @ shared)
+    assert len(caplog.messages) == 1
+    assert "collector" in caplog.messages[0] and "test_infer.py" in caplog.messages[0]
+
+
+def test_other_collectors_and_the_same_are_not_said(caplog):
+    def times(factor):
+        return lambda rng_key, state, info, inputs: factor * state.particles
+
+    twice = times(2.0)
+    with caplog.at_level(logging.WARNING, logger="poseppl"):
+        for collect in (twice, times(3.0), twice):
+            run_with(collect)
+        for count in range(12, 12 + 40):  # more than are kept
+            poseppl.collect_draws(POSED.model, max_draws=count)
+    assert not caplog.messages
+
+
+def test_a_filter_written_by_hand_in_a_loop_is_said_once(caplog):
+    inner = poseppl.particle_filter(POSED.model, 10)
+    recompilation._told.clear()
+
+    def build():
+        return Filter(lambda *frame: inner.init(*frame), lambda *frame: inner.step(*frame))
+
+    with caplog.at_level(logging.WARNING, logger="poseppl"):
+        for _ in range(3):
+            run_with(poseppl.collect_history, build())
+    assert len(caplog.messages) == 1 and "filter" in caplog.messages[0]
