@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from poseppl.experiments.tables import Table, markdown
 from verdicts.measured import records
 
 Tables = Mapping[str, Table]
+Groups = dict[tuple[str, str], list[dict[str, Any]]]
+"""Runs by model and filter."""
 LEAST, MOST = 0.8, 0.87
 """Coverage below which a run ought to have an error, and above which it ought to have none."""
 _HOLDS = {True: "holds", False: "does not hold"}
@@ -18,15 +20,26 @@ _HOLDS = {True: "holds", False: "does not hold"}
 def checks(tables: Tables) -> str:
     """Coverage and errors found by model and filter, and whether the two goals hold."""
     rows = records(tables["predictive_checks"])
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["model"], row["filter"]), []).append(row)
+    groups, single = _grouped(rows, _kind), _grouped(rows, str)
     columns = (
         *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),
         *("errors found", "missed of those below 80 %", "accused of those above 87 %"),
     )
     shown = [[*key, *_summed(group)] for key, group in groups.items()]
-    return f"{markdown(columns, shown)}\n\n{_goal(rows, groups, 'below')}\n{_goal(rows, groups, 'above')}"
+    return f"{markdown(columns, shown)}\n\n{_goal(rows, single, 'below')}\n{_goal(rows, single, 'above')}"
+
+
+def _grouped(rows: list[dict[str, Any]], name: Callable[[str], str]) -> Groups:
+    groups: Groups = {}
+    for row in rows:
+        groups.setdefault((name(row["model"]), row["filter"]), []).append(row)
+    return groups
+
+
+def _kind(model: str) -> str:
+    """The model, and all recordings that so many cameras see as one."""
+    name, _, cameras = model.rpartition(", ")
+    return f"recordings, {cameras}" if "camera" in cameras and name != "walk" else model
 
 
 def missed(row: Mapping[str, Any]) -> bool:
@@ -59,7 +72,7 @@ def _span(values: list[float], digits: int) -> str:
     return f"{statistics.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
-def _goal(rows: list[dict[str, Any]], groups: Mapping[tuple[str, str], list[dict[str, Any]]], side: str) -> str:
+def _goal(rows: list[dict[str, Any]], groups: Groups, side: str) -> str:
     """Whether no run is missed, or none accused, and which are."""
     below = side == "below"
     fault = missed if below else accused
