@@ -50,6 +50,17 @@ def run_colors(count: int) -> list[str]:
     return list(islice(cycle(COLORS), count))
 
 
+def run_names(tree: xr.DataTree) -> list[str]:
+    """Names of the runs, text."""
+    return [str(name) for name in tree["figures"].dataset["run"].values]
+
+
+def run_labels(tree: xr.DataTree) -> list[str]:
+    """Names of the runs where ESS is shown, with a warning on those whose posterior is wrong."""
+    out = tree["summary"].dataset["disqualified"].values
+    return [f"{name} (disqualified)" if wrong else name for name, wrong in zip(run_names(tree), out, strict=True)]
+
+
 def shown(value: Any, form: str = "") -> str:
     """A figure in words, a dash where there is none; to two or three significant digits without a form."""
     if not np.isfinite(value):

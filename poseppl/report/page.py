@@ -77,7 +77,7 @@ def page_html(template: str, **content: Any) -> str:
     known = " ".join(f"'sha256-{value}'" for value in hashes)
     policy = f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
     trusted = {"style": Markup(style), "scripts": [Markup(text) for text in scripts], "policy": Markup(policy)}
-    return ENVIRONMENT.get_template(template).render(**trusted, **content)
+    return ENVIRONMENT.get_template(template).render(**trusted, **content).strip() + "\n"
 
 
 def write_page(page: str, path: str | PathLike[str]) -> None:
