@@ -18,7 +18,8 @@ import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
-from poseppl.gaussians.linearisation import Gaussian, Method, condition, linearise, propagate
+from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.linearisation import Method, condition, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 

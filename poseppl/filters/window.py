@@ -34,9 +34,8 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
-from poseppl.gaussians.linearisation import Gaussian
+from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture
-from poseppl.gaussians.transition_curvature import precision_of
 from poseppl.kernels.hmc import Chains, HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
 from poseppl.program import CompiledModel, Observation

@@ -10,6 +10,7 @@ that the window has W slots from the start.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,9 +18,9 @@ import jax.numpy as jnp
 
 from poseppl.filters.chains import LogDensity
 from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, to_dense
-from poseppl.gaussians.linearisation import Gaussian
+from poseppl.gaussians.gaussian import Gaussian, precision_of
+from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
 from poseppl.gaussians.mixture import GaussianMixture, log_mixture
-from poseppl.gaussians.transition_curvature import precision_of, transition_curvature
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import log_initials
 
@@ -101,7 +102,7 @@ def window_target(model: CompiledModel, window: Window) -> WindowTarget:
     def information(flat: jax.Array) -> jax.Array:
         xs = flat.reshape(size, dimension)
         data = jax.vmap(model.observation_information)(xs, window.observations, window.inputs)
-        blocks = jax.vmap(lambda x, inputs: transition_curvature(model, x, inputs))(xs[:-1], later)
+        blocks = jax.vmap(transition_curvature)(*jax.vmap(partial(transition_around, model))(xs[:-1], later)[1:])
         before, below, after = (jnp.where(follows[:, None, None], block, 0.0) for block in blocks)
         return to_dense(BlockTridiagonal(data.at[:-1].add(before).at[1:].add(after), below))
 

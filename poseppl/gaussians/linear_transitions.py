@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
 
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal
+from poseppl.gaussians.gaussian import precision_of
+from poseppl.gaussians.linearisation import first_order
 from poseppl.program import CompiledModel
 from poseppl.program.dependence import output_dependence
 
@@ -42,20 +43,6 @@ class Marginals(NamedTuple):
 
     own: jax.Array
     next: jax.Array
-
-
-def inverse_covariance(covariance: jax.Array) -> jax.Array:
-    """Inverse of a covariance (d, d), scaled to a unit diagonal on the way."""
-    whiten = inverse_root(covariance)
-    return whiten.T @ whiten
-
-
-def inverse_root(covariance: jax.Array) -> jax.Array:
-    """W, lower triangular (d, d), with W^T W the inverse of a covariance."""
-    unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
-    lower = jnp.linalg.cholesky(covariance * unit[:, None] * unit)
-    root: jax.Array = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True) * unit
-    return root
 
 
 class Structure(NamedTuple):
@@ -101,7 +88,7 @@ def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> 
     """
     d = states.shape[1]
     mean, covariance = model.initial_moments(jax.tree.map(lambda a: a[0], inputs))
-    first = LinearTransitions(mean[None], jnp.zeros((1, d, d), states.dtype), inverse_covariance(covariance)[None])
+    first = LinearTransitions(mean[None], jnp.zeros((1, d, d), states.dtype), precision_of(covariance)[None])
     if states.shape[0] == 1:
         return first
 
@@ -115,24 +102,31 @@ def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> 
 
 def transition_around(model: CompiledModel, x: jax.Array, inputs: Any) -> LinearTransitions:
     """Linearise one transition around the state (d,) that it starts from."""
+    mean, slope, covariance = first_order(lambda x: model.transition_moments(x, inputs), x)
+    return LinearTransitions(mean, slope, precision_of(covariance))
 
-    def mean(x: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        moments = model.transition_moments(x, inputs)
-        return moments[0], moments
 
-    slope, (value, covariance) = jax.jacrev(mean, has_aux=True)(x)
-    return LinearTransitions(value, slope, inverse_covariance(covariance))
+def transition_curvature(slope: jax.Array, precision: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The curvature (-F, 1)^T S (-F, 1) of a linearised transition in (x_(t-1), x_t), which is never negative.
+
+    Args:
+        slope: F (d, d).
+        precision: S (d, d).
+
+    Returns:
+        The blocks (t-1, t-1), (t, t-1) and (t, t), each (d, d).
+    """
+    pulled = precision @ slope
+    return slope.T @ pulled, -pulled, precision
 
 
 def quadratic_prior(transitions: LinearTransitions, states: jax.Array) -> tuple[BlockTridiagonal, jax.Array]:
     """J and h (T, d) around the states (T, d) that the transitions were linearised at."""
     means, slopes, precisions = transitions
     force = jnp.einsum("tij,tj->ti", precisions, states - means)
-    bent = jnp.einsum("tij,tjk->tik", precisions, slopes)
-    ahead = jnp.einsum("tji,tjk->tik", slopes, bent)
-    diagonal = precisions.at[:-1].add(ahead[1:])
+    before, below, _ = jax.vmap(transition_curvature)(slopes[1:], precisions[1:])
     slope = (-force).at[:-1].add(jnp.einsum("tji,tj->ti", slopes[1:], force[1:]))
-    return BlockTridiagonal(diagonal, -bent[1:]), slope
+    return BlockTridiagonal(precisions.at[:-1].add(before), below), slope
 
 
 def marginal_covariances(factor: BlockCholesky) -> Marginals:

@@ -23,16 +23,11 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from poseppl.gaussians.gaussian import Gaussian
+
 Method = Literal["first-order", "unscented"]
 Conditional = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
 """Mean and covariance of y given x."""
-
-
-class Gaussian(NamedTuple):
-    """A mean (..., d) and a covariance (..., d, d)."""
-
-    mean: jax.Array
-    covariance: jax.Array
 
 
 class Linear(NamedTuple):
@@ -43,13 +38,25 @@ class Linear(NamedTuple):
     noise: jax.Array
 
 
+def first_order(conditional: Conditional, x: jax.Array) -> Linear:
+    """Linearise a conditional at a state (d,)."""
+
+    def mean(x: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        moments = conditional(x)
+        return moments[0], moments
+
+    slope, (value, noise) = jax.jacrev(mean, has_aux=True)(x)
+    return Linear(value, slope, noise)
+
+
 def linearise(
     conditional: Conditional, x: Gaussian, method: Method, slope_at: Callable[[jax.Array], jax.Array] | None = None
 ) -> Linear:
     """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
+        if slope_at is None:
+            return first_order(conditional, x.mean)
         mean, noise = conditional(x.mean)
-        slope_at = slope_at or jax.jacrev(lambda at: conditional(at)[0])
         return Linear(mean, slope_at(x.mean), noise)
     dimension = x.mean.shape[0]
     kappa = max(0.0, 3.0 - dimension)

@@ -13,7 +13,7 @@ _EM_STEPS = 10
 
 
 class GaussianMixture(NamedTuple):
-    """K Gaussians: ``log_weights`` (K,), ``means`` (K, d), ``covariances`` (K, d, d)."""
+    """K Gaussians: ``log_weights`` (K,), -inf if empty, ``means`` (K, d), ``covariances`` (K, d, d), or (1, d, d) for all."""
 
     log_weights: jax.Array
     means: jax.Array

@@ -6,7 +6,7 @@ a round makes from components (eta_k, m_k, R_k)
     tau_ik = rho_i eta_k N(x_i; m_k, R_k) / sum_j eta_j N(x_i; m_j, R_j),        eta_k' = sum_i tau_ik,
     m_k' = sum_i tau_ik x_i / eta_k',        R_k' = sum_i tau_ik (x_i - m_k') (x_i - m_k')^T / eta_k',
 
-as if there were rho_i worth of points at x_i. Fixed covariances leave the last out. Components are seeded at points whose
+as if there were rho_i worth of points at x_i. Fixed covariances leave the last out. GaussianMixture are seeded at points whose
 weight is at or above the average; there are at most K of them, chosen evenly among these when there are more, and where there
 are fewer the others stay empty (eta = 0), so that shapes are static.
 
@@ -16,24 +16,15 @@ number of points in all. With one component this changes nothing: it is the weig
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 
-from poseppl.gaussians.linear_transitions import inverse_root
+from poseppl.gaussians.gaussian import inverse_root
+from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.particles.weights import weighted_covariance
 
 _KEPT = 1e-6
 """Share of a component that its old mean counts for: an empty one stays where it is."""
-
-
-class Components(NamedTuple):
-    """K Gaussians: ``log_weights`` (K,), -inf where empty, ``means`` (K, d), ``covariances`` (K, d, d) or (1, d, d) for all."""
-
-    log_weights: jax.Array
-    means: jax.Array
-    covariances: jax.Array
 
 
 def choose_seeds(rng_key: jax.Array, log_weights: jax.Array, num_components: int) -> tuple[jax.Array, jax.Array]:
@@ -54,7 +45,7 @@ def choose_seeds(rng_key: jax.Array, log_weights: jax.Array, num_components: int
 
 def fit_fixed(
     points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, scales: jax.Array, num_steps: int
-) -> Components:
+) -> GaussianMixture:
     """Fit weights and means of components that share one diagonal covariance.
 
     Args:
@@ -73,18 +64,20 @@ def fit_fixed(
         return _update_means(weights, logits, white, means), None
 
     (log_weights, means), _ = jax.lax.scan(update, (_start(weights, seeds, alive), white[seeds]), None, length=num_steps)
-    return Components(log_weights, means * scales, jnp.diag(scales**2)[None])
+    return GaussianMixture(log_weights, means * scales, jnp.diag(scales**2)[None])
 
 
 def fit_free(
     points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, num_steps: int, floor: jax.Array
-) -> Components:
+) -> GaussianMixture:
     """Fit weights, means and covariances; arguments as in :func:`fit_fixed`, and the least variances (d,)."""
     common = weighted_covariance(points, jnp.log(weights)) + jnp.diag(floor)
     ridge = points.shape[1] * jnp.sum(weights**2)
-    start = Components(_start(weights, seeds, alive), points[seeds], jnp.broadcast_to(common, (seeds.shape[0], *common.shape)))
+    start = GaussianMixture(
+        _start(weights, seeds, alive), points[seeds], jnp.broadcast_to(common, (seeds.shape[0], *common.shape))
+    )
 
-    def update(state: Components, _: None) -> tuple[Components, None]:
+    def update(state: GaussianMixture, _: None) -> tuple[GaussianMixture, None]:
         logits = jax.vmap(lambda w, m, c: w + _log_normal(points, m, c), out_axes=1)(*state)
         share = weights[:, None] * jax.nn.softmax(logits, axis=1)
         log_weights, means = _update_means(weights, logits, points, state.means)
@@ -92,7 +85,7 @@ def fit_free(
         scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset)
         mass = jnp.exp(log_weights)[:, None, None]
         covariances = (scatter + jnp.diag(floor) * mass + ridge * common) / (mass + ridge)
-        return Components(log_weights, means, covariances), None
+        return GaussianMixture(log_weights, means, covariances), None
 
     fitted, _ = jax.lax.scan(update, start, None, length=num_steps)
     return fitted

@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import cho_solve, solve_triangular
+from jax.scipy.linalg import cho_solve
 
+from poseppl.gaussians.gaussian import Factorised, factorise
 from poseppl.particles.keys import particle_keys
-from poseppl.particles.weights import normalise
+from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel
 from poseppl.program.population import propagate
 
@@ -27,31 +28,10 @@ _FLOOR = 1e-3
 """Part of the predicted variances that every covariance has at least."""
 
 
-class Gaussian(NamedTuple):
-    """A Gaussian with its factors, made once: mean (d,), scale = Cholesky factor (d, d), its inverse, and log |scale|."""
-
-    mean: jax.Array
-    scale: jax.Array
-    whiten: jax.Array
-    log_scale: jax.Array
-
-    def log_density(self, xs: jax.Array) -> jax.Array:
-        """Log-densities (N,) of states (N, d)."""
-        return self._of_white((xs - self.mean) @ self.whiten.T)
-
-    def draw(self, rng_key: jax.Array, num: int) -> tuple[jax.Array, jax.Array]:
-        """Draw states (N, d), with their log-densities (N,)."""
-        white = jax.random.normal(rng_key, (num, self.mean.shape[-1]), self.mean.dtype)
-        return self.mean + white @ self.scale.T, self._of_white(white)
-
-    def _of_white(self, white: jax.Array) -> jax.Array:
-        return -0.5 * jnp.sum(white**2, 1) - self.log_scale - 0.5 * white.shape[1] * jnp.log(2 * jnp.pi)
-
-
 class Regression(NamedTuple):
     """A state given its successor y: residual.mean + gain (y - next_mean) + a draw of residual less its mean."""
 
-    residual: Gaussian
+    residual: Factorised
     next_mean: jax.Array
     gain: jax.Array
 
@@ -61,31 +41,17 @@ class Regression(NamedTuple):
         return drawn + (successors - self.next_mean) @ self.gain.T, log_density
 
 
-def gaussian(mean: jax.Array, covariance: jax.Array) -> Gaussian:
-    """Factorise a covariance (d, d)."""
-    scale = jnp.linalg.cholesky(covariance)
-    whiten = solve_triangular(scale, jnp.eye(scale.shape[0], dtype=scale.dtype), lower=True)
-    return Gaussian(mean, scale, whiten, jnp.sum(jnp.log(jnp.diagonal(scale))))
-
-
-def moments(xs: jax.Array, log_weights: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Mean (d,) and covariance (d, d) of states (N, d) with log-weights (N,)."""
-    weights = normalise(log_weights).weights
-    mean = weights @ xs
-    centred = (xs - mean).T
-    return mean, (centred * weights) @ centred.T
-
-
 def pair_moments(
     model: CompiledModel, rng_key: jax.Array, particles: jax.Array, log_weights: jax.Array, inputs: Any
 ) -> tuple[jax.Array, jax.Array]:
     """Mean (2 d,) and covariance (2 d, 2 d) of a frame's particles (N, d), each beside a successor drawn for it."""
     keys = particle_keys(rng_key, particles.shape[0])
     successors = propagate(model, keys, particles, inputs)
-    return moments(jnp.concatenate([particles, successors], 1), log_weights)
+    pairs = jnp.concatenate([particles, successors], 1)
+    return weighted_mean(pairs, log_weights), weighted_covariance(pairs, log_weights)
 
 
-def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple[Gaussian, Regression]:
+def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple[Factorised, Regression]:
     """The artificial prior of the next frame, and the regression of this frame's state on it.
 
     Args:
@@ -99,7 +65,7 @@ def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple
     gain = cho_solve((jnp.linalg.cholesky(predicted), True), cross.T).T
     residual = covariance[:d, :d] - gain @ cross.T
     residual = inflation * (residual + residual.T) / 2 + floor
-    return gaussian(mean[d:], inflation * predicted), Regression(gaussian(mean[:d], residual), mean[d:], gain)
+    return factorise(mean[d:], inflation * predicted), Regression(factorise(mean[:d], residual), mean[d:], gain)
 
 
 def floor_of(covariance: jax.Array, mean: jax.Array) -> jax.Array:

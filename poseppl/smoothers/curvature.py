@@ -22,7 +22,8 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
-from poseppl.gaussians.transition_curvature import precision_of, transition_curvature
+from poseppl.gaussians.gaussian import precision_of
+from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
 from poseppl.program import CompiledModel, Observation
 
 _SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
@@ -95,7 +96,7 @@ def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple
     first = jax.tree.map(lambda leaf: leaf[0], inputs)
 
     def gaussian(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
-        return transition_curvature(model, previous, inputs)
+        return transition_curvature(*transition_around(model, previous, inputs)[1:])
 
     def other(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
         def log_density(pair: jax.Array) -> jax.Array:

@@ -28,7 +28,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, inverse_covariance, transition_around
+from poseppl.gaussians.gaussian import precision_of
+from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, transition_around
 from poseppl.kernels.laplace import whitening
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.likelihood_mixture import LikelihoodMixture, log_components
@@ -157,7 +158,7 @@ def _prior(model: CompiledModel, before: jax.Array, frame: Frames) -> tuple[jax.
     """Mean (d,) and precision (d, d) given the frame before, or at the start."""
     start, moved = model.initial_moments(frame.inputs), model.transition_moments(before, frame.inputs)
     mean, covariance = jax.tree.map(lambda a, b: jnp.where(frame.first, a, b), start, moved)
-    return mean, inverse_covariance(covariance) if frame.precision is None else frame.precision
+    return mean, precision_of(covariance) if frame.precision is None else frame.precision
 
 
 def _propose(

@@ -37,8 +37,9 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.gaussians.linear_transitions import inverse_root
-from poseppl.gaussians.weighted_em import Components, choose_seeds, fit_fixed, fit_free
+from poseppl.gaussians.gaussian import inverse_root
+from poseppl.gaussians.mixture import GaussianMixture
+from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed, fit_free
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History
@@ -176,7 +177,7 @@ def _fit_frame(frame: _Frame, settings: MixtureSettings) -> LikelihoodMixture:
         scales = _default_scales(alive, unit) if settings.scales is None else jnp.asarray(settings.scales, unit.dtype)
         fitted = fit_fixed(points, normalised.weights, seeds, alive, scales / unit, settings.num_steps)
     log_weights, means, covariances = fitted
-    scaled = Components(log_weights, centre + unit * means, covariances * unit[:, None] * unit)
+    scaled = GaussianMixture(log_weights, centre + unit * means, covariances * unit[:, None] * unit)
     if settings.correction == "moments":
         mixture = _divide(scaled, mean, covariance, 2.0 / normalised.ess)
     else:
@@ -199,7 +200,7 @@ def _default_scales(alive: jax.Array, unit: jax.Array) -> jax.Array:
     return unit * jnp.minimum((4.0 / ((d + 2) * count)) ** (1.0 / (d + 4)), 1.0)
 
 
-def _divide(components: Components, mean: jax.Array, covariance: jax.Array, noise: jax.Array) -> LikelihoodMixture:
+def _divide(components: GaussianMixture, mean: jax.Array, covariance: jax.Array, noise: jax.Array) -> LikelihoodMixture:
     """Divide Gaussians by N(mean, covariance); `noise` is the relative variance of their variances."""
     whiten = inverse_root(covariance)
     values, vectors = jnp.linalg.eigh(whiten @ components.covariances @ whiten.T)

@@ -18,7 +18,8 @@ from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.kalman import assimilate
-from poseppl.gaussians.linearisation import Gaussian, Method, linearise, propagate
+from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.linearisation import Method, linearise, propagate
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info

@@ -32,12 +32,13 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least, check_choice
+from poseppl.gaussians.gaussian import factorise
 from poseppl.particles.resampling import systematic
-from poseppl.particles.weights import normalise
+from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
-from poseppl.smoothers.artificial_prior import floor_of, gaussian, moments, pair_moments, summarise
+from poseppl.smoothers.artificial_prior import floor_of, pair_moments, summarise
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
@@ -137,9 +138,10 @@ def _information_filter(
     priors, regressions = jax.vmap(partial(summarise, inflation=inflation))(*pairs)
     log_observation = partial(_log_observations, model)
     final = jax.tree.map(lambda leaf: leaf[-1], (priors, seen, given))
-    mean, covariance = moments(history.particles[-1], history.log_weights[-1])
+    final_set = history.particles[-1], history.log_weights[-1]
+    mean, covariance = weighted_mean(*final_set), weighted_covariance(*final_set)
     floor = floor_of(pairs[1][-1][mean.shape[0] :, mean.shape[0] :], mean)
-    drawn, log_proposal = gaussian(mean, inflation * covariance + floor).draw(key_last, num_particles)
+    drawn, log_proposal = factorise(mean, inflation * covariance + floor).draw(key_last, num_particles)
     log_prior = final[0].log_density(drawn)
     log_weights = log_prior - log_proposal + log_observation(drawn, *final[1:])
     last = _Backward(drawn, normalise(log_weights).log_weights, log_prior)

@@ -16,7 +16,8 @@ from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import kalman_filter
-from poseppl.gaussians.linearisation import Gaussian, linearise, propagate
+from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.linearisation import linearise, propagate
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import rauch_tung_striebel_smoother, smoothed_moments
 

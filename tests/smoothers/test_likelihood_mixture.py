@@ -13,7 +13,8 @@ from law_problems import MASKED, problem, run
 from precision import precision
 
 from poseppl.filters import particle_filter
-from poseppl.gaussians.weighted_em import Components, choose_seeds, fit_fixed, fit_free
+from poseppl.gaussians.mixture import GaussianMixture
+from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed, fit_free
 from poseppl.smoothers import History
 from poseppl.smoothers.likelihood_mixture import (
     MixtureSettings,
@@ -191,6 +192,6 @@ def test_settings_out_of_range_are_refused(settings, match):
 def test_a_precision_is_shrunk_by_the_square_of_its_gain():
     """James and Stein: a relative variance of 0.9 takes a tenth off a gain of 3, and all of one of 0.5."""
     for variance, left in ((1 / 4, 3 * 0.9), (1 / 1.5, 0.0)):
-        components = Components(*(jnp.asarray(part) for part in ([0.0], [[1.0]], [[[variance]]])))
+        components = GaussianMixture(*(jnp.asarray(part) for part in ([0.0], [[1.0]], [[[variance]]])))
         divided = _divide(components, jnp.zeros(1), jnp.eye(1), jnp.asarray(0.9))
         np.testing.assert_allclose(divided.precisions, [[[left]]], rtol=1e-5, atol=1e-6)

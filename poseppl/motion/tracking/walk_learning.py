@@ -23,7 +23,7 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from poseppl.errors import InputError
-from poseppl.gaussians.linearisation import Gaussian
+from poseppl.gaussians.gaussian import Gaussian
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
 from poseppl.program import CompiledModel, Observation
