@@ -49,6 +49,7 @@ class FilterRow(NamedTuple):
         posterior: Whether it samples the posterior at all; False exempts a seeker of modes from the laws on moments.
         evidence_error: Relative error of a frame's evidence that comes from its approximation, at most.
         genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
+        equal_weights: Whether all particles of a frame weigh the same.
     """
 
     name: str
@@ -60,6 +61,7 @@ class FilterRow(NamedTuple):
     posterior: bool = True
     evidence_error: float = 1e-4
     genealogy: bool = False
+    equal_weights: bool = False
 
 
 FILTERS: list[FilterRow] = [
@@ -93,13 +95,16 @@ FILTERS: list[FilterRow] = [
         unbiased_evidence=True,
         genealogy=True,
     ),
-    FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500)),
-    FilterRow("unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented")),
+    FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500), equal_weights=True),
+    FilterRow(
+        "unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented"), equal_weights=True
+    ),
     FilterRow(
         "hmc",
         hmc_filter,
         lambda model: hmc_filter(model, 20, HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10)),
         consistent=False,
+        equal_weights=True,
     ),
     FilterRow(
         "hmc-dense",
@@ -111,11 +116,13 @@ FILTERS: list[FilterRow] = [
             dense_mass=True,
         ),
         consistent=False,
+        equal_weights=True,
     ),
     FilterRow(
         "assumed-density",
         assumed_density_filter,
         lambda model: assumed_density_filter(model, 60, num_starts=4, num_components=1),
+        equal_weights=True,
     ),
     FilterRow(
         "assumed-density-default",
@@ -123,14 +130,23 @@ FILTERS: list[FilterRow] = [
         assumed_density_filter,
         num_replicates=40,
         evidence_error=0.06,  # Laplace's approximation of three Gaussians that overlap
+        equal_weights=True,
     ),
     FilterRow(
         "window",
         window_filter,
         lambda model: window_filter(model, 60, num_starts=4),
         num_replicates=40,
+        equal_weights=True,
     ),
-    FilterRow("tempered", tempered_filter, lambda model: tempered_filter(model, 300), num_replicates=40, genealogy=True),
+    FilterRow(
+        "tempered",
+        tempered_filter,
+        lambda model: tempered_filter(model, 300),
+        num_replicates=40,
+        genealogy=True,
+        equal_weights=True,
+    ),
     FilterRow(
         "tempered-fixed",
         tempered_filter,
@@ -144,6 +160,7 @@ FILTERS: list[FilterRow] = [
         ),
         unbiased_evidence=True,
         genealogy=True,
+        equal_weights=True,
     ),
     FilterRow(
         "tempered-waste-free",
@@ -151,6 +168,7 @@ FILTERS: list[FilterRow] = [
         lambda model: tempered_filter(model, 600, moves=RANDOM_WALK_MOVES, chain_length=10, resampling="stratified"),
         num_replicates=40,
         genealogy=True,
+        equal_weights=True,
     ),
     FilterRow(
         "annealed",
@@ -173,6 +191,7 @@ FILTERS: list[FilterRow] = [
         demc_filter,
         lambda model: demc_filter(model, 300, target="posterior", num_layers=5, snooker=0.1),
         num_replicates=40,
+        equal_weights=True,
     ),
 ]
 

@@ -45,6 +45,7 @@ def arm_runs():
     return job, {job.key: estimate_frame(job)}
 
 
+@pytest.mark.slow
 def test_variance_falls_as_one_over_the_number_of_draws(arm_runs):
     job, results = arm_runs
     errors = frame_errors([job], results, "arm")[0]
@@ -58,6 +59,7 @@ def test_variance_falls_as_one_over_the_number_of_draws(arm_runs):
     assert chains[4] < chains[0] - 1
 
 
+@pytest.mark.slow
 def test_both_filters_agree_with_the_reference(arm_runs):
     job, results = arm_runs
     found = results[job.key]

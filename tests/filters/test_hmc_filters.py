@@ -67,6 +67,7 @@ def arm_reference():
     return importance_moments(*arm_scene())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hmc", "assumed-density"])
 def test_arm_agrees_with_ten_million_particles(name, arm_reference):
     model, observation, inputs = arm_scene()
@@ -85,6 +86,7 @@ def test_arm_agrees_with_ten_million_particles(name, arm_reference):
     assert np.abs(z).max() < 5
 
 
+@pytest.mark.slow
 def test_a_prior_of_other_width_is_noticed_on_the_arm(arm_reference):
     model, observation, inputs = arm_scene()
     mean, standard_error = arm_reference

@@ -167,6 +167,7 @@ def growth_series(count, num_frames, seed=0):
     return np.stack(ys, 1)
 
 
+@pytest.mark.slow
 def test_a_window_comes_nearer_to_the_truth_of_a_nonlinear_model():
     ys = growth_series(32, 20)
     exact = growth_means(ys)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from mistakes import NO_MISTAKES, mistaken
 from oracles.kalman import KalmanResult, kalman_filter, simulate
 from poseppl_models.linear_gaussian import LinearGaussian, linear_gaussian_matrices, linear_gaussian_model
 
@@ -103,24 +104,34 @@ def moments(states, centres):
     return jax.vmap(one)(states, centres)
 
 
-def replicate(filter_, posed, num_replicates, centres=None, seed=0):
+BATCH = 40
+"""Runs that a program makes; their multiples need no other one."""
+
+
+def replicate(filter_, posed, num_replicates, centres=None, seed=0, mistakes=NO_MISTAKES):
     """Means (K, T, d), second moments about the centres (K, T, d, d) and evidence increments (K, T) of independent runs.
 
     The centres are the exact filtered means unless given; about them, second moments are free of a run's error in the mean.
     """
     centres = jnp.asarray(posed.exact.means if centres is None else centres)
-    keys = jax.random.split(jax.random.key(seed), num_replicates)
-    found = runs_of(filter_)(keys, posed.observations, posed.inputs, centres)
-    return tuple(np.asarray(a, float) for a in found)
+    size = num_replicates if num_replicates % BATCH else BATCH
+    keys = jax.random.split(jax.random.key(seed), num_replicates).reshape(-1, size)
+    batches = [runs_of(filter_, posed.model)(each, mistakes, posed.observations, posed.inputs, centres) for each in keys]
+    return tuple(np.concatenate(parts).astype(float) for parts in zip(*batches, strict=True))
 
 
 @cache
-def runs_of(filter_):
+def runs_of(filter_, model):
     """The jitted function behind `replicate`, one for each filter: other data of the same shape need no compilation."""
 
-    def one(rng_key, observations, inputs, centres):
-        states, infos = run(filter_, rng_key, observations, inputs)
-        return *moments(states, centres), infos.log_evidence
+    def one(rng_key, mistakes, observations, inputs, centres):
+        inputs = jax.tree.map(lambda leaf: jnp.roll(leaf, mistakes.late_inputs, axis=0), inputs)
+        states, infos = run(mistaken(filter_, model, mistakes), rng_key, observations, inputs)
+        told = states._replace(
+            particles=jnp.roll(states.particles, mistakes.late_states, axis=0),
+            log_weights=jnp.roll(states.log_weights, mistakes.late_states, axis=0),
+        )
+        return *moments(told, centres), jnp.roll(infos.log_evidence, mistakes.late_evidence)
 
     return jax.jit(lambda keys, *posed: jax.lax.map(lambda key: one(key, *posed), keys))
 

@@ -55,6 +55,15 @@ def linear_problem_of_dimension(dimension: int) -> Smoothing:
     return Smoothing(model, model.observe({"y": ys}), None, *exact)
 
 
+def long_problem(dimension: int) -> Smoothing:
+    """Twenty frames of a damped chain of coordinates, of which two are seen behind as much noise as they have spread."""
+    matrices = linear_gaussian_matrices(dimension, 2, Q=0.5 * np.eye(dimension), R=np.eye(2))
+    _, ys = simulate(matrices, 20, seed=dimension)
+    model = linear_gaussian_model(matrices).compile()
+    exact = rauch_tung_striebel(matrices, kalman_filter(matrices, ys))
+    return Smoothing(model, model.observe({"y": ys}), None, *exact)
+
+
 def markov_problem(num_states: int) -> Smoothing:
     """A hidden Markov chain of sticky states, told apart by one of four symbols each; a symbol in the middle is missing."""
     if num_states == 2:

@@ -5,66 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
 import pytest
-import scipy.stats
 from catalogue import FILTERS
-from law_problems import Problem, replicate, z_scores
-from oracles.grid import grid_filter_smoother
-from oracles.kalman import KalmanResult, kalman_filter
-from poseppl_models.linear_gaussian import linear_gaussian_matrices
-
-from poseppl.program import Clamped, StateSpaceModel
+from law_problems import replicate, z_scores
+from other_problems import clamped, counted, positive, real
 
 ROWS = {row.name: row for row in FILTERS}
-COUNTS = np.array([3.0, 9.0, np.nan, 1.0])
 REPLICATES = 40
-
-
-def observation(params, state, inputs):
-    rate = state["rate"] if "rate" in state else jnp.exp(state["level"])
-    numpyro.sample("count", dist.Poisson(rate))
-
-
-def positive():
-    """The rate itself is the state: its chart is the logarithm."""
-
-    def initial(params, inputs):
-        numpyro.sample("rate", dist.LogNormal(1.0, 0.8))
-
-    def transition(params, state, inputs):
-        numpyro.sample("rate", dist.LogNormal(0.9 * jnp.log(state["rate"]), 0.5))
-
-    return StateSpaceModel(initial, transition, observation)
-
-
-def real():
-    """The same in logarithms, for proposals that want a real state."""
-
-    def initial(params, inputs):
-        numpyro.sample("level", dist.Normal(1.0, 0.8))
-
-    def transition(params, state, inputs):
-        numpyro.sample("level", dist.Normal(0.9 * state["level"], 0.5))
-
-    return StateSpaceModel(initial, transition, observation)
-
-
-def counted(program):
-    """The problem of the counts, its exact answer from a grid over the logarithm of the rate."""
-    grid = np.linspace(-5.0, 7.0, 1201)
-    log_transition = scipy.stats.norm(0.9 * grid[:, None], 0.5).logpdf(grid)
-    rate, seen = np.exp(grid), np.isfinite(COUNTS)
-    log_likelihoods = np.where(seen[:, None], scipy.stats.poisson(rate).logpmf(np.nan_to_num(COUNTS)[:, None]), 0.0)
-    filtered, _, evidence = grid_filter_smoother(
-        grid, scipy.stats.norm(1.0, 0.8).logpdf(grid), lambda t: log_transition, log_likelihoods
-    )
-    means = filtered @ grid
-    variances = (filtered * (grid - means[:, None]) ** 2).sum(1)
-    exact = KalmanResult(means[:, None], variances[:, None, None], None, None, evidence)
-    model = program().compile()
-    return Problem(None, model, model.observe({"count": COUNTS}), jnp.zeros(len(COUNTS)), exact)
 
 
 def check(row, posed, *, evidence=True):
@@ -87,44 +34,6 @@ def check(row, posed, *, evidence=True):
 )
 def test_counts_of_a_positive_rate(name, program):
     check(ROWS[name], counted(program))
-
-
-A = np.array([[0.9, 0.2], [-0.1, 0.8]])
-PUSH_BEFORE, PUSH_NOW = np.array([0.5, -0.4]), np.array([-0.3, 0.2])
-H = np.array([[1.0, 0.0], [1.0, 1.0]])
-
-
-def pushed():
-    """Two coordinates, pushed by a third one's last and present value."""
-
-    def initial(params, inputs):
-        numpyro.sample("u", dist.Normal(0.0, 1.0))
-        numpyro.sample("x", dist.Normal(jnp.zeros(2), 1.0).to_event(1))
-
-    def transition(params, state, inputs):
-        u = numpyro.sample("u", dist.Normal(0.7 * state["u"], 0.4))
-        mean = A @ state["x"] + PUSH_BEFORE * state["u"] + PUSH_NOW * u
-        numpyro.sample("x", dist.Normal(mean, jnp.sqrt(0.5)).to_event(1))
-
-    def observation(params, state, inputs):
-        numpyro.sample("y", dist.Normal(H @ state["x"], jnp.sqrt(0.3)).to_event(1))
-
-    return StateSpaceModel(initial, transition, observation)
-
-
-def clamped():
-    """The third coordinate is known at every frame: Kalman's inputs."""
-    known = np.array([0.5, -2.0, 1.5, 3.0])
-    ys = np.array([[0.4, 0.1], [0.2, -0.8], [np.nan, np.nan], [1.0, 2.0]])
-    inputs = np.concatenate([np.zeros((1, 2)), np.stack([known[:-1], known[1:]], 1)])
-    free = linear_gaussian_matrices(
-        2, A=A, H=H, B=np.stack([PUSH_BEFORE, PUSH_NOW], 1), P=np.eye(2), Q=0.5 * np.eye(2), R=0.3 * np.eye(2)
-    )
-    exact = kalman_filter(free, np.nan_to_num(ys), np.isfinite(ys), inputs)
-    full = pushed().compile()
-    trajectory = np.concatenate([known[:, None], np.zeros((4, 2))], 1)
-    given = Clamped.of_trajectory(jnp.asarray(trajectory, jnp.float32), None)
-    return Problem(free, full.clamp(["x"]), full.observe({"y": ys}), given, exact)
 
 
 @pytest.mark.parametrize(
