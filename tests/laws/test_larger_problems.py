@@ -34,9 +34,21 @@ def check(row, *posed_by):
     return posed, replicate
 
 
-@exact_rows([row.name for row in ROWS])
+@exact_rows([row.name for row in ROWS if row.name != "variational"])
 def test_twenty_frames_of_four_coordinates(row):
     check(row, long_problem, 4)
+
+
+@pytest.mark.slow
+def test_a_likelihood_of_more_particles_is_nearer():
+    """A Gaussian fitted to 1,000 particles is biased in four coordinates, by 0.09 standard deviations; to 4,000, by 0.05."""
+    row = next(row for row in ROWS if row.name == "variational")._replace(num_replicates=20)
+    biases = []
+    for num_particles in (1000, 4000):
+        posed, replicate = replicator(row._replace(num_particles=num_particles), long_problem, 4)
+        scale = np.sqrt(np.diagonal(posed.covariances, axis1=1, axis2=2))
+        biases.append(np.sqrt(np.mean(((replicate()[0].mean(0) - posed.means) / scale) ** 2)))
+    assert biases[0] < 0.12 and biases[1] < 0.7 * biases[0]
 
 
 @exact_rows([row.name for row in ROWS])
