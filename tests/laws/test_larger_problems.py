@@ -14,8 +14,6 @@ from other_problems import clamped_and_smoothed, counted_and_smoothed, positive
 from smoothing_problems import long_problem, replicator
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
-GAUSSIAN = ("rauch-tung-striebel", "variational")
-"""Exact for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
 
 
@@ -59,6 +57,6 @@ def test_a_part_of_the_state_that_is_known(row):
         assert np.abs(z_scores(means, posed.means)).max() > 20
 
 
-@exact_rows([row.name for row in ROWS if row.name not in GAUSSIAN])
+@exact_rows([*QUICK, "particle-gibbs-ancestor"])
 def test_counts_of_a_positive_rate(row):
     check(row, counted_and_smoothed, positive)
