@@ -185,8 +185,9 @@ def on_devices(filter: Filter, options: Mapping[str, Any], devices: int) -> Filt
         return filter
     name = "num_chains" if "num_chains" in options else "num_particles"
     if devices > 1 and options.get(name, devices) % devices:
-        expected = f"a number that divides {name}, {options[name]}"
-        raise InputError(f"{devices} devices cannot share them evenly", field="--devices", expected=expected)
+        shared = f"{options[name]} {name.removeprefix('num_')}"
+        expected = f"a number that divides the {shared}"
+        raise InputError(f"{devices} devices cannot share {shared}", field="--devices", expected=expected)
     try:
         return sharded(filter, devices)
     except ValueError as error:
