@@ -1,6 +1,6 @@
 """Do verdicts notice wrong runs, and leave good ones alone? Runs that are right, and runs of which one thing is wrong.
 
-    POSEPPL_DATA=FOLDER python benchmarks/verdicts.py [--quick] [--only WORD] [--kept FOLDER]
+    POSEPPL_DATA=FOLDER python benchmarks/faulty_runs.py [--quick] [--only WORD] [--kept FOLDER]
 
 Each row is a run: mean joint error, mm; share of the true coordinates inside 90 % intervals; and the worst verdict that needs
 no truth. Walks and recordings are seen through simulated cameras with noise of 0.003. "Keypoints" are a detector's on
@@ -19,11 +19,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 import xarray as xr
+from faulty_keypoints import keypoint_scene, triangulated
+from faulty_masks import masked_walk
 from poseppl_models.choo_fleet import full_body
 from scipy.spatial.transform import Rotation
 from timing import arguments, show
-from verdict_keypoints import keypoint_scene, triangulated
-from verdict_masks import masked_walk
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose, verdicts
