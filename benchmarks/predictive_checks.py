@@ -119,7 +119,9 @@ def walk_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
     walk = walking_subject(frames=f"0:{frames}")
     for count, name, seed in itertools.product((1, 2), names, range(seeds)):
         cameras = place_cameras(walk.markers[:, 0], 0.0, count=count)
-        yield Wanted(f"walk, {count} camera{'s' * (count > 1)}", name, seed, partial(tracked, walk, cameras, count, name, seed))
+        yield Wanted(
+            f"built-in walk, {count} camera{'s' * (count > 1)}", name, seed, partial(tracked, walk, cameras, count, name, seed)
+        )
 
 
 def recorded_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:

@@ -39,7 +39,7 @@ def _grouped(rows: list[dict[str, Any]], name: Callable[[str], str]) -> Groups:
 def _kind(model: str) -> str:
     """The model, and all recordings that so many cameras see as one."""
     name, _, cameras = model.rpartition(", ")
-    return f"recordings, {cameras}" if "camera" in cameras and name != "walk" else model
+    return f"recordings, {cameras}" if "camera" in cameras and name != "built-in walk" else model
 
 
 def missed(row: Mapping[str, Any]) -> bool:

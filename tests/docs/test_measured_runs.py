@@ -35,10 +35,10 @@ def test_the_goal_holds_where_none_is_missed():
 def test_recordings_are_one_row_and_named_where_they_are_missed():
     columns = ("model", "filter", "seed", "frames", "coverage", "inflation", "errors")
     rows = [(model, "hmc", 0, 100, share, 1.5, "none") for model, share in (("02_05, 1 camera", 0.7), ("run, 1 camera", 0.9))]
-    rows += [("walk, 2 cameras", "hmc", 0, 100, 0.9, 1.0, "none")]
+    rows += [("built-in walk, 2 cameras", "hmc", 0, 100, 0.9, 1.0, "none")]
     found = predictions.checks({"predictive_checks": Table("", columns, rows)}).splitlines()
     assert found[2].startswith("| recordings, 1 camera | hmc | 2 | 80 (70 to 90) ")
-    assert found[3].startswith("| walk, 2 cameras | hmc | 1 | 90 |")
+    assert found[3].startswith("| built-in walk, 2 cameras | hmc | 1 | 90 |")
     assert found[-2].endswith("does not hold; 1 of 1 are missed: 02_05, 1 camera with hmc (1).")
 
 
