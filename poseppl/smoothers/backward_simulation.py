@@ -20,7 +20,6 @@ them together cover the weights evenly.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal
 
@@ -32,10 +31,9 @@ from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_transition_matrix, log_transitions
+from poseppl.smoothers.backward_pass import Earlier, Step, backward_pass
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows, with_densities
-
-Step = Callable[[jax.Array, jax.Array, Any], tuple[jax.Array, jax.Array]]
 
 Method = Literal["exact", "metropolis"]
 
@@ -86,21 +84,12 @@ def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Arra
         history: The filter's history.
         inputs: Inputs of all frames, or None.
         last: Indices (M,) of particles of the last frame.
-        step: `(rng_key, chosen (M,), frame) -> (earlier (M,), acceptance)`; a frame is its particles and log-weights, with
-            the particles, ancestors and inputs of the next.
+        step: `(rng_key, chosen (M,), frame) -> (earlier (M,), acceptance)`.
         cost: Transition densities that a step evaluates.
     """
     num_frames = history.particles.shape[0]
-    later = jax.tree.map(lambda leaf: leaf[1:], (history.particles, history.ancestors, inputs))
-    frames = (history.particles[:-1], history.log_weights[:-1], *later)
     keys = jax.random.split(rng_key, max(num_frames - 1, 1))[: num_frames - 1]
-
-    def back(chosen: jax.Array, row: Any) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        earlier, acceptance = step(row[0], chosen, row[1])
-        return earlier, (earlier, acceptance)
-
-    _, (indices, acceptance) = jax.lax.scan(back, last, (keys, frames), reverse=True)
-    indices = jnp.concatenate([indices, last[None]])
+    indices, acceptance = backward_pass(step, keys, *history[:3], inputs, last)
     trajectories = jnp.take_along_axis(history.particles, indices[..., None], axis=1)
     log_weights = jnp.full(indices.shape, -jnp.log(indices.shape[1]), trajectories.dtype)
     ess = jax.vmap(partial(_effective_number, history.particles.shape[1], trajectories.dtype))(indices)
@@ -124,7 +113,7 @@ def _effective_number(num_particles: int, dtype: Any, indices: jax.Array) -> jax
 
 
 def _exact_step(
-    model: CompiledModel, tile: int | None, rng_key: jax.Array, chosen: jax.Array, frame: Any
+    model: CompiledModel, tile: int | None, rng_key: jax.Array, chosen: jax.Array, frame: Earlier
 ) -> tuple[jax.Array, jax.Array]:
     """Draw earlier indices (M,) by inversion: first a block of about sqrt(N) particles, then one of it."""
     earlier, log_weights, later, _, inputs = frame
@@ -166,7 +155,7 @@ def _invert(masses: jax.Array, heights: jax.Array) -> tuple[jax.Array, jax.Array
 
 
 def _metropolis_step(
-    model: CompiledModel, num_moves: int, deal: jax.Array, rng_key: jax.Array, chosen: jax.Array, frame: Any
+    model: CompiledModel, num_moves: int, deal: jax.Array, rng_key: jax.Array, chosen: jax.Array, frame: Earlier
 ) -> tuple[jax.Array, jax.Array]:
     """Move earlier indices (M,) from the ancestors, or from draws by weight where the ancestors are no genealogy."""
     earlier, log_weights, later, ancestors, inputs = frame

@@ -25,13 +25,15 @@ import jax.numpy as jnp
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.population import draw_initial, log_likelihoods, log_transitions_into, propagate
+from poseppl.program.population import draw_initial, log_likelihoods, propagate
+from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
+from poseppl.smoothers.genealogy import lines
 
 Method = Literal["ancestor", "backward"]
 
 
 class _Sweep(NamedTuple):
-    """Particles (T, N, d), log-weights (T, N) and the ancestors of frames 1 to T - 1 (T - 1, N)."""
+    """Particles (T, N, d), log-weights (T, N) and ancestors (T, N), of which those of the first frame stand for nothing."""
 
     particles: jax.Array
     log_weights: jax.Array
@@ -61,8 +63,10 @@ def conditional_smc(
     key_sweep, key_trace = jax.random.split(rng_key)
     sweep = _run(model, key_sweep, reference, observations, inputs, num_particles, method)
     if method == "ancestor":
-        return _trace_back(key_trace, sweep)
-    return _draw_back(model, key_trace, sweep, inputs)
+        path = lines(sweep.ancestors, _draw_last(key_trace, sweep.log_weights[-1]))
+    else:
+        path = _draw_back(model, key_trace, sweep, inputs)
+    return sweep.particles[jnp.arange(path.shape[0]), path]
 
 
 def _run(
@@ -102,7 +106,8 @@ def _run(
     particles = jnp.concatenate([first[0][None], drawn])
     log_weights = weigh(particles, *first[1:])
     _, rest = jax.lax.scan(advance, (particles, log_weights), (jnp.arange(reference.shape[0] - 1), *later))
-    return _Sweep(jnp.concatenate([particles[None], rest[0]]), jnp.concatenate([log_weights[None], rest[1]]), rest[2])
+    start = particles, log_weights, jnp.zeros(num_particles, jnp.int32)
+    return _Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(start, rest, strict=True)))
 
 
 def _draw_past(
@@ -115,9 +120,7 @@ def _draw_past(
     otherwise: jax.Array,
 ) -> jax.Array:
     """A particle of the frame before, drawn by w^i p(x | x^i), int32; `otherwise` if none has any probability."""
-    log_transition = log_transitions_into(model, x, particles, inputs)
-    joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
-    possible = jnp.any(joint > -jnp.inf)
+    joint, possible = log_backward(model, x, particles, log_weights, inputs)
     drawn = jax.random.categorical(rng_key, jnp.where(possible, joint, 0.0)).astype(jnp.int32)
     return jnp.where(possible, drawn, otherwise)
 
@@ -129,30 +132,14 @@ def _draw_last(rng_key: jax.Array, log_weights: jax.Array) -> jax.Array:
     return jnp.where(possible, drawn, 0)
 
 
-def _trace_back(rng_key: jax.Array, sweep: _Sweep) -> jax.Array:
-    last = _draw_last(rng_key, sweep.log_weights[-1])
-
-    def back(index: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return ancestors[index], ancestors[index]
-
-    _, earlier = jax.lax.scan(back, last, sweep.ancestors, reverse=True)
-    path = jnp.append(earlier, last)
-    return sweep.particles[jnp.arange(path.shape[0]), path]
-
-
 def _draw_back(model: CompiledModel, rng_key: jax.Array, sweep: _Sweep, inputs: Any) -> jax.Array:
+    """Indices (T,) of a trajectory by backward simulation."""
     key_last, key_earlier = jax.random.split(rng_key)
-    last = _draw_last(key_last, sweep.log_weights[-1])
+    numbers = jnp.arange(sweep.particles.shape[0] - 1)
 
-    def back(following: tuple[jax.Array, jax.Array], row: Any) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
-        number, particles, log_weights, ancestors, inputs = row
-        index, x = following
+    def step(number: jax.Array, index: jax.Array, frame: Earlier) -> tuple[jax.Array, None]:
         key = jax.random.fold_in(key_earlier, number)
-        index = _draw_past(model, key, x, particles, log_weights, inputs, ancestors[index])
-        return (index, particles[index]), particles[index]
+        x, particles, otherwise = frame.later[index], frame.particles, frame.ancestors[index]
+        return _draw_past(model, key, x, particles, frame.log_weights, frame.inputs, otherwise), None
 
-    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
-    rows = (jnp.arange(sweep.ancestors.shape[0]), sweep.particles[:-1], sweep.log_weights[:-1], sweep.ancestors, later)
-    x = sweep.particles[-1, last]
-    _, earlier = jax.lax.scan(back, (last, x), rows, reverse=True)
-    return jnp.concatenate([earlier, x[None]])
+    return backward_pass(step, numbers, *sweep, inputs, _draw_last(key_last, sweep.log_weights[-1]))[0]

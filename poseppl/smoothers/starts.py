@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel
-from poseppl.program.population import log_transitions_into
+from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
 from poseppl.smoothers.base import History
 
 _MOST = 512
@@ -37,24 +37,18 @@ def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History
     """
     key_thin, key_last, key_back = jax.random.split(rng_key, 3)
     particles, log_weights = _thin(key_thin, history)
-    num_frames = particles.shape[0]
-    last = particles[-1][jax.random.categorical(key_last, log_weights[-1], shape=(num,))]
+    last = jax.random.categorical(key_last, log_weights[-1], shape=(num,))
+    numbers = jnp.arange(particles.shape[0] - 1)
 
-    def back(following: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
-        number, candidates, log_weights, inputs = row
-
+    def step(number: jax.Array, chosen: jax.Array, frame: Earlier) -> tuple[jax.Array, None]:
         def join(x: jax.Array) -> jax.Array:
-            log_transition = log_transitions_into(model, x, candidates, inputs)
-            joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
-            return jnp.where(jnp.any(joint > -jnp.inf), joint, log_weights)
+            joint, possible = log_backward(model, x, frame.particles, frame.log_weights, frame.inputs)
+            return jnp.where(possible, joint, frame.log_weights)
 
-        chosen = candidates[jax.random.categorical(jax.random.fold_in(key_back, number), jax.vmap(join)(following))]
-        return chosen, chosen
+        return jax.random.categorical(jax.random.fold_in(key_back, number), jax.vmap(join)(frame.later[chosen])), None
 
-    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
-    rows = (jnp.arange(num_frames - 1), particles[:-1], log_weights[:-1], later)
-    _, earlier = jax.lax.scan(back, last, rows, reverse=True)
-    return jnp.swapaxes(jnp.concatenate([earlier, last[None]]), 0, 1)
+    indices, _ = backward_pass(step, numbers, particles, log_weights, history.ancestors, inputs, last)
+    return jnp.swapaxes(jnp.take_along_axis(particles, indices[..., None], axis=1), 0, 1)
 
 
 def _thin(rng_key: jax.Array, history: History) -> tuple[jax.Array, jax.Array]:

@@ -1,0 +1,81 @@
+r"""The backward pass through a filter's history, from the last frame to the first, in indices of particles.
+
+A step draws, for the particles chosen at frame t + 1, particles of frame t. In backward simulation (Godsill, Doucet and West
+2004, doi:10.1198/016214504000000151) particle i is drawn with probability proportional to w_t^i p(x_(t+1) | x_t^i).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.program import CompiledModel
+from poseppl.program.population import log_transitions_into
+
+
+class Earlier(NamedTuple):
+    """A frame that a step draws from, and the next one.
+
+    Attributes:
+        particles: Shape (N, d).
+        log_weights: Shape (N,).
+        later: Particles of the next frame (N, d).
+        ancestors: Those of the next frame.
+        inputs: Those of the next frame.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    later: jax.Array
+    ancestors: jax.Array
+    inputs: Any
+
+
+Step = Callable[[jax.Array, jax.Array, Earlier], tuple[jax.Array, Any]]
+"""`(key, chosen, frame) -> (earlier, anything)`, indices of any shape."""
+
+
+def backward_pass(
+    step: Step,
+    keys: jax.Array,
+    particles: jax.Array,
+    log_weights: jax.Array,
+    ancestors: jax.Array,
+    inputs: Any,
+    last: jax.Array,
+) -> tuple[jax.Array, Any]:
+    """Go back from the particles `last` of the last frame.
+
+    Args:
+        step: From frame to frame.
+        keys: PRNG keys (T - 1,), or numbers that the step folds into a key of its own.
+        particles: Shape (T, N, d).
+        log_weights: Shape (T, N).
+        ancestors: Shape (T, ...); those of the first frame are not read.
+        inputs: Inputs with a leading T, or None.
+        last: Indices of any shape.
+
+    Returns:
+        Indices (T, ...), and what else the steps returned, stacked (T - 1, ...).
+    """
+    later = jax.tree.map(lambda leaf: leaf[1:], (particles, ancestors, inputs))
+    frames = Earlier(particles[:-1], log_weights[:-1], *later)
+
+    def back(chosen: jax.Array, row: tuple[jax.Array, Earlier]) -> tuple[jax.Array, Any]:
+        earlier, told = step(row[0], chosen, row[1])
+        return earlier, (earlier, told)
+
+    _, (earlier, told) = jax.lax.scan(back, last, (keys, frames), reverse=True)
+    return jnp.concatenate([earlier, last[None]]), told
+
+
+def log_backward(
+    model: CompiledModel, x: jax.Array, particles: jax.Array, log_weights: jax.Array, inputs: Any
+) -> tuple[jax.Array, jax.Array]:
+    """Unnormalised log-probabilities (N,) that a state (d,) comes from each particle, and whether there is any."""
+    log_transition = log_transitions_into(model, x, particles, inputs)
+    joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)
+    return joint, jnp.any(joint > -jnp.inf)
