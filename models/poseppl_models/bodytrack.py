@@ -256,7 +256,7 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
         rooms: Numbers of intervals of each part.
         every: Whether every sample of the benchmark is taken.
     """
-    spans = joint_sites(body.tree)
+    spans = joint_sites(body.tree.coordinates)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])

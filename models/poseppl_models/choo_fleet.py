@@ -17,6 +17,7 @@ middle of the spine, both ends of the head, shoulders, elbows, wrists, hips, kne
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -119,9 +120,14 @@ def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
     """Write initial, transition and observation programs for any kinematic tree, one site for each joint.
 
     Args:
-        tree: The coordinates; offsets are the inputs'.
+        tree: The coordinates; offsets are the inputs'. Trees of the same coordinates have the same programs.
     """
-    spans = joint_sites(tree)
+    return _programs(tree.coordinates)
+
+
+@lru_cache(maxsize=8)
+def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
+    spans = joint_sites(coordinates)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])

@@ -58,7 +58,7 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
         constraints: Further log-factors by name, such as joint limits.
     """
     likelihood = camera_likelihood(body, score)
-    spans = joint_sites(body.tree)
+    spans = joint_sites(body.tree.coordinates)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])

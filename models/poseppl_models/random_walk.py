@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpyro
 import numpyro.distributions as dist
 
-from poseppl.motion.geometry import KinematicTree
 
-
-def joint_sites(tree: KinematicTree) -> dict[str, slice]:
+def joint_sites(coordinates: Sequence[tuple[str, str]]) -> dict[str, slice]:
     """Sites of a body's state and their coordinates: one for each joint that turns, and one for the root's position."""
     sites: dict[str, list[int]] = {}
-    for index, (joint, axis) in enumerate(tree.coordinates):
+    for index, (joint, axis) in enumerate(coordinates):
         sites.setdefault(f"{joint}_position" if axis in ("tx", "ty", "tz") else joint, []).append(index)
     return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
 

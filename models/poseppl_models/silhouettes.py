@@ -8,6 +8,7 @@ its exponent is 1, and its noise was chosen by how often intervals hold the trut
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -31,13 +32,18 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
         girth: Factor of all widths.
     """
     body = pointed_body(lengths)
-    tree, flesh = body.tree, flesh_of(body.tree, choo_fleet_flesh(body.lengths, girth=girth))
-    names = tuple(joint_sites(tree))
+    flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths, girth=girth))
+    return body._replace(program=_seen_as_silhouettes(body.program, body.tree.coordinates), flesh=flesh)
+
+
+@lru_cache(maxsize=8)
+def _seen_as_silhouettes(program: StateSpaceModel, coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
+    """The programs of a body, seen as silhouettes instead."""
+    names = tuple(joint_sites(coordinates))
 
     def observation(params: Any, state: Mapping[str, Any], inputs: SilhouetteInputs) -> None:
         pose = jnp.concatenate([state[name] for name in names])
         numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
-    program = body.program
-    return body._replace(program=StateSpaceModel(program.initial, program.transition, observation), flesh=flesh)
+    return StateSpaceModel(program.initial, program.transition, observation)

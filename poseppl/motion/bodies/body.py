@@ -14,6 +14,7 @@ import hashlib
 import importlib
 import importlib.util
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.flesh import Flesh
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.program import StateSpaceModel
+from poseppl.program import CompiledModel, StateSpaceModel
 
 _SHIPPED = "poseppl_models"
 _GROUP = "poseppl.models"
@@ -63,11 +64,30 @@ class Body(NamedTuple):
     noise: float
     flesh: Flesh | None = None
 
+    def compile(self, inputs: Any, params: Mapping[str, float]) -> CompiledModel:
+        """Compile the programs.
+
+        Args:
+            inputs: The inputs of one frame.
+            params: The programs' params.
+
+        Returns:
+            The compiled model; the same one for all bodies of these programs and inputs of the same shapes, so that what was
+            compiled for one person's recording serves the next.
+        """
+        leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
+        return _compiled(self.program, tree, tuple(leaves), tuple(sorted(params.items())))
+
     @property
     def free_coordinates(self) -> tuple[int, ...]:
         """Indices of the coordinates that are tracked."""
         joints = [joint for joint, _ in self.tree.coordinates]
         return tuple(i for i, joint in enumerate(joints) if self.free is None or joint in self.free)
+
+
+@lru_cache(maxsize=8)
+def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...], params: tuple[Any, ...]) -> CompiledModel:
+    return program.compile(jax.tree.unflatten(tree, shapes), dict(params))
 
 
 class BodyInputs(NamedTuple):

@@ -10,7 +10,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -26,6 +26,7 @@ from poseppl.motion.tracking.scene import Floats, Scene
 from poseppl.motion.tracking.start import Start, seek_start
 from poseppl.motion.tracking.walk import step_scales, time_steps
 from poseppl.program import Clamped, CompiledModel, Observation
+from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
@@ -52,14 +53,7 @@ class Problem(NamedTuple):
 
     def collector(self, max_draws: int) -> Collect:
         """Collector of draws, with the markers and their projections beside them."""
-
-        def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
-            values = self.model.extras(x, inputs)
-            return (
-                {**values, "points": project(body_inputs(inputs).cameras, values["markers"])} if "markers" in values else values
-            )
-
-        return collect_draws(self.model, max_draws=max_draws, extras=extras)
+        return collect_draws(self.model, max_draws=max_draws, extras=_with_projections(self.model))
 
     def record(self, frames: slice = slice(None)) -> dict[str, Any]:
         """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
@@ -74,6 +68,17 @@ class Problem(NamedTuple):
         if isinstance(self.inputs, Clamped):
             record["states"] = self.inputs.values[frames]
         return {name: np.asarray(values) for name, values in record.items()}
+
+
+@built_once
+def _with_projections(model: CompiledModel) -> Callable[[jax.Array, Any], dict[str, jax.Array]]:
+    """The model's extras, and where its markers are seen."""
+
+    def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+        values = model.extras(x, inputs)
+        return {**values, "points": project(body_inputs(inputs).cameras, values["markers"])} if "markers" in values else values
+
+    return extras
 
 
 def body_inputs(inputs: Any) -> Any:
@@ -168,7 +173,7 @@ def _problem(
         jnp.asarray(steps, float),
         fixed(body.tree),
     )
-    model = body.program.compile(frame_inputs(inputs, 0), dict(params))
+    model = body.compile(frame_inputs(inputs, 0), params)
     observations = model.observe({"points": points})
     if body.free is None:
         return Problem(body, model, observations, inputs)

@@ -51,7 +51,7 @@ def silhouette_problem(seen: SilhouetteScene, params: Mapping[str, float] | None
         fixed(body.tree),
         fixed(body.flesh),
     )
-    model = body.program.compile(frame_inputs(inputs, 0), values)
+    model = body.compile(frame_inputs(inputs, 0), values)
     observations = model.observe(
         {"silhouette": np.zeros((len(seen.contour), *_site(model)))}, {"silhouette": _mask(seen, _site(model)[1])}
     )

@@ -203,7 +203,7 @@ def _residuals(
             body.flesh,  # type: ignore[arg-type]
         )
 
-    model = body.program.compile(inputs(_data(seen, 0)), dict(params))
+    model = body.compile(inputs(_data(seen, 0)), params)
 
     def weights(data: _Data, count: int) -> jax.Array:
         """Of all residuals: those of the outline first, then those of parts that stick out."""
