@@ -152,7 +152,7 @@ def test_one_particle_and_equal_particles(target, num_particles):
     ("settings", "word"),
     [
         ({"num_particles": 0}, "num_particles"),
-        ({"num_layers": 0}, "num_updates"),
+        ({"num_layers": 0}, "num_layers"),
         ({"noise": 1.0}, "noise"),
         ({"target": "mixture"}, "target"),
         ({"prediction": "drift"}, "prediction"),
