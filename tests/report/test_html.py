@@ -40,7 +40,7 @@ def test_text_of_the_user_is_escaped() -> None:
 def test_provenance_and_verdicts_are_told() -> None:
     page = report_html(synthetic_result(truth_scale=2.5, num_frames=40))
     assert "poseppl_models.synthetic:stick" in page
-    assert "settings · chains" in page
+    assert "settings · num chains" in page
     assert "over-confident" in page
 
 
