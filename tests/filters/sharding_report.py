@@ -21,7 +21,6 @@ from law_problems import Problem, frame, problem  # noqa: E402
 
 from poseppl.filters import Filter, particle_filter, sharded  # noqa: E402
 from poseppl.runs.checkpoint import Checkpoint  # noqa: E402
-from poseppl.runs.compiled_scan import _scan_frames  # noqa: E402
 from poseppl.runs.run import run_filter  # noqa: E402
 
 NUM_FRAMES = 4
@@ -86,7 +85,7 @@ def drive(posed: Problem) -> dict:
     scans: list[str] = []
 
     def listen(event: str, seconds: float, fun_name: str = "", **details) -> None:
-        if "backend_compile" in event and _scan_frames.__name__ in fun_name:
+        if "backend_compile" in event and "scan_frames" in fun_name:
             scans.append(fun_name)
 
     jax.monitoring.register_event_duration_secs_listener(listen)
