@@ -31,7 +31,8 @@ from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.io import VideoWarning, open_masks
 from poseppl.motion.tracking import TrackSettings, measure_run, track
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, SilhouetteSettings
+from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.motion.vision import BackgroundSettings
 from poseppl.runs.results import provenance

@@ -19,8 +19,8 @@ from timing import arguments, interleave, show
 
 from poseppl.cli.console import start_jax
 from poseppl.motion.io import VideoWarning
+from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
 from poseppl.motion.tracking.silhouette_problem import silhouette_problem
-from poseppl.motion.tracking.silhouette_scene import SilhouetteSettings
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.runs.run import frame_inputs
 

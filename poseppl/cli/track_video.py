@@ -125,7 +125,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
     """Find the silhouettes that the options tell of."""
     from poseppl.cli.subject import given_rate
     from poseppl.motion.io import FrameRange, VideoWarning
-    from poseppl.motion.tracking.silhouette_scene import SilhouetteSettings
+    from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes
     from poseppl.motion.vision import BackgroundSettings
 

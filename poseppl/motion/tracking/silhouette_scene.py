@@ -5,64 +5,34 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.io import CameraRecord, Video
-from poseppl.motion.io.opencv import opencv
 from poseppl.motion.io.synchronised import VideoWarning, synchronised
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.picture_sizes import fit_size, resized
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.scene import Floats, Scene
+from poseppl.motion.tracking.silhouette_frame import (
+    Mask,
+    OnFailure,
+    SilhouetteFrame,
+    SilhouetteSettings,
+    edge_map,
+    map_scale,
+    silhouette_frame,
+)
 from poseppl.motion.vision import (
     Background,
-    EdgeSettings,
     Foreground,
-    check_mask,
-    edge_distance,
-    find_edges,
-    silhouette_distance,
 )
-from poseppl.motion.vision.contours import contour_points
-
-Mask = NDArray[np.uint8]
-OnFailure = Literal["continue", "stop"]
-_NEXT = 5.0
-"""Largest distance from an edge that is told apart, px of the map."""
-
-
-class SilhouetteSettings(NamedTuple):
-    """How silhouettes are turned into data.
-
-    Attributes:
-        num_points: K, points on each camera's contour.
-        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
-            segmentation do not agree on, raised because neighbouring points err alike.
-        map_size: The longer side of a distance map, px; images are reduced to it.
-        truncation: Largest distance that is told apart, px of the map.
-        edges: Whether edges within the silhouette count, where there are images.
-    """
-
-    num_points: int = 64
-    noise: float = 80.0
-    map_size: int = 320
-    truncation: float = 30.0
-    edges: bool = False
-
-    def check(self) -> SilhouetteSettings:
-        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        check_at_least(8, num_points=self.num_points, map_size=self.map_size)
-        check_at_least(1.0, truncation=self.truncation)
-        check_at_least(0.1, noise=self.noise)
-        return self
 
 
 class SilhouetteScene(NamedTuple):
@@ -103,15 +73,6 @@ def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
     return np.asarray(seen.noise * focal / away)
 
 
-class _Frame(NamedTuple):
-    contour: Floats
-    on_outline: Mask
-    distance: NDArray[np.float32]
-    usable: bool
-    person: NDArray[np.int8]
-    edges: NDArray[np.float32] | None = None
-
-
 def silhouette_scene(
     body: Body,
     records: Sequence[CameraRecord],
@@ -148,7 +109,7 @@ def silhouette_scene(
     records = [fit_size(record, np.shape(masks[record.name])[:0:-1]) for record in records]
     frames = [
         [
-            _frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
+            silhouette_frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
             for record in records
         ]
         for number in range(min(lengths.values()))
@@ -201,8 +162,8 @@ def scene_of_videos(
             blind = (hidden or {}).get(record.name)
             found = _foreground(images, record, backgrounds, given.get(record.name), blind)
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
-            seen = _frame(found.foreground, unknown, record, number, chosen, on_failure)
-            edges = _edges(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
+            seen = silhouette_frame(found.foreground, unknown, record, number, chosen, on_failure)
+            edges = edge_map(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
             row.append(seen._replace(edges=edges))
         frames.append(row)
         if advance is not None:
@@ -272,52 +233,10 @@ def check_faces(name: str, cameras: Sequence[str]) -> None:
         raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
 
 
-def _frame(
-    mask: NDArray[Any],
-    hidden: Mask | None,
-    record: CameraRecord,
-    number: int,
-    settings: SilhouetteSettings,
-    on_failure: OnFailure = "continue",
-) -> _Frame:
-    width, height = record.size
-    for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
-        if array is not None and array.shape != (height, width):
-            problem = f"the {what} has {array.shape[-1]} x {array.shape[0]} pixels"
-            raise InputError(problem, field=f"camera {record.name}, frame {number}", expected=f"{width} x {height}")
-    person = (mask != 0).astype(np.uint8)
-    try:
-        check_mask(person, record.name, number)
-        usable = True
-    except InputError as error:
-        if on_failure == "stop":
-            raise
-        warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
-        usable = False
-    contour, on_outline = contour_points(person, settings.num_points, hidden)
-    blind = np.zeros_like(person) if hidden is None else (hidden != 0).astype(np.uint8)
-    scale = map_scale(record, settings)
-    size = (round(width * scale), round(height * scale))
-    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))
-    distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
-    labels = np.where(seen, 1, np.where(blind, -1, 0)).astype(np.int8)
-    return _Frame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)
-
-
-def _reduced(mask: Mask, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """A mask of zeros and ones at another size (width, height)."""
-    return np.asarray(opencv().resize(mask * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127)
-
-
-def map_scale(record: CameraRecord, settings: SilhouetteSettings) -> float:
-    """Pixels of a distance map to one of the image."""
-    return min(1.0, settings.map_size / max(record.size))
-
-
 def _assemble(
     body: Body,
     records: Sequence[CameraRecord],
-    frames: Sequence[Sequence[_Frame]],
+    frames: Sequence[Sequence[SilhouetteFrame]],
     settings: SilhouetteSettings,
     rate: float | None,
     source: str,
@@ -340,13 +259,6 @@ def _assemble(
         _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
         found=settings._asdict(),
     )
-
-
-def _edges(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[np.float32]:
-    """Distances to the nearest edge of the foreground, at the scale of the maps, px of the image."""
-    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT / scale)
-    size = (round(distance.shape[1] * scale), round(distance.shape[0] * scale))
-    return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
 
 
 def _same_size(maps: Sequence[Sequence[Any]], beyond: float | None = None) -> NDArray[np.float32]:

@@ -19,14 +19,8 @@ from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.picture_sizes import resized
 from poseppl.motion.tracking.scene import Floats
-from poseppl.motion.tracking.silhouette_scene import (
-    OnFailure,
-    SilhouetteScene,
-    SilhouetteSettings,
-    check_faces,
-    check_names,
-    scene_of_videos,
-)
+from poseppl.motion.tracking.silhouette_frame import OnFailure, SilhouetteSettings
+from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, check_faces, check_names, scene_of_videos
 from poseppl.motion.vision import Background, BackgroundSettings, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"

@@ -1,0 +1,122 @@
+"""One camera's frame of a silhouette: its contour, and maps of the distances to it."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.motion.io import CameraRecord
+from poseppl.motion.io.opencv import opencv
+from poseppl.motion.io.synchronised import VideoWarning
+from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.vision import EdgeSettings, check_mask, edge_distance, find_edges, silhouette_distance
+from poseppl.motion.vision.contours import contour_points
+
+Mask = NDArray[np.uint8]
+OnFailure = Literal["continue", "stop"]
+_NEXT = 5.0
+"""Largest distance from an edge that is told apart, px of the map."""
+
+
+class SilhouetteSettings(NamedTuple):
+    """How silhouettes are turned into data.
+
+    Attributes:
+        num_points: K, points on each camera's contour.
+        noise: Standard deviation of the contour's distances at the body, mm: of what the flesh, the clothes and the
+            segmentation do not agree on, raised because neighbouring points err alike.
+        map_size: The longer side of a distance map, px; images are reduced to it.
+        truncation: Largest distance that is told apart, px of the map.
+        edges: Whether edges within the silhouette count, where there are images.
+    """
+
+    num_points: int = 64
+    noise: float = 80.0
+    map_size: int = 320
+    truncation: float = 30.0
+    edges: bool = False
+
+    def check(self) -> SilhouetteSettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        check_at_least(8, num_points=self.num_points, map_size=self.map_size)
+        check_at_least(1.0, truncation=self.truncation)
+        check_at_least(0.1, noise=self.noise)
+        return self
+
+
+class SilhouetteFrame(NamedTuple):
+    """What one camera tells in a frame; fields as those of a scene of silhouettes, without frames and cameras."""
+
+    contour: Floats
+    on_outline: Mask
+    distance: NDArray[np.float32]
+    usable: bool
+    person: NDArray[np.int8]
+    edges: NDArray[np.float32] | None = None
+
+
+def silhouette_frame(
+    mask: NDArray[Any],
+    hidden: Mask | None,
+    record: CameraRecord,
+    number: int,
+    settings: SilhouetteSettings,
+    on_failure: OnFailure = "continue",
+) -> SilhouetteFrame:
+    """Take a mask for a silhouette.
+
+    Args:
+        mask: (H, W), not 0 on the person.
+        hidden: (H, W), not 0 where a person would not be seen; None if there is no such place.
+        record: The calibrated camera.
+        number: Of the frame, for messages.
+        settings: The settings.
+        on_failure: "continue" with a ``VideoWarning`` where the mask is empty or full, or "stop".
+
+    Raises:
+        InputError: A mask is of another size than the camera's pictures, or what `on_failure` stops at.
+    """
+    width, height = record.size
+    for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
+        if array is not None and array.shape != (height, width):
+            problem = f"the {what} has {array.shape[-1]} x {array.shape[0]} pixels"
+            raise InputError(problem, field=f"camera {record.name}, frame {number}", expected=f"{width} x {height}")
+    person = (mask != 0).astype(np.uint8)
+    try:
+        check_mask(person, record.name, number)
+        usable = True
+    except InputError as error:
+        if on_failure == "stop":
+            raise
+        warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
+        usable = False
+    contour, on_outline = contour_points(person, settings.num_points, hidden)
+    blind = np.zeros_like(person) if hidden is None else (hidden != 0).astype(np.uint8)
+    scale = map_scale(record, settings)
+    size = (round(width * scale), round(height * scale))
+    small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))
+    distance = silhouette_distance(small.astype(np.uint8), settings.truncation) / np.float32(scale)
+    labels = np.where(seen, 1, np.where(blind, -1, 0)).astype(np.int8)
+    return SilhouetteFrame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)
+
+
+def _reduced(mask: Mask, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """A mask of zeros and ones at another size (width, height)."""
+    return np.asarray(opencv().resize(mask * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127)
+
+
+def map_scale(record: CameraRecord, settings: SilhouetteSettings) -> float:
+    """Pixels of a distance map to one of the image."""
+    return min(1.0, settings.map_size / max(record.size))
+
+
+def edge_map(image: NDArray[np.uint8], foreground: Mask, scale: float) -> NDArray[np.float32]:
+    """Distances to the nearest edge of the foreground, at the scale of the maps, px of the image."""
+    distance = edge_distance(find_edges(image, EdgeSettings(), foreground), _NEXT / scale)
+    size = (round(distance.shape[1] * scale), round(distance.shape[0] * scale))
+    return np.asarray(opencv().resize(distance, size, interpolation=opencv().INTER_AREA), np.float32)
