@@ -23,6 +23,7 @@ from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.distributions.distribution import Unit
 
+from poseppl.program.closed_forms import SummedDensity
 from poseppl.program.explanation import refuse
 
 Program = Callable[..., Any]
@@ -164,12 +165,11 @@ def log_density(
 def site_log_density(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
     """Summed log-density of one traced sample site, with its scale and an optional mask of the value's shape.
 
-    A distribution that has a method `summed_log_prob(value, mask)` is asked for the sum itself, which may be much faster.
+    A distribution that is a :class:`~poseppl.program.closed_forms.SummedDensity` is asked for the sum itself.
     """
     distribution = site["fn"]
-    if hasattr(distribution, "summed_log_prob") and site.get("scale") is None:
-        summed: jax.Array = distribution.summed_log_prob(site["value"], mask)
-        return summed
+    if isinstance(distribution, SummedDensity) and site.get("scale") is None:
+        return distribution.summed_log_prob(site["value"], mask)
     if mask is not None and not is_factor(site):
         distribution = distribution.mask(event_mask(mask, distribution.event_dim))
     value = site["value"]

@@ -8,8 +8,7 @@ without the terms from a scale that depends on x; [.]_+ clips negative eigenvalu
 it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
 their own reverse rules.
 
-A distribution may know R^(-1/2) J in closed form: with a method `whitened_jacobian(mask)`, the derivative by its attribute
-`state`, and an attribute `fixed` that holds what the method takes to be constant, it is asked, unless `fixed` depends on x.
+A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedSlope` is asked for R^(-1/2) J.
 """
 
 from __future__ import annotations
@@ -23,6 +22,7 @@ import numpyro.distributions as dist
 from jax.scipy.linalg import block_diag, solve_triangular
 
 from poseppl.program.chart import Site, is_flat_support
+from poseppl.program.closed_forms import WhitenedSlope
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
 
@@ -191,7 +191,7 @@ def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: jax.Array) -> 
 
 def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: jax.Array | None, x: jax.Array) -> jax.Array | None:
     """R^(-1/2) J as the site's distribution knows it; None if it does not."""
-    if not hasattr(site["fn"], "whitened_jacobian") or site.get("scale") is not None:
+    if not isinstance(site["fn"], WhitenedSlope) or site.get("scale") is not None:
         return None
     name = site["name"]
     fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(trace_of(state)[name]["fn"].fixed))(x)
