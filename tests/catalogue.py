@@ -196,6 +196,10 @@ FILTERS: list[FilterRow] = [
 ]
 
 
+MOMENTS = ("means", "covariances", "neighbours")
+"""Of the smoothing distribution; the last are of each frame's state with the next one's."""
+
+
 class SmootherRow(NamedTuple):
     """One smoother.
 
@@ -208,6 +212,8 @@ class SmootherRow(NamedTuple):
         multimodal: Whether it weighs every mode that the filter found, however far apart.
         num_replicates: Independent runs (of filter and smoother) that the statistical laws make.
         num_particles: Of the particle filter whose history it takes.
+        lag: Later frames whose data a frame knows; None knows all. Given those, it is consistent.
+        moments: Those that are exact on a linear Gaussian model, with more particles or draws.
     """
 
     name: str
@@ -218,6 +224,8 @@ class SmootherRow(NamedTuple):
     multimodal: bool = True
     num_replicates: int = 40
     num_particles: int = 500
+    lag: int | None = None
+    moments: tuple[str, ...] = MOMENTS
 
 
 SMOOTHERS: list[SmootherRow] = [
@@ -257,10 +265,10 @@ SMOOTHERS: list[SmootherRow] = [
     ),
     SmootherRow("two-filter", two_filter_smoother, lambda model: two_filter_smoother(model, tile=128)),
     SmootherRow("two-filter-linear", two_filter_smoother, lambda model: two_filter_smoother(model, method="linear")),
-    SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True),
+    SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True, moments=("means",)),
     SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True),
     SmootherRow(
-        "fixed-lag", fixed_lag_smoother, lambda model: fixed_lag_smoother(model, lag=2), consistent=False, discrete=True
+        "fixed-lag", fixed_lag_smoother, lambda model: fixed_lag_smoother(model, lag=2), consistent=False, discrete=True, lag=2
     ),
     SmootherRow(
         "rauch-tung-striebel",
@@ -313,6 +321,7 @@ SMOOTHERS: list[SmootherRow] = [
             model, num_components=20, num_draws=200, factorised=True, mixture=MixtureSettings(correction="none")
         ),
         consistent=False,
+        moments=(),  # many narrow components leave an error of 0.2 standard deviations in the means
     ),
 ]
 

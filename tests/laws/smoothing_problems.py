@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from law_problems import Problem, frame, moments, problem, run
+from catalogue import MOMENTS
+from law_problems import NUM_FRAMES, Problem, frame, moments, problem, run
 from oracles.forward_backward import forward_backward
 from oracles.grid import growth_on_grid
-from oracles.kalman import kalman_filter, rauch_tung_striebel, simulate
+from oracles.kalman import fixed_lag_moments, kalman_filter, lag_one_covariances, rauch_tung_striebel, simulate
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from smoothing_mistakes import NO_MISTAKES, Given, misinformed, powered, told
 
 from poseppl.filters import particle_filter
 from poseppl.program import CompiledModel, Observation
@@ -30,6 +32,7 @@ class Smoothing(NamedTuple):
         inputs: Stacked inputs, or None.
         means: Exact smoothed means (T, d).
         covariances: Exact smoothed covariances (T, d, d).
+        pairs: Exact smoothed covariances (T - 1, d, d) of each frame's state and the next one's, where they are known.
     """
 
     model: CompiledModel
@@ -37,6 +40,7 @@ class Smoothing(NamedTuple):
     inputs: Any
     means: np.ndarray
     covariances: np.ndarray
+    pairs: np.ndarray | None = None
 
 
 def linear_problem() -> Smoothing:
@@ -44,6 +48,16 @@ def linear_problem() -> Smoothing:
     posed: Problem = problem()
     exact = rauch_tung_striebel(posed.matrices, posed.exact)
     return Smoothing(posed.model, posed.observations, posed.inputs, *exact)
+
+
+def linear_problem_with_powers(lag: int | None = None) -> Smoothing:
+    """The same, its densities raised to powers that are inputs; given a lag, frames know the data of no more later ones."""
+    posed, ones = problem(), jnp.ones(NUM_FRAMES)
+    if lag is None:
+        exact = *rauch_tung_striebel(posed.matrices, posed.exact), lag_one_covariances(posed.matrices, posed.exact)
+    else:
+        exact = fixed_lag_moments(posed.matrices, posed.exact, lag)
+    return Smoothing(powered(posed.matrices), posed.observations, Given(posed.inputs, ones, ones), *exact)
 
 
 def linear_problem_of_dimension(dimension: int) -> Smoothing:
@@ -55,13 +69,19 @@ def linear_problem_of_dimension(dimension: int) -> Smoothing:
     return Smoothing(model, model.observe({"y": ys}), None, *exact)
 
 
-def long_problem(dimension: int) -> Smoothing:
-    """Twenty frames of a damped chain of coordinates, of which two are seen behind as much noise as they have spread."""
+def chain_problem(dimension: int, num_frames: int) -> Problem:
+    """A damped chain of coordinates, of which two are seen behind as much noise as they have spread."""
     matrices = linear_gaussian_matrices(dimension, 2, Q=0.5 * np.eye(dimension), R=np.eye(2))
-    _, ys = simulate(matrices, 20, seed=dimension)
+    _, ys = simulate(matrices, num_frames, seed=dimension)
     model = linear_gaussian_model(matrices).compile()
-    exact = rauch_tung_striebel(matrices, kalman_filter(matrices, ys))
-    return Smoothing(model, model.observe({"y": ys}), None, *exact)
+    return Problem(matrices, model, model.observe({"y": ys}), jnp.zeros(num_frames), kalman_filter(matrices, ys))
+
+
+def smoothed_chain(dimension: int, num_frames: int) -> Smoothing:
+    """The same for smoothers."""
+    posed = chain_problem(dimension, num_frames)
+    exact = rauch_tung_striebel(posed.matrices, posed.exact)
+    return Smoothing(posed.model, posed.observations, None, *exact, lag_one_covariances(posed.matrices, posed.exact))
 
 
 def markov_problem(num_states: int) -> Smoothing:
@@ -115,22 +135,46 @@ def replicator(row, posed_by, *arguments):
     posed = posed_by(*arguments)
     smoother, centres = row.build(posed.model), jnp.asarray(posed.means)
 
-    def one(rng_key, late_weights, late_inputs):
+    def one(rng_key, mistakes):
         key_filter, key_smooth = jax.random.split(rng_key)
         history, observations = filtered_history(key_filter, posed, row.num_particles)
-        history = history._replace(log_weights=jnp.roll(history.log_weights, late_weights, axis=0))
-        inputs = jax.tree.map(lambda leaf: jnp.roll(leaf, late_inputs, axis=0), posed.inputs)
-        smoothed = smoother.smooth(key_smooth, history, observations, inputs)
-        return moments(History(smoothed.particles, smoothed.log_weights, None, None), centres)
+        given = misinformed(mistakes, posed.model, history, observations, posed.inputs)
+        data, same = jax.random.key_data(key_smooth), jax.random.key_data(jax.random.key(0))
+        smoothed = smoother.smooth(jax.random.wrap_key_data(jnp.where(mistakes.one_key, same, data)), *given)
+        states = told(mistakes, smoothed.particles, smoothed.log_weights)
+        right, filtered = pair_moments(*states, centres), pair_moments(*history[:2], centres)
+        return jax.tree.map(lambda a, b: jnp.where(mistakes.filtered, b, a), right, filtered)
 
-    run_all = jax.jit(lambda keys, *late: jax.lax.map(lambda key: one(key, *late), keys))
+    run_all = jax.jit(lambda keys, mistakes: jax.lax.map(lambda key: one(key, mistakes), keys))
 
-    def replicate(late_weights=0, late_inputs=0):
-        """Means (K, T, d) and second moments about the exact means (K, T, d, d), of runs given weights or inputs too late."""
+    def replicate(mistakes=NO_MISTAKES):
+        """Means (K, T, d), second moments about the exact means (K, T, d, d), and those of neighbours (K, T - 1, d, d)."""
         keys = jax.random.split(jax.random.key(1), row.num_replicates)
-        return tuple(np.asarray(a, float) for a in run_all(keys, late_weights, late_inputs))
+        return tuple(np.asarray(a, float) for a in run_all(keys, mistakes))
 
     return posed, replicate
+
+
+def pair_moments(particles, log_weights, centres):
+    """Means (T, d), second moments about centres (T, d, d), and those of each frame with the next, index by index."""
+    means, seconds = moments(History(particles, log_weights, None, None), centres)
+    centred = particles - centres[:, None]
+    return means, seconds, jnp.einsum("tn,tni,tnj->tij", jnp.exp(log_weights[:-1]), centred[:-1], centred[1:])
+
+
+def broken_laws(row, posed, found):
+    """The moments of replicated runs that are not the exact ones, of those that a smoother of this row knows."""
+    exact = dict(zip(MOMENTS, (posed.means, posed.covariances, posed.pairs), strict=True))
+    if posed.pairs is None or not row.build(posed.model).joint:
+        del exact["neighbours"]
+    samples = dict(zip(MOMENTS, found, strict=True))
+    return {name for name, truth in exact.items() if name in row.moments and not is_mean(samples[name], truth)}
+
+
+def is_mean(samples, truth):
+    """Whether means over the first axis are the truth, within five standard errors."""
+    errors = samples.std(0, ddof=1) / np.sqrt(len(samples))
+    return bool((np.abs(samples.mean(0) - truth) < 5 * errors).all())
 
 
 @cache

@@ -1,42 +1,64 @@
-"""Laws on every smoother that is exact: twenty frames of four to eight coordinates, counts, and a state that is known in part.
+"""Laws on every algorithm that is exact, on larger problems: four to eight coordinates, twenty frames, counts, and a state that
+is known in part.
 
-Tolerances are 5 standard errors over independent replicates of filter and smoother. Two kinds stand for all; the others are
-slow.
+Tolerances are 5 standard errors over independent replicates. A few kinds stand for all; the others are slow.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from catalogue import SMOOTHERS
-from law_problems import z_scores
+import smoothing_mistakes
+from catalogue import FILTERS, SMOOTHERS
+from law_problems import BATCH, replicate, z_scores
+from mistakes import NO_MISTAKES, Mistakes
 from other_problems import clamped_and_smoothed, counted_and_smoothed, positive
-from smoothing_problems import long_problem, replicator
+from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, smoothed_chain
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
+QUICK_FILTERS = ("kalman", "particle", "guided")
 GAUSSIAN = ("rauch-tung-striebel", "variational", "gibbs-model")
 """Exact for states on the real line alone, or for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
 
 
-def exact_rows(names):
-    marks = {name: () if name in QUICK else pytest.mark.slow for name in names}
+def marked(rows, quick):
     return pytest.mark.parametrize(
-        "row", [pytest.param(row, id=row.name, marks=marks[row.name]) for row in ROWS if row.name in names]
+        "row", [pytest.param(row, id=row.name, marks=() if row.name in quick else pytest.mark.slow) for row in rows]
     )
+
+
+def exact_rows(names):
+    return marked([row for row in ROWS if row.name in names], QUICK)
 
 
 def check(row, *posed_by):
     posed, replicate = replicator(row, *posed_by)
-    means, seconds = replicate()
-    assert np.abs(z_scores(means, posed.means)).max() < 5
-    assert np.abs(z_scores(seconds, posed.covariances)).max() < 5
+    assert not broken_laws(row, posed, replicate())
     return posed, replicate
+
+
+@marked([row for row in FILTERS if row.consistent], QUICK_FILTERS)
+@pytest.mark.parametrize("dimension", [6, pytest.param(8, marks=pytest.mark.slow)])
+def test_filters_of_many_coordinates(row, dimension):
+    posed, filter_is_right = chain_problem(dimension, 4), []
+    built = row.build(posed.model)
+    for mistakes in (NO_MISTAKES, Mistakes(data=1.0)):
+        means, seconds, _ = replicate(built, posed, BATCH, mistakes=mistakes)
+        filter_is_right.append(is_mean(means, posed.exact.means) and is_mean(seconds, posed.exact.covariances))
+    assert filter_is_right == [True, False]
+
+
+@exact_rows([row.name for row in ROWS])
+@pytest.mark.parametrize("dimension", [6, pytest.param(8, marks=pytest.mark.slow)])
+def test_smoothers_of_many_coordinates(row, dimension):
+    posed, replicate = check(row, smoothed_chain, dimension, 4)
+    assert broken_laws(row, posed, replicate(smoothing_mistakes.Mistakes(filtered=1)))
 
 
 @exact_rows([row.name for row in ROWS if row.name != "variational"])
 def test_twenty_frames_of_four_coordinates(row):
-    check(row, long_problem, 4)
+    check(row, smoothed_chain, 4, 20)
 
 
 @pytest.mark.slow
@@ -45,7 +67,7 @@ def test_a_likelihood_of_more_particles_is_nearer():
     row = next(row for row in ROWS if row.name == "variational")._replace(num_replicates=20)
     biases = []
     for num_particles in (1000, 4000):
-        posed, replicate = replicator(row._replace(num_particles=num_particles), long_problem, 4)
+        posed, replicate = replicator(row._replace(num_particles=num_particles), smoothed_chain, 4, 20)
         scale = np.sqrt(np.diagonal(posed.covariances, axis1=1, axis2=2))
         biases.append(np.sqrt(np.mean(((replicate()[0].mean(0) - posed.means) / scale) ** 2)))
     assert biases[0] < 0.12 and biases[1] < 0.7 * biases[0]
@@ -55,7 +77,7 @@ def test_a_likelihood_of_more_particles_is_nearer():
 def test_a_part_of_the_state_that_is_known(row):
     posed, replicate = check(row, clamped_and_smoothed)
     if row.name in QUICK:  # known values of the wrong frame are noticed
-        means, _ = replicate(late_inputs=1)
+        means, _, _ = replicate(smoothing_mistakes.Mistakes(late_inputs=1))
         assert np.abs(z_scores(means, posed.means)).max() > 20
 
 

@@ -1,8 +1,4 @@
-"""Laws on every smoother: how it behaves as a program, and that it finds the exact smoothing distributions.
-
-Tolerances of statistics are 5 standard errors over independent replicates of filter and smoother; the wrong variants, fed
-with the weights or the inputs of another frame, show that the tests would notice.
-"""
+"""Laws on every smoother: how it behaves as a program."""
 
 from __future__ import annotations
 
@@ -13,25 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import SMOOTHERS, row_id
-from law_problems import z_scores
-from smoothing_problems import (
-    growth_problem,
-    history_for_conduct,
-    linear_problem,
-    linear_problem_of_dimension,
-    markov_problem,
-    replicator,
-    smoother_for_conduct,
-)
+from smoothing_problems import history_for_conduct, linear_problem, smoother_for_conduct
 
 from poseppl.smoothers import Smoother, SmoothingInfo
 
-ROWS = {row.name: row for row in SMOOTHERS}
 every_smoother = pytest.mark.parametrize("row", SMOOTHERS, ids=row_id)
-consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
-discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
-multimodal_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.multimodal], ids=row_id)
-two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
 
 
 @every_smoother
@@ -126,51 +108,13 @@ def test_one_frame_and_one_particle(row, num_particles, num_frames):
     check_usable(jax.jit(built.smooth)(jax.random.key(0), *history_for_conduct(num_particles, num_frames)))
 
 
-def check_exact(row, *posed_by):
-    posed, replicate = replicator(row, *posed_by)
-    means, seconds = replicate()
-    assert np.abs(z_scores(means, posed.means)).max() < 5
-    assert np.abs(z_scores(seconds, posed.covariances)).max() < 5
+WITHOUT_KEY = ("forward-backward", "viterbi", "genealogy", "fixed-lag")
+"""Smoothers that draw nothing."""
 
 
-@consistent_smoothers
-def test_means_and_covariances_are_those_of_rauch_tung_and_striebel(row):
-    """Also at a frame without data, whose smoothing distribution comes from both sides."""
-    check_exact(row, linear_problem)
-
-
-@discrete_smoothers
-@pytest.mark.parametrize("num_states", [2, pytest.param(5, marks=pytest.mark.slow)])
-def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_states):
-    check_exact(row, markov_problem, num_states)
-
-
-@multimodal_smoothers
-def test_growth_model_has_the_moments_of_quadrature(row):
-    """Two modes, a transition that bends, and time as an input."""
-    check_exact(row, growth_problem)
-
-
-@two_kinds
-@pytest.mark.parametrize("dimension", [1, 10, pytest.param(28, marks=pytest.mark.slow)])
-def test_linear_models_of_other_dimensions(name, dimension):
-    check_exact(ROWS[name], linear_problem_of_dimension, dimension)
-
-
-@two_kinds
-@pytest.mark.parametrize("wrong", ["late_weights", "late_inputs"])
-def test_weights_and_inputs_of_the_wrong_frame_are_noticed(name, wrong):
-    posed, replicate = replicator(ROWS[name], linear_problem)
-    means, _ = replicate(**{wrong: 1})
-    assert np.abs(z_scores(means, posed.means)).max() > 20
-
-
-def test_filtered_means_are_not_smoothed_ones():
-    row = ROWS["genealogy"]._replace(build=lambda model: Smoother(as_filtered, False))
-    posed, replicate = replicator(row, linear_problem)
-    means, _ = replicate()
-    assert np.abs(z_scores(means, posed.means)).max() > 20
-
-
-def as_filtered(rng_key, history, observations, inputs):
-    return history
+@every_smoother
+def test_another_key_makes_other_draws(row):
+    smooth = smoother_for_conduct(row)[0]
+    one, two = (np.asarray(smooth(jax.random.key(seed), *history_for_conduct()).particles) for seed in (0, 1))
+    assert (one == two).all() == (row.name in WITHOUT_KEY)
+    assert row.name in WITHOUT_KEY or (one != two).any(axis=tuple(range(1, one.ndim))).all(), "some frames are the same"

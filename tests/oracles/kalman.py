@@ -79,8 +79,26 @@ def rauch_tung_striebel(matrices, filtered):
     """Smoothed means (T, d) and covariances (T, d, d) from what `kalman_filter` returned."""
     means, covariances = [filtered.means[-1]], [filtered.covariances[-1]]
     for t in range(len(filtered.means) - 2, -1, -1):
-        P, P_predicted = filtered.covariances[t], filtered.predicted_covariances[t + 1]
-        J = np.linalg.solve(P_predicted, matrices.A @ P).T
+        J = smoothing_gain(matrices, filtered, t)
         means.append(filtered.means[t] + J @ (means[-1] - filtered.predicted_means[t + 1]))
-        covariances.append(P + J @ (covariances[-1] - P_predicted) @ J.T)
+        covariances.append(filtered.covariances[t] + J @ (covariances[-1] - filtered.predicted_covariances[t + 1]) @ J.T)
     return np.array(means[::-1]), np.array(covariances[::-1])
+
+
+def lag_one_covariances(matrices, filtered):
+    """Smoothed covariances (T - 1, d, d) of the states of each frame and the next."""
+    _, covariances = rauch_tung_striebel(matrices, filtered)
+    return np.array([smoothing_gain(matrices, filtered, t) @ P for t, P in enumerate(covariances[1:])])
+
+
+def smoothing_gain(matrices, filtered, t):
+    """What a frame's mean (d,) moves by with that of the next frame, (d, d)."""
+    return np.linalg.solve(filtered.predicted_covariances[t + 1], matrices.A @ filtered.covariances[t]).T
+
+
+def fixed_lag_moments(matrices, filtered, lag):
+    """Means (T, d) and covariances (T, d, d) of every frame given the data of no more than `lag` later ones."""
+    num_frames = len(filtered.means)
+    ends = [min(t + lag, num_frames - 1) + 1 for t in range(num_frames)]
+    known = [rauch_tung_striebel(matrices, KalmanResult(*(part[:end] for part in filtered))) for end in ends]
+    return tuple(np.array([part[t] for t, part in enumerate(parts)]) for parts in zip(*known, strict=True))
