@@ -16,7 +16,7 @@ from other_problems import clamped_and_smoothed, counted_and_smoothed, positive
 from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, smoothed_chain
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
-QUICK_FILTERS = ("kalman", "particle", "guided")
+QUICK_FILTERS = ("kalman", "particle")
 GAUSSIAN = ("rauch-tung-striebel", "variational", "gibbs-model")
 """Exact for states on the real line alone, or for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
@@ -38,22 +38,42 @@ def check(row, *posed_by):
     return posed, replicate
 
 
-@marked([row for row in FILTERS if row.consistent], QUICK_FILTERS)
-@pytest.mark.parametrize("dimension", [6, pytest.param(8, marks=pytest.mark.slow)])
-def test_filters_of_many_coordinates(row, dimension):
-    posed, filter_is_right = chain_problem(dimension, 4), []
-    built = row.build(posed.model)
+def check_filter(row, dimension):
+    """Also that a filter which counts the data twice is noticed."""
+    posed = chain_problem(dimension, 4)
+    built, right = row.build(posed.model), []
     for mistakes in (NO_MISTAKES, Mistakes(data=1.0)):
         means, seconds, _ = replicate(built, posed, BATCH, mistakes=mistakes)
-        filter_is_right.append(is_mean(means, posed.exact.means) and is_mean(seconds, posed.exact.covariances))
-    assert filter_is_right == [True, False]
+        right.append(is_mean(means, posed.exact.means) and is_mean(seconds, posed.exact.covariances))
+    assert right == [True, False]
 
 
-@exact_rows([row.name for row in ROWS])
-@pytest.mark.parametrize("dimension", [6, pytest.param(8, marks=pytest.mark.slow)])
-def test_smoothers_of_many_coordinates(row, dimension):
+def check_smoother(row, dimension):
+    """Also that the filter's own particles are noticed."""
     posed, replicate = check(row, smoothed_chain, dimension, 4)
     assert broken_laws(row, posed, replicate(smoothing_mistakes.Mistakes(filtered=1)))
+
+
+@marked([row for row in FILTERS if row.consistent], QUICK_FILTERS)
+def test_filters_of_six_coordinates(row):
+    check_filter(row, 6)
+
+
+@exact_rows([*QUICK, "backward-simulation", "two-filter-linear", "genealogy", "rauch-tung-striebel"])
+def test_smoothers_of_six_coordinates(row):
+    check_smoother(row, 6)
+
+
+@pytest.mark.slow
+@marked([row for row in FILTERS if row.name in QUICK_FILTERS], QUICK_FILTERS)
+def test_filters_of_eight_coordinates(row):
+    check_filter(row, 8)
+
+
+@pytest.mark.slow
+@exact_rows(QUICK)
+def test_smoothers_of_eight_coordinates(row):
+    check_smoother(row, 8)
 
 
 @exact_rows([row.name for row in ROWS if row.name != "variational"])
