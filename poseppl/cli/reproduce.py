@@ -16,7 +16,7 @@ EXAMPLES = """
 \b
 Examples:
   poseppl reproduce choo-fleet-2001 --quick
-      All parts on the built-in walk, small: some minutes.
+      All parts on the built-in walk, small: some minutes (needs pip install 'poseppl[experiments]').
   poseppl reproduce choo-fleet-2001 single-frame --motion walk=02_01.amc,02.asf \\
       --motion dance=humanoid3d_dance_a.txt,humanoid3d.txt
       Table 1, Figs. 2 and 3 and the volumes, on recordings, in full.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
 class Executor(Protocol):
     """Computes jobs."""
 
-    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Iterator[Outcome]:
+    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
         """Compute jobs; closing the iterator stops what is still running.
 
         Args:
@@ -59,7 +59,7 @@ class Executor(Protocol):
 class Inline:
     """Computes jobs one after the other in this process."""
 
-    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Iterator[Outcome]:
+    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
         """See :class:`Executor`."""
         for key, job in jobs.items():
             yield perform(key, function, job)
@@ -70,7 +70,7 @@ def perform(key: str, function: Function, job: Job) -> Outcome:
     start = time.perf_counter()
     try:
         arrays = _plain(function(job))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         line = " ".join("".join(traceback.format_exception_only(error)).split())
         return Outcome(key, None, time.perf_counter() - start, line, "".join(traceback.format_exception(error)))
     return Outcome(key, arrays, time.perf_counter() - start)

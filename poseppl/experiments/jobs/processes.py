@@ -1,36 +1,37 @@
-"""Local processes that compute jobs, each on cores of its own.
-
-A worker is a pool of one process, so that when it dies, killed by a user or for want of memory, it is known which job it was
-at: that one is tried again in a fresh process, and no other job has lost anything. Processes are spawned, not forked, for JAX's
-threads do not survive a fork; environment variables reach them, settings made in this process do not.
+"""Local processes that compute jobs: a Dask cluster of this machine's, each worker on cores of its own.
 
 XLA uses all the cores that a process may run on. A worker is therefore pinned to its share of them before JAX starts there;
-where the system cannot (macOS), workers compete. Each also watches a pipe from this process: when the pipe is closed, because
-this process was interrupted or killed, the worker ends at once and leaves no orphan.
+where the system cannot (macOS), workers compete. A worker that dies is replaced, and ends when this process does. Workers have
+environment variables of this process, settings made in it they do not; they take work from nobody who does not hold the
+certificate that this process makes for them.
 """
 
 from __future__ import annotations
 
-import contextlib
+import asyncio
+import logging
 import os
-import signal
 import sys
-import threading
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from poseppl.checks import check_at_least
-from poseppl.experiments.jobs.executor import Function, Note, Outcome, perform
+from poseppl.errors import InputError
+from poseppl.experiments.jobs.cluster import Tasks, distributed
+from poseppl.experiments.jobs.executor import Function, Note, Outcome
 from poseppl.experiments.jobs.job import Job
 
-_CONTEXT = get_context("spawn")
 Prepare = Callable[[], None]
+_SETTINGS: Mapping[str, Any] = {
+    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds the job that it is at, and no other
+    "distributed.worker.profile.enabled": False,  # jobs measure time
+    "distributed.nanny.pre-spawn-environ": {},
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 
 
 class Processes(NamedTuple):
@@ -48,85 +49,64 @@ class Processes(NamedTuple):
     attempts: int = 3
     prepare: Prepare | None = None
 
-    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Iterator[Outcome]:
-        """See :class:`~poseppl.experiments.jobs.executor.Executor`."""
+    def outcomes(self, function: Function, jobs: Mapping[str, Job], note: Note) -> Generator[Outcome]:
+        """See :class:`~poseppl.experiments.jobs.executor.Executor`.
+
+        Raises:
+            InputError: Dask, or what it makes certificates with, is not installed.
+        """
         cores = available_cores()
         number = len(cores) if self.max_workers is None else self.max_workers
         check_at_least(1, max_workers=number, attempts=self.attempts)
         shares = core_shares(cores, min(number, len(jobs)))
-        workers = [_Worker(share if self.pin else (), self.prepare) for share in shares]
-        return _Round(function, jobs, note, self.attempts).outcomes(workers)
+        with local_workers(shares, self.pin, self.prepare) as client:
+            yield from Tasks(client, function, jobs, self.attempts).outcomes(note)
 
 
-class _Round:
-    """Jobs on their way through workers."""
+@contextmanager
+def local_workers(shares: Sequence[Sequence[int]], pin: bool, prepare: Prepare | None) -> Iterator[Any]:
+    """Start workers, and end them after the block, whatever they do.
 
-    def __init__(self, function: Function, jobs: Mapping[str, Job], note: Note, attempts: int) -> None:
-        self._function, self._jobs, self._note, self._attempts = function, jobs, note, attempts
-        self._waiting = deque(jobs)
-        self._deaths: Counter[str] = Counter()
-        self._running: dict[Future[Outcome], tuple[str, _Worker]] = {}
+    Args:
+        shares: The cores of each worker.
+        pin: Whether it is kept to them.
+        prepare: Called in each.
 
-    def outcomes(self, workers: Sequence[_Worker]) -> Iterator[Outcome]:
+    Yields:
+        A `distributed.Client` of them.
+
+    Raises:
+        InputError: Dask, or what it makes certificates with, is not installed.
+    """
+    dask_distributed = distributed()
+    import dask
+
+    from poseppl.experiments.jobs.worker_setup import WorkerSetup
+
+    try:
+        security = dask_distributed.Security.temporary()
+    except ImportError as error:
+        raise InputError(f"{error}", expected="pip install 'poseppl[experiments]'") from error
+    with dask.config.set(_SETTINGS):
+        cluster = dask_distributed.LocalCluster(
+            n_workers=len(shares),
+            threads_per_worker=1,
+            memory_limit=0,
+            scheduler_kwargs={"allowed_failures": 0},
+            security=security,
+            plugins=(WorkerSetup(shares if pin else (), prepare),),
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
+        )
+    with cluster, dask_distributed.Client(cluster, set_as_default=False) as client:
         try:
-            for worker in workers:
-                self._start(worker)
-            while self._running:
-                for future in wait(self._running, return_when=FIRST_COMPLETED).done:
-                    key, worker = self._running.pop(future)
-                    outcome = self._outcome(key, future, worker)
-                    self._start(worker)
-                    if outcome is not None:
-                        yield outcome
+            yield client
         finally:
-            for worker in workers:
-                worker.stop()
-
-    def _start(self, worker: _Worker) -> None:
-        if self._waiting:
-            key = self._waiting.popleft()
-            self._running[worker.submit(key, self._function, self._jobs[key])] = key, worker
-
-    def _outcome(self, key: str, future: Future[Outcome], worker: _Worker) -> Outcome | None:
-        """What became of a job; None when it is to be tried again."""
-        error = future.exception()
-        if error is None:
-            return future.result()
-        if not isinstance(error, BrokenProcessPool):
-            return Outcome(key, None, error=f"{type(error).__name__}: {error}")
-        worker.stop()
-        self._deaths[key] += 1
-        if self._deaths[key] >= self._attempts:
-            return Outcome(key, None, error=f"its process died {self._attempts} times (killed, crashed or out of memory)")
-        self._note(f"{key}: its process died; tried again")
-        self._waiting.append(key)
-        return None
+            cluster.sync(_stop, list(cluster.workers.values()))
 
 
-class _Worker:
-    """A pool of one process, which is started with its first job and again after its death."""
-
-    def __init__(self, cores: Sequence[int], prepare: Prepare | None) -> None:
-        self._cores, self._prepare = cores, prepare
-        self._pool: ProcessPoolExecutor | None = None
-        self._pipe: tuple[Connection, Connection] | None = None
-
-    def submit(self, key: str, function: Function, job: Job) -> Future[Outcome]:
-        if self._pool is not None:
-            with contextlib.suppress(BrokenProcessPool):
-                return self._pool.submit(perform, key, function, job)
-            self.stop()  # it died while it was idle
-        self._pipe = _CONTEXT.Pipe(duplex=False)
-        self._pool = ProcessPoolExecutor(1, _CONTEXT, _begin, (self._pipe[0], self._cores, self._prepare))
-        return self._pool.submit(perform, key, function, job)
-
-    def stop(self) -> None:
-        """End the process now, whatever it does."""
-        for end in self._pipe or ():
-            end.close()
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
-        self._pool = self._pipe = None
+async def _stop(nannies: Sequence[Any]) -> None:
+    await asyncio.gather(*(nanny.close(timeout=0.5) for nanny in nannies), return_exceptions=True)
 
 
 def available_cores() -> list[int]:
@@ -138,25 +118,5 @@ def available_cores() -> list[int]:
 
 def core_shares(cores: Sequence[int], number: int) -> list[list[int]]:
     """Share cores among workers: each gets as many as any other, give or take one; more workers than cores take turns."""
-    if number >= len(cores):
-        return [[cores[index % len(cores)]] for index in range(number)]
-    bounds = [index * len(cores) // number for index in range(number + 1)]
-    return [list(cores[start:stop]) for start, stop in zip(bounds[:-1], bounds[1:], strict=True)]
-
-
-def _begin(pipe: Connection, cores: Sequence[int], prepare: Prepare | None) -> None:
-    """Set up a worker's process, before anything heavy is imported in it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
-    threading.Thread(target=_end_with_parent, args=(pipe,), daemon=True).start()
-    if cores and sys.platform == "linux":
-        for thread in Path("/proc/self/task").iterdir():
-            with contextlib.suppress(OSError):
-                os.sched_setaffinity(int(thread.name), cores)
-    if prepare is not None:
-        prepare()
-
-
-def _end_with_parent(pipe: Connection) -> None:
-    with contextlib.suppress(EOFError, OSError):
-        pipe.recv_bytes()
-    os._exit(1)
+    shares = np.array_split(np.asarray(cores), number)
+    return [share.tolist() or [cores[index % len(cores)]] for index, share in enumerate(shares)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import closing
 from os import PathLike
 
 from poseppl.errors import InputError, PosepplError
@@ -75,9 +75,8 @@ def run_jobs(
     missing = {key: job for key, job in costliest if key not in results}
     progress.started(len(wanted), len(results), sum(job.cost for job in missing.values()))
     failed: list[Outcome] = []
-    with ExitStack() as stack:
-        outcomes = find_executor(executor).outcomes(function, missing, progress.note) if missing else iter(())
-        stack.callback(getattr(outcomes, "close", lambda: None))
+    chosen = find_executor(executor) if missing else Inline()
+    with closing(chosen.outcomes(function, missing, progress.note)) as outcomes:
         for outcome in outcomes:
             if outcome.arrays is None:
                 failed.append(outcome)

@@ -15,13 +15,13 @@ from poseppl.errors import InputError, PosepplError
 from poseppl.experiments.jobs import Cluster, JobError, run_jobs
 
 needs_dask = pytest.mark.skipif(
-    importlib.util.find_spec("distributed") is None, reason="Dask is not installed: poseppl[cluster]"
+    importlib.util.find_spec("distributed") is None, reason="Dask is not installed: poseppl[experiments]"
 )
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed: poseppl[cluster]")
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: poseppl[experiments]")
     dask = pytest.importorskip("dask")
     one_death = dask.config.set({"distributed.scheduler.allowed-failures": 1})
     with one_death, distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
@@ -50,7 +50,7 @@ def test_failures_are_named_and_the_others_are_done(cluster, tmp_path):
         run_jobs(draw, jobs, tmp_path, executor=Cluster(cluster.scheduler_address, timeout=30))
     assert caught.value.failures == {
         jobs[1].key: "ArithmeticError: run 1 does not work",
-        jobs[3].key: "its workers died, each time that it was tried (killed, crashed or out of memory)",
+        jobs[3].key: "its process died 4 times (killed, crashed or out of memory)",
     }
     assert len(list(tmp_path.iterdir())) == 2
 
@@ -103,5 +103,5 @@ def test_a_lost_scheduler(tmp_path):
 
 def test_a_missing_dask_is_said(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"Dask is not installed \(expected pip install 'poseppl\[cluster\]'\)"):
+    with pytest.raises(InputError, match=r"Dask is not installed \(expected pip install 'poseppl\[experiments\]'\)"):
         run_jobs(draw, [Draw(0)], tmp_path, executor="tcp://127.0.0.1:8786")

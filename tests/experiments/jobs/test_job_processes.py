@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from distributed import Client, Security
 from job_samples import Draw, draw, prepare, where
 
+from poseppl.errors import InputError
 from poseppl.experiments.jobs import JobError, Processes, run_jobs
-from poseppl.experiments.jobs.processes import available_cores, core_shares
+from poseppl.experiments.jobs.processes import available_cores, core_shares, local_workers
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="cores and processes are looked up as Linux has them")
 
@@ -63,9 +65,31 @@ def test_each_worker_has_its_share_of_the_cores(tmp_path):
 
 
 def test_shares():
-    assert core_shares([0, 1, 2, 3, 4], 2) == [[0, 1], [2, 3, 4]]
+    assert core_shares([0, 1, 2, 3, 4], 2) == [[0, 1, 2], [3, 4]]
     assert core_shares([3, 5], 3) == [[3], [5], [3]]
     assert core_shares([3, 5], 1) == [[3, 5]]
+
+
+def test_a_job_that_waits_behind_one_that_dies_is_done(tmp_path):
+    jobs = [Draw(0), Draw(1, mishap="die")]
+    with pytest.raises(JobError, match="1 of 2 jobs failed.*the others are kept"):
+        run_jobs(draw, jobs, tmp_path, executor=Processes(1))
+    assert [path.name for path in tmp_path.iterdir()] == [f"{jobs[0].key}.npz"]
+
+
+def test_workers_take_no_work_from_strangers():
+    with local_workers([[0]], pin=False, prepare=None) as client:
+        for security in (None, Security.temporary()):
+            address = client.scheduler.address if security else client.scheduler.address.replace("tls://", "tcp://")
+            with pytest.raises(OSError, match="Timed out|closed|certificate"):
+                Client(address, security=security, timeout=2, set_as_default=False)
+        assert client.submit(draw, Draw(0)).result()
+
+
+def test_what_certificates_are_made_with_is_needed(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    with pytest.raises(InputError, match=r"requires `cryptography`.*pip install 'poseppl\[experiments\]'"):
+        run_jobs(draw, [Draw(0)], tmp_path)
 
 
 def test_no_workers_are_refused(tmp_path):
