@@ -4,33 +4,31 @@
     part-000000-000001.npz what was kept of frames 0 to 0, and the state after them
     part-000001-000009.npz ...
 
-Every file is written under another name, flushed and moved into place, so that whatever kills the run leaves whole parts; a
-part that is damaged all the same is recognised (arrays carry checksums in the zip, shapes and types are compared), and it and
-what follows it are computed anew. Each part carries a hash of the settings, so that damaged settings cost nothing. While a run
-is at the folder, it holds a lock on it. Nothing is pickled.
+Parts are kept by a :class:`~poseppl.files.store.Store`, so that whatever kills the run leaves whole ones; one that is damaged
+all the same is recognised (arrays carry checksums in the zip, shapes and types are compared), and it and what follows it are
+computed anew. Each part's record is a hash of the settings, so that damaged settings cost nothing. While a run is at the
+folder, it holds a lock on it.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
-from numpy.typing import NDArray
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import PosepplError
 from poseppl.files.atomic_writing import atomic_path, remove_strays
 from poseppl.files.locks import take_lock
+from poseppl.files.store import Arrays, Note, Store, key_of
 
-VERSION = 2
-Note = Callable[[str], None]
+VERSION = 3
 
 
 class CheckpointError(PosepplError):
@@ -56,16 +54,11 @@ def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any) -> dict[s
     Returns:
         What JSON can hold.
     """
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(data):
-        array = np.ascontiguousarray(leaf)
-        digest.update(f"{array.dtype}{array.shape}".encode())
-        digest.update(array.tobytes())
     shapes = [f"{leaf.dtype}{list(leaf.shape)}" for leaf in jax.tree.leaves(state)]
     return {
         "frames": num_frames,
         "chunk": chunk,
-        "data, inputs and seed": digest.hexdigest(),
+        "data, inputs and seed": key_of({}, jax.tree.leaves(data)),
         "state": shapes,
         "jax": jax.__version__,
         "device": jax.default_backend(),
@@ -86,7 +79,9 @@ class Checkpoint:
         self.settings = json.loads(json.dumps(dict(settings or {})))
         self.resume = resume
         self._lock: int | None = None
-        self._digest = np.zeros(0, np.uint8)
+        self._store: Store
+        self._note: Note
+        self._record: dict[str, str] = {}
         self._unsaved: dict[tuple[int, int], Part] = {}
 
     def __enter__(self) -> Checkpoint:
@@ -102,15 +97,15 @@ class Checkpoint:
 
         Args:
             run: The run's :func:`fingerprint`.
-            note: Is told of damaged settings.
+            note: Is told of damaged settings and parts, and of parts that cannot be written.
 
         Raises:
             CheckpointError: The folder holds another run, or this one and `resume` is not set, or a run is at it now.
             InputError: The folder cannot be made or read.
         """
         described = {"version": VERSION, **run, **self.settings}
-        text = json.dumps(described, indent=1) + "\n"
-        self._digest = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint8)
+        self._record = {"run": key_of(described)}
+        self._note = note
         self._claim()
         path = self.folder / "settings.json"
         if path.exists():
@@ -124,24 +119,19 @@ class Checkpoint:
         elif any(self.folder.iterdir()):
             raise CheckpointError(f"{self.folder}: the folder holds other files; name an empty folder for the checkpoint")
         with atomic_path(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            temporary.write_text(json.dumps(described, indent=1) + "\n", encoding="utf-8")
 
     def _claim(self) -> None:
         """Make the folder, lock it, and remove what killed runs have left half written."""
+        self._store = Store(self.folder, "checkpoint", self._note, parents=False)
         try:
-            self.folder.mkdir(exist_ok=True)
             self._lock = take_lock(self.folder)
         except BlockingIOError:
             problem = "another process is at this checkpoint; wait for its end, or name another folder"
             raise CheckpointError(f"{self.folder}: {problem}") from None
-        except OSError as error:
-            if not self.folder.is_dir():
-                expected = "a folder that can be written"
-                raise InputError(
-                    f"no checkpoint can be kept there: {error.strerror}", file=self.folder, expected=expected
-                ) from error
-        for stem, suffix in (("settings", ".json"), ("part-*", ".npz")):
-            remove_strays(self.folder, stem, suffix, min_age=0.0)
+        except OSError:  # a file system without locks
+            pass
+        remove_strays(self.folder, "*", ".*", min_age=0.0)
 
     def _compare(self, held: Mapping[str, Any], described: Mapping[str, Any]) -> None:
         differing = [name for name in {**held, **described} if held.get(name) != described.get(name)]
@@ -153,35 +143,31 @@ class Checkpoint:
         if not self.resume:
             raise CheckpointError(f"{self.folder}: holds this run already; resume it (--resume), or name another folder")
 
-    def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any, note: Note) -> list[Part]:
+    def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any) -> list[Part]:
         """Read the parts that are whole, from the first frame on.
 
         Args:
             spans: First frame and the one after the last, of each part.
             state: A state of the right shapes.
             blank: What is kept of one frame, of the right shapes.
-            note: Is told of damaged parts.
         """
         parts: list[Part] = []
         for start, stop in spans:
-            path = self._path(start, stop)
-            if not path.exists():
+            remedy = f"frames from number {start} of the run on are computed anew"
+            restore = partial(_restored, frames=stop - start, state=state, blank=blank)
+            part = self._store.load(_name(start, stop), self._record, restore, remedy=remedy)
+            if part is None:
                 break
-            try:
-                parts.append(_read(path, stop - start, state, blank, self._digest))
-            except Exception as error:  # damaged bytes raise anything at all
-                note(f"{path}: damaged ({error}); frames from number {start} of the run on are computed anew")
-                break
+            parts.append(part)
         return [part._replace(state=None) for part in parts[:-1]] + parts[-1:]
 
-    def save(self, start: int, stop: int, part: Part, note: Note) -> None:
+    def save(self, start: int, stop: int, part: Part) -> None:
         """Write a part, whole or not at all; one that cannot be written is tried again with the next.
 
         Args:
             start: The first frame.
             stop: The one after the last.
             part: The part.
-            note: Is told when parts cannot be written.
         """
         waiting = bool(self._unsaved)
         self._unsaved[start, stop] = part
@@ -191,16 +177,16 @@ class Checkpoint:
                 del self._unsaved[span]
         except (OSError, PosepplError) as error:
             if not waiting:
-                note(f"{error}; the run goes on, its frames from number {start} on are not saved yet")
+                self._note(f"{error}; the run goes on, its frames from number {start} on are not saved yet")
 
     def _write(self, span: tuple[int, int], part: Part) -> None:
         arrays = {f"kept_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(part.kept))}
         arrays |= {f"state_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(part.state))}
-        with atomic_path(self._path(*span)) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, run=self._digest, **arrays)
+        self._store.save(_name(*span), arrays, self._record)
 
-    def _path(self, start: int, stop: int) -> Path:
-        return self.folder / f"part-{start:06d}-{stop:06d}.npz"
+
+def _name(start: int, stop: int) -> str:
+    return f"part-{start:06d}-{stop:06d}"
 
 
 def _held(path: Path) -> dict[str, Any] | None:
@@ -212,12 +198,7 @@ def _held(path: Path) -> dict[str, Any] | None:
     return held if isinstance(held, dict) else None
 
 
-def _read(path: Path, frames: int, state: Any, blank: Any, digest: NDArray[np.uint8]) -> Part:
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    if not np.array_equal(arrays["run"], digest):
-        raise ValueError("a part of another run")
-
+def _restored(arrays: Arrays, frames: int, state: Any, blank: Any) -> Part:
     def restore(prefix: str, example: Any, leading: tuple[int, ...]) -> Any:
         leaves, tree = jax.tree.flatten(example)
         found = [arrays[f"{prefix}_{i}"] for i in range(len(leaves))]

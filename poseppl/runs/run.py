@@ -156,7 +156,7 @@ def run_filter(
         if checkpoint is not None:
             data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
             checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
-            saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank, note)
+            saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank)
         resumed = sum(len(part.kept.finite) for part in saved)
         calls.compile(first=not saved)
         compiled = time.perf_counter()
@@ -180,7 +180,7 @@ def run_filter(
             state, stop = part.state, start + len(part.kept.finite)
             kept.append(part.kept)
             if checkpoint is not None and stop > resumed:
-                checkpoint.save(start, stop, part, note)
+                checkpoint.save(start, stop, part)
             if progress:
                 progress.advance(stop - start)
             if stop == num_frames:

@@ -20,6 +20,7 @@ from damage import deflated, unbalanced
 from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.errors import InputError
+from poseppl.files.store import Store
 from poseppl.filters import Filter, Info, ParticleState
 from poseppl.runs.checkpoint import Checkpoint, CheckpointError
 from poseppl.runs.run import Run, RunError, run_filter
@@ -239,15 +240,19 @@ def test_two_processes_at_one_checkpoint(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_is_full_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write, full = np.savez, iter([False, True, True])
+    save, full = Store.save, iter([False, True, True])
 
-    def savez(stream: Any, **arrays: Any) -> None:
-        if next(full, False):
-            stream.write(b"half of it")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(stream, **arrays)
+    def write_array(stream: Any, array: Any, **options: Any) -> None:
+        stream.write(b"half of it")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(np, "savez", savez)
+    def save_on_full_disk(*arguments: Any) -> None:
+        with monkeypatch.context() as patch:
+            if next(full, False):
+                patch.setattr(np.lib.format, "write_array", write_array)
+            save(*arguments)
+
+    monkeypatch.setattr(Store, "save", save_on_full_disk)
     told = Notes()
     run = go(tmp_path / "run", progress=told)
     assert len(told.notes) == 1 and "disk is full" in told.notes[0] and "not saved yet" in told.notes[0]

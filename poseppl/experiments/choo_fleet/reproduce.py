@@ -19,7 +19,7 @@ from poseppl.experiments.choo_fleet.sequence_tables import performance, sequence
 from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, stage_of
 from poseppl.experiments.choo_fleet.tuning_tables import tuning_tables
 from poseppl.experiments.jobs import Executor, JobProgress, run_jobs
-from poseppl.experiments.jobs.archive import versions
+from poseppl.experiments.jobs.versions import versions
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table, write_netcdf
 from poseppl.report.picture import Picture, save_picture

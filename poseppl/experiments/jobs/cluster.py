@@ -16,9 +16,10 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from poseppl.errors import InputError, PosepplError
-from poseppl.experiments.jobs.archive import versions
-from poseppl.experiments.jobs.executor import Function, Note, Outcome, perform
+from poseppl.experiments.jobs.executor import Function, Outcome, perform
 from poseppl.experiments.jobs.job import Job
+from poseppl.experiments.jobs.versions import versions
+from poseppl.files.store import Note
 
 
 class Cluster(NamedTuple):

@@ -12,14 +12,12 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poseppl.experiments.jobs.job import Job
+from poseppl.files.store import Arrays, Note
 
-Arrays = dict[str, NDArray[Any]]
 Function = Callable[[Any], Mapping[str, Any]]
 """`job -> {name: array}`, at the top level of a module."""
-Note = Callable[[str], None]
 
 
 class Outcome(NamedTuple):

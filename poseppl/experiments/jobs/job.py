@@ -16,12 +16,13 @@ True
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import json
 import re
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
+
+from poseppl.files.store import key_of
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,5 @@ class Job:
     @property
     def key(self) -> str:
         """The name and a hash of the contents: the name of its file."""
-        text = json.dumps(self.contents, sort_keys=True)
         readable = re.sub(r"[^A-Za-z0-9._=+-]+", "-", self.name)[:80].strip(".-") or "job"
-        return f"{readable}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return f"{readable}-{key_of(self.contents)[:16]}"

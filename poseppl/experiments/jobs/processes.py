@@ -21,8 +21,9 @@ import numpy as np
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.experiments.jobs.cluster import Tasks, distributed
-from poseppl.experiments.jobs.executor import Function, Note, Outcome
+from poseppl.experiments.jobs.executor import Function, Outcome
 from poseppl.experiments.jobs.job import Job
+from poseppl.files.store import Note
 
 Prepare = Callable[[], None]
 _SETTINGS: Mapping[str, Any] = {

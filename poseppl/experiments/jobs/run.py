@@ -1,4 +1,8 @@
-"""Run jobs: read what is there, compute the rest, write each result as it comes."""
+"""Run jobs: read what is there, compute the rest, write each result as it comes.
+
+A job's arrays are in ``KEY.npz`` with a record of what the job was, which function computed it, and with which versions of the
+libraries. Results of other versions are computed anew; those of another job or function are left alone and refused.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,18 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from os import PathLike
+from typing import Any
 
 from poseppl.errors import InputError, PosepplError
-from poseppl.experiments.jobs.archive import Archive
 from poseppl.experiments.jobs.cluster import Cluster
-from poseppl.experiments.jobs.executor import Arrays, Executor, Function, Inline, Outcome
+from poseppl.experiments.jobs.executor import Executor, Function, Inline, Outcome
 from poseppl.experiments.jobs.job import Job
 from poseppl.experiments.jobs.processes import Processes
 from poseppl.experiments.jobs.progress import JobProgress, Silent
+from poseppl.experiments.jobs.versions import versions
+from poseppl.files.store import Arrays, Store
 
+_FORMAT = 2
 _SHOWN = 5
 """Failed jobs that a message names."""
 
@@ -69,8 +76,10 @@ def run_jobs(
     progress = progress or Silent()
     _check_function(function)
     wanted = _by_key(jobs)
-    archive = Archive(folder, function, progress.note)
-    results = {key: arrays for key, job in wanted.items() if (arrays := archive.load(job)) is not None}
+    store = Store(folder, "results", progress.note)
+    records = {key: _record(function, job) for key, job in wanted.items()}
+    loaded = {key: store.load(key, record, owners=("job", "function")) for key, record in records.items()}
+    results = {key: arrays for key, arrays in loaded.items() if arrays is not None}
     costliest = sorted(wanted.items(), key=lambda item: -item[1].cost)
     missing = {key: job for key, job in costliest if key not in results}
     progress.started(len(wanted), len(results), sum(job.cost for job in missing.values()))
@@ -81,7 +90,7 @@ def run_jobs(
             if outcome.arrays is None:
                 failed.append(outcome)
             else:
-                archive.save(missing[outcome.key], outcome.arrays, outcome.seconds)
+                store.save(outcome.key, outcome.arrays, {**records[outcome.key], "seconds": outcome.seconds})
                 results[outcome.key] = outcome.arrays
             progress.finished(missing[outcome.key].cost)
             if failed and stop_at_failure:
@@ -106,6 +115,11 @@ def find_executor(executor: Executor | str | None) -> Executor:
     if ":" not in executor:
         raise InputError(f"no executor {executor!r}", expected="inline, processes, or a Dask scheduler such as tcp://host:8786")
     return Cluster(executor)
+
+
+def _record(function: Function, job: Job) -> dict[str, Any]:
+    computed_by = f"{function.__module__}.{function.__qualname__}"
+    return {"format": _FORMAT, "versions": versions(), "job": job.contents, "function": computed_by}
 
 
 def _check_function(function: Function) -> None:

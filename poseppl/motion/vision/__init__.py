@@ -8,9 +8,7 @@ from poseppl.motion.vision.background import Foreground as Foreground
 from poseppl.motion.vision.background import background_from_plate as background_from_plate
 from poseppl.motion.vision.background import learn_background as learn_background
 from poseppl.motion.vision.cache import feature_key as feature_key
-from poseppl.motion.vision.cache import read_features as read_features
 from poseppl.motion.vision.cache import video_features as video_features
-from poseppl.motion.vision.cache import write_features as write_features
 from poseppl.motion.vision.colour import ColourSettings as ColourSettings
 from poseppl.motion.vision.colour import bhattacharyya_distance as bhattacharyya_distance
 from poseppl.motion.vision.colour import colour_bins as colour_bins

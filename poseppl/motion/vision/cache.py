@@ -1,28 +1,25 @@
 """Features of a whole video, each frame's computed once and kept in a folder.
 
 A frame's file is ``FOLDER/KEY/000012.npz``; KEY is a hash of the video's content, the plate, the mask of unknown pixels, the
-settings and OpenCV's version: whatever changes one of them finds another folder. A file that is broken is computed again.
+settings and OpenCV's version: whatever changes one of them finds another folder.
 """
 
 from __future__ import annotations
 
-import hashlib
-import zipfile
 from collections.abc import Iterator
+from functools import partial
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-
 from poseppl.errors import InputError
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.store import Arrays, Note, Store, key_of
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.video import Video
 from poseppl.motion.vision.background import Background, learn_background
 from poseppl.motion.vision.features import BadMask, FeatureSettings, FrameFeatures, extract, scale_image
 from poseppl.motion.vision.masks import Mask
 
-VERSION = 1
+VERSION = 2
 """Counted up when the same settings come to mean other features."""
 
 
@@ -36,6 +33,7 @@ def video_features(
     start: int = 0,
     stop: int | None = None,
     bad_mask: BadMask = "raise",
+    note: Note = lambda message: None,
 ) -> Iterator[FrameFeatures]:
     """Take the features of a video's frames, or read them where they are kept.
 
@@ -48,6 +46,7 @@ def video_features(
         start: The first frame.
         stop: The frame after the last; None for all.
         bad_mask: What to do with a foreground that is (nearly) empty or full, as in ``extract``.
+        note: Is told of features that are kept and damaged; they are taken again.
 
     Yields:
         The features of the frames start, start + 1, ..., stop - 1.
@@ -60,14 +59,15 @@ def video_features(
     chosen = (settings or FeatureSettings()).check()
     if chosen.background.learning_rate > 0:
         raise ValueError("background.learning_rate is above 0. Expected 0 where features are taken of a video; use extract.")
-    kept = None if folder is None else _made(Path(folder) / feature_key(video, chosen, plate, unknown, bad_mask))
+    key = None if folder is None else feature_key(video, chosen, plate, unknown, bad_mask)
+    store = None if folder is None else Store(Path(folder) / str(key), "features", note, compressed=True)
     background: Background | None = None
     frames = _Frames(video)
     end = stop if stop is not None else video.num_frames
     frame = start
     while end is None or frame < end:
-        path = None if kept is None else kept / f"{frame:06d}.npz"
-        features = None if path is None else read_features(path, chosen)
+        name = f"{frame:06d}"
+        features = store.load(name, {"key": key}, partial(restored_features, settings=chosen)) if store else None
         if features is None:
             image = frames.image(frame, optional=stop is None)
             if image is None:
@@ -86,8 +86,8 @@ def video_features(
                 frame=frame,
                 bad_mask=bad_mask,
             )
-            if path is not None:
-                write_features(path, features)
+            if store:
+                store.save(name, features._asdict(), {"key": key})
         yield features
         frame += 1
 
@@ -105,51 +105,33 @@ def feature_key(
         bad_mask: What is done with an empty or a full foreground.
 
     Returns:
-        32 hexadecimal digits.
+        64 hexadecimal digits.
     """
-    state = hashlib.blake2b(digest_size=16)
-    state.update(repr((VERSION, opencv().__version__, video.digest(), settings, bad_mask)).encode())
-    for array in (plate, unknown):
-        state.update(b"none" if array is None else repr((array.shape, array.dtype)).encode() + array.tobytes())
-    return state.hexdigest()
+    made_of = {
+        "version": VERSION,
+        "opencv": opencv().__version__,
+        "video": video.digest(),
+        "settings": repr(settings),
+        "bad_mask": bad_mask,
+    }
+    return key_of(made_of, [plate, unknown])
 
 
-def write_features(path: str | PathLike[str], features: FrameFeatures) -> None:
-    """Write the features of a frame as a compressed .npz, whole or not at all.
+def restored_features(arrays: Arrays, settings: FeatureSettings) -> FrameFeatures:
+    """Features of a frame, from arrays that were kept.
 
     Args:
-        path: The file.
-        features: The features.
-
-    Raises:
-        InputError: The file cannot be written.
-        PosepplError: The disk is full.
-    """
-    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, array in features._asdict().items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
-                np.lib.format.write_array(stream, array, allow_pickle=False)
-
-
-def read_features(path: str | PathLike[str], settings: FeatureSettings) -> FrameFeatures | None:
-    """Read the features of a frame.
-
-    Args:
-        path: The file.
+        arrays: The arrays by name.
         settings: What they were taken with.
 
-    Returns:
-        The features; None where there is no such file, or it is broken.
+    Raises:
+        KeyError, ValueError: They are no features, or those of other settings.
     """
-    try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            features = FrameFeatures(**{name: archive[name] for name in FrameFeatures._fields})
-    except Exception:  # damaged bytes raise anything at all
-        return None
-    shape = features.foreground.shape
-    maps = features[:6]
-    whole = all(plane.shape == shape for plane in maps) and features.histogram.shape == (settings.colour.bins,)
-    return features if whole and features.descriptors.shape == (settings.descriptors,) else None
+    features = FrameFeatures(**{name: arrays[name] for name in FrameFeatures._fields})
+    expected = [features.foreground.shape] * 6 + [(settings.colour.bins,), (settings.descriptors,)]
+    if [array.shape for array in (*features[:6], features.histogram, features.descriptors)] != expected:
+        raise ValueError("arrays of other shapes")
+    return features
 
 
 class _Frames:
@@ -178,11 +160,3 @@ class _Frames:
             self._recent[self._next] = image
             self._next += 1
         return self._recent[frame]
-
-
-def _made(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"the folder cannot be made: {error.strerror}", file=folder) from error
-    return folder

@@ -87,8 +87,8 @@ def test_files_that_cannot_be_used_are_computed_anew(tmp_path, damage):
 def rewrite_record(path, **changes: Any):
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
-    record = json.loads(arrays["__job__"].tobytes()) | changes
-    arrays["__job__"] = np.frombuffer(json.dumps(record).encode(), np.uint8)
+    record = json.loads(arrays["__record__"].tobytes()) | changes
+    arrays["__record__"] = np.frombuffer(json.dumps(record).encode(), np.uint8)
     np.savez(path, **arrays)
 
 
@@ -99,7 +99,7 @@ def test_files_of_other_jobs_are_left_alone(tmp_path):
     with pytest.raises(InputError, match="another job"):
         run(JOBS[:2], tmp_path)
     os.rename(tmp_path / f"{JOBS[1].key}.npz", path)
-    with pytest.raises(InputError, match="holds a result of job_samples.draw"):
+    with pytest.raises(InputError, match="holds results of another function.*job_samples.draw"):
         run(JOBS[:1], tmp_path, function=wrong)
     assert path.exists()
 
@@ -121,7 +121,7 @@ def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
 
 def test_what_is_recorded(tmp_path):
     run(JOBS[:1], tmp_path)
-    with zipfile.ZipFile(tmp_path / f"{JOBS[0].key}.npz") as file, file.open("__job__.npy") as stream:
+    with zipfile.ZipFile(tmp_path / f"{JOBS[0].key}.npz") as file, file.open("__record__.npy") as stream:
         record = json.loads(np.load(io.BytesIO(stream.read())).tobytes())
     assert record["job"] == {"class": "job_samples.Draw", "version": 1, "fields": {"run": 0, "mishap": "", "folder": ""}}
     assert record["function"] == "job_samples.draw" and record["seconds"] > 0 and "jax" in record["versions"]

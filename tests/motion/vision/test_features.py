@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from damage import damaged_copies, unbalanced
 
 from poseppl.errors import InputError
+from poseppl.files.store import Store
 from poseppl.motion.io import open_video, read_image
 from poseppl.motion.vision import (
     BackgroundSettings,
@@ -17,13 +20,12 @@ from poseppl.motion.vision import (
     extract,
     feature_key,
     features_picture,
-    read_features,
     save_features_picture,
     scale_image,
     scale_mask,
     video_features,
-    write_features,
 )
+from poseppl.motion.vision.cache import restored_features
 
 PLATE = np.random.default_rng(0).integers(10, 50, (12, 16, 3), dtype=np.uint8).repeat(10, 0).repeat(10, 1)
 CLOTH = np.random.default_rng(1).integers(150, 255, (10, 4, 1), dtype=np.uint8).repeat(5, 0).repeat(5, 1) * np.uint8([1, 0, 1])
@@ -128,23 +130,25 @@ def test_features_are_kept(tmp_path, monkeypatch):
         patch.setattr(cache, "learn_background", forbidden)
         for features, again in zip(first, video_features(video, SETTINGS, **options), strict=True):
             equal(features, again)
-    broken = next(tmp_path.rglob("000003.npz"))
-    for content in (broken.read_bytes()[:2000], b"", b"noise"):
+    broken, notes = next(tmp_path.rglob("000003.npz")), []
+    whole = broken.read_bytes()
+    for content in (whole[:2000], b"", b"noise"):
         broken.write_bytes(content)
-        for features, again in zip(first, video_features(video, SETTINGS, **options), strict=True):
+        for features, again in zip(first, video_features(video, SETTINGS, **options, note=notes.append), strict=True):
             equal(features, again)
-        assert read_features(broken, SETTINGS) is not None
+        assert len(broken.read_bytes()) == len(whole) and "damaged" in notes.pop() and not notes
     # Asked for alone, a frame is what it is in the whole run: the frame before is read for its flow.
     equal(first[4], next(video_features(video, SETTINGS, plate=PLATE, start=4)))
 
 
 def test_features_damaged_anywhere_are_taken_again(tmp_path):
     kept = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, previous=frame(4))
-    write_features(tmp_path / "a.npz", kept)
+    store, name = Store(tmp_path, "features", print, compressed=True), "a"
+    store.save(name, kept._asdict(), {})
     data, refused = (tmp_path / "a.npz").read_bytes(), 0
     for damaged in [unbalanced(data), *damaged_copies(data, 500)]:
         (tmp_path / "a.npz").write_bytes(damaged)
-        found = read_features(tmp_path / "a.npz", SETTINGS)
+        found = store.load(name, {}, partial(restored_features, settings=SETTINGS))
         refused += found is None
         if found is not None:
             equal(kept, found)
@@ -220,11 +224,10 @@ def test_the_picture(tmp_path):
 
 def test_files_of_another_time(tmp_path):
     features = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS)
-    write_features(tmp_path / "0.npz", features)
-    assert read_features(tmp_path / "0.npz", SETTINGS) is not None
-    assert read_features(tmp_path / "0.npz", SETTINGS._replace(descriptors=7)) is None
-    assert read_features(tmp_path / "absent.npz", SETTINGS) is None
-    write_features(tmp_path / "0.npz", features._replace(edges=np.zeros((3, 3), np.uint8)))
-    assert read_features(tmp_path / "0.npz", SETTINGS) is None
-    np.savez(tmp_path / "0.npz", foreground=features.foreground)
-    assert read_features(tmp_path / "0.npz", SETTINGS) is None
+    equal(restored_features(features._asdict(), SETTINGS), features)
+    with pytest.raises(ValueError, match="other shapes"):
+        restored_features(features._asdict(), SETTINGS._replace(descriptors=7))
+    with pytest.raises(ValueError, match="other shapes"):
+        restored_features(features._replace(edges=np.zeros((3, 3), np.uint8))._asdict(), SETTINGS)
+    with pytest.raises(KeyError):
+        restored_features({"foreground": features.foreground}, SETTINGS)

@@ -1,0 +1,145 @@
+"""Arrays kept in a folder, one file a name, each with a record of what made them.
+
+``NAME.npz`` holds the arrays and, as JSON, the record. Files are written whole or not at all. One that is damaged all the same,
+or has another record, counts as none, and that is told: whoever asked computes it anew. Nothing is pickled.
+
+>>> from tempfile import mkdtemp
+>>> store = Store(mkdtemp(), "results", note=print)
+>>> store.save("seven", {"mean": 0.5}, {"version": 1})
+>>> store.load("seven", {"version": 1})
+{'mean': array(0.5)}
+>>> store.load("eight", {"version": 1}) is None
+True
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import InputError
+from poseppl.files.atomic_writing import atomic_path, remove_strays
+
+Arrays = dict[str, NDArray[Any]]
+Note = Callable[[str], None]
+Record = Mapping[str, Any]
+"""What JSON can hold."""
+_RECORD = "__record__"
+
+
+def key_of(record: Record, arrays: Iterable[Any] = ()) -> str:
+    """Hash what something is made from.
+
+    Args:
+        record: Plain values; their order does not matter.
+        arrays: Arrays, or None where there is none; types, shapes, values and their order matter.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    digest = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+    for array in arrays:
+        values = np.zeros(0, "V1") if array is None else np.ascontiguousarray(array)
+        digest.update(f"{values.dtype}{values.shape}".encode())
+        digest.update(values.tobytes())
+    return digest.hexdigest()
+
+
+class Store:
+    """A folder of arrays.
+
+    Args:
+        folder: The folder, made where it does not exist.
+        what: What is kept there, for messages.
+        note: Is told of files that cannot be used.
+        parents: Whether the folders around it are made, too.
+        compressed: Whether files are compressed.
+
+    Raises:
+        InputError: The folder cannot be made.
+    """
+
+    def __init__(
+        self, folder: str | PathLike[str], what: str, note: Note, *, parents: bool = True, compressed: bool = False
+    ) -> None:
+        self.folder, self._what, self._note = Path(folder), what, note
+        self._compression = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+        try:
+            self.folder.mkdir(parents=parents, exist_ok=True)
+        except OSError as error:
+            expected = "a folder that can be written"
+            raise InputError(f"no {what} can be kept there: {error.strerror}", file=folder, expected=expected) from error
+        remove_strays(self.folder, "*", ".npz")
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.npz"
+
+    def load(
+        self,
+        name: str,
+        record: Record,
+        restore: Callable[[Arrays], Any] = lambda arrays: arrays,
+        *,
+        owners: Collection[str] = (),
+        remedy: str = "computed anew",
+    ) -> Any:
+        """Read arrays.
+
+        Args:
+            name: Their name.
+            record: What they must have been made with; what else their record holds does not matter.
+            restore: Makes of the arrays what is returned; any error means that they are damaged.
+            owners: Fields of the record in which a file must not differ: it is somebody else's, and must not be lost.
+            remedy: What comes of files that cannot be used, for notes.
+
+        Returns:
+            What was restored; None where nothing can be.
+
+        Raises:
+            InputError: The file is somebody else's.
+        """
+        path = self._path(name)
+        if not path.exists():
+            return None
+        try:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            held = json.loads(arrays.pop(_RECORD).tobytes())
+            differing = {field: held[field] for field in record if held[field] != record[field]}
+            restored = None if differing else restore(arrays)
+        except Exception as error:  # damaged bytes raise anything at all
+            self._note(f"{path}: damaged ({error}); {remedy}")
+            return None
+        for field in owners:
+            if field in differing:
+                problem = f"holds {self._what} of another {field}: {json.dumps(differing[field])[:80]}"
+                raise InputError(problem, file=path, expected="another folder")
+        for field, value in list(differing.items())[:1]:
+            self._note(f"{path}: of another {field} ({json.dumps(value)}); {remedy}")
+        return restored
+
+    def save(self, name: str, arrays: Mapping[str, Any], record: Record) -> None:
+        """Write arrays, whole or not at all.
+
+        Args:
+            name: Their name.
+            arrays: The arrays by name.
+            record: What they are made with.
+
+        Raises:
+            InputError: The file cannot be written.
+            PosepplError: The disk is full.
+        """
+        text = np.frombuffer(json.dumps(record).encode(), np.uint8)
+        with atomic_path(self._path(name)) as path, zipfile.ZipFile(path, "w", self._compression, compresslevel=1) as file:
+            for each, array in {**arrays, _RECORD: text}.items():
+                with file.open(f"{each}.npy", "w", force_zip64=True) as stream:
+                    np.lib.format.write_array(stream, np.asarray(array), allow_pickle=False)
