@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -11,7 +12,6 @@ from typing import Any
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
     SpinnerColumn,
     TextColumn,
@@ -52,27 +52,32 @@ def start_jax(devices: int = 1) -> None:
 class ConsoleProgress:
     """A bar on stderr; off where stderr is no terminal, or when asked to be quiet. Notes are always written.
 
+    The time left is that so far times the work that is left over the work that was done: of frames, those of the last half
+    minute, each as long as any other; of jobs, all of this call, with the costs that they tell.
+
     Args:
         quiet: Whether to show no bar.
-        doing: What is being done while frames advance.
+        doing: What is being done while work advances.
+        unit: What is counted, frames or jobs.
     """
 
-    def __init__(self, quiet: bool, doing: str = "tracking") -> None:
-        self._doing = doing
+    def __init__(self, quiet: bool, doing: str = "tracking", unit: str = "frames") -> None:
+        self._doing, self._unit = doing, unit
         self.console = Console(stderr=True, soft_wrap=True, highlight=False)
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
             BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("frames"),
+            TextColumn("{task.fields[count]}"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=self.console,
             transient=True,
             disable=quiet or not self.console.is_terminal,
+            speed_estimate_period=30.0 if unit == "frames" else math.inf,
         )
         self._task: Any = None
+        self._done, self._total = 0, "?"
 
     @contextmanager
     def running(self) -> Iterator[ConsoleProgress]:
@@ -82,15 +87,35 @@ class ConsoleProgress:
 
     def stage(self, description: str, total: int | None = None) -> None:
         """Say what is being done now."""
-        if self._task is None:
-            self._task = self._bar.add_task(description, total=total)
-        else:
-            self._bar.update(self._task, description=description, total=total, completed=0)
+        self._begin(description, total, 0, total)
 
     def advance(self, frames: int) -> None:
         """So many more frames are done."""
+        self._step(frames, frames)
+
+    def started(self, total: int, done: int, cost: float) -> None:
+        """There are so many jobs, so many of them done before; the others cost so much."""
+        self._begin(self._doing, total, done, cost)
+        self._bar.advance(self._task, 0)  # from now on
+
+    def finished(self, cost: float) -> None:
+        """One more job is done or has failed; it cost so much."""
+        self._step(1, cost)
+
+    def _begin(self, description: str, total: int | None, done: int, work: float | None) -> None:
+        self._done, self._total = done, "?" if total is None else str(total)
+        if self._task is None:
+            self._task = self._bar.add_task(description, total=work, count=self._count())
+        else:
+            self._bar.update(self._task, description=description, total=work, completed=0, count=self._count())
+
+    def _step(self, number: int, work: float) -> None:
+        self._done += number
         if self._task is not None:
-            self._bar.update(self._task, description=self._doing, advance=frames)
+            self._bar.update(self._task, description=self._doing, advance=work, count=self._count())
+
+    def _count(self) -> str:
+        return f"{self._done}/{self._total} {self._unit}"
 
     def note(self, message: str) -> None:
         """Tell of something, above the bar."""

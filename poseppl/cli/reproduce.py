@@ -55,16 +55,16 @@ def reproduce(paper: str, parts: tuple[str, ...], **options: Any) -> None:
     PARTS are single-frame (variance against time, volumes), sequence (both filters over 25 frames), tuning, and contest (the
     library's filters against the published ones); all of them by default. Interrupted runs go on where they were.
     """
-    from poseppl.cli.console import start_jax
+    from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.experiments.choo_fleet import BUILT_IN, FULL, QUICK, reproduce
-    from poseppl.experiments.jobs import JobBar, Processes
+    from poseppl.experiments.jobs import Processes
 
     if options["workers"] is not None and (options["workers"] < 1 or options["scheduler"]):
         raise InputError(f"{options['workers']}", field="--workers", expected="at least 1, and no --scheduler")
     start_jax()
     recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
     folder = options["folder"] or paper
-    with JobBar(quiet=options["quiet"]).running() as progress:
+    with ConsoleProgress(options["quiet"], doing="computing", unit="jobs").running() as progress:
         reproduce(
             folder,
             parts=parts or PARTS,

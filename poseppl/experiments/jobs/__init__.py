@@ -21,7 +21,6 @@ from poseppl.experiments.jobs.executor import Inline as Inline
 from poseppl.experiments.jobs.executor import Outcome as Outcome
 from poseppl.experiments.jobs.job import Job as Job
 from poseppl.experiments.jobs.processes import Processes as Processes
-from poseppl.experiments.jobs.progress import JobBar as JobBar
 from poseppl.experiments.jobs.progress import JobProgress as JobProgress
 from poseppl.experiments.jobs.run import JobError as JobError
 from poseppl.experiments.jobs.run import run_jobs as run_jobs

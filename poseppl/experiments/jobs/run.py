@@ -62,7 +62,7 @@ def run_jobs(
         folder: Where each result is written, as ``KEY.npz``, as soon as it is there.
         executor: Who computes: an executor, "processes" (one for each core, and so if None), "inline" (this process), or the
             address of a Dask scheduler, such as "tcp://host:8786".
-        progress: Who is told how it goes, for example a :class:`~poseppl.experiments.jobs.progress.JobBar`.
+        progress: Who is told how it goes, for example a `poseppl.cli.console.ConsoleProgress`.
         stop_at_failure: Whether the first job that fails ends the run; otherwise the others are done first.
 
     Returns:

@@ -13,9 +13,9 @@ import pytest
 from damage import damaged_copies, deflated, unbalanced
 from job_samples import Draw, draw, wrong
 
+from poseppl.cli.console import ConsoleProgress
 from poseppl.errors import InputError
-from poseppl.experiments.jobs import Job, JobBar, JobError, run_jobs
-from poseppl.experiments.jobs.progress import Clock, shown_time
+from poseppl.experiments.jobs import Job, JobError, run_jobs
 
 JOBS = [Draw(run) for run in range(4)]
 
@@ -207,26 +207,30 @@ def test_what_is_refused(tmp_path):
 
 
 def test_the_time_left():
-    clock = Clock(10.0, now=100.0)
-    assert clock.seconds_left(101.0) is None
-    clock.finished(2.0, now=104.0)
-    assert clock.seconds_left(104.0) == 16.0 and clock.seconds_left(110.0) == 10.0 and clock.seconds_left(200.0) == 0.0
-    clock.finished(8.0, now=120.0)
-    assert clock.seconds_left(120.0) == 0.0
-    assert [shown_time(seconds) for seconds in (None, 61.4, 3723.0)] == ["-:--", "1:01", "1:02:03"]
+    bar, now = ConsoleProgress(False, "drawing", "jobs"), [100.0]
+    bar._bar.get_time = lambda: now[0]
+    bar.started(5, 3, 10.0)
+    (task,) = bar._bar.tasks
+    assert task.time_remaining is None
+    now[0] = 104.0
+    bar.finished(2.0)
+    assert task.time_remaining == 16.0
+    now[0] = 3600.0
+    bar.finished(8.0)
+    assert task.time_remaining == 0.0
 
 
 def test_the_bar(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "150")
-    bar = JobBar("drawing")
+    bar = ConsoleProgress(False, "drawing", "jobs")
     with bar.running():
         run_jobs(draw, JOBS[:3], tmp_path, executor="inline", progress=bar)
         bar.note("so it is")
         bar._bar.refresh()
     shown = capsys.readouterr().err
-    assert "drawing" in shown and "3/3" in shown and "0:00 left" in shown and "poseppl: so it is" in shown
+    assert "drawing" in shown and "3/3 jobs" in shown and "0:00:00" in shown and "poseppl: so it is" in shown
     monkeypatch.delenv("FORCE_COLOR")
-    with JobBar("drawing").running() as quiet:
+    with ConsoleProgress(False, "drawing", "jobs").running() as quiet:
         run_jobs(draw, JOBS, tmp_path, executor="inline", progress=quiet)
     assert capsys.readouterr().err == ""
