@@ -33,7 +33,8 @@ from rendered_walks import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
+from poseppl.diagnostics import check_predictions, check_unreached, predictive_figures, verdicts
+from poseppl.diagnostics.verdicts.predictive import prediction_of
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names
@@ -56,9 +57,11 @@ METHODS: Mapping[str, tuple[str, dict[str, Any]]] = {
 BODIES = ("extended-kalman", "particle", "tempered", "hmc", "assumed-density")
 _COLUMNS = ("model", "filter", "seed", "frames", "coverage", "inflation", "errors")
 _KEY = 4
+_KINDS = {"prediction": "The data say", "unreached": "In coordinates that the data hardly reach"}
+"""How errors begin that `--again` finds anew, by kind; all else is "other"."""
 _ABOUT = (
     "Share of the truth in 90 % intervals, variance of the states' errors over the claimed one as the data tell it, and the "
-    "errors among the verdicts that need no truth: prediction, other, both or none."
+    "errors among the verdicts that need no truth: prediction, unreached, other, or none."
 )
 LEAST, MOST = 0.8, 0.87
 """Coverage below which a run ought to have an error, and above which it ought to have none."""
@@ -161,13 +164,8 @@ class Judged(NamedTuple):
 
 def kinds(errors: Sequence[str]) -> str:
     """What errors are about."""
-    predicted = sum(map(predictive, errors))
-    return " ".join(["prediction"] * (predicted > 0) + ["other"] * (len(errors) > predicted)) or "none"
-
-
-def predictive(error: str) -> bool:
-    """Whether an error is that of the predictive checks."""
-    return error.startswith("The data say")
+    found = {next((kind for kind, start in _KINDS.items() if error.startswith(start)), "other") for error in errors}
+    return " ".join(kind for kind in (*_KINDS, "other") if kind in found) or "none"
 
 
 def judge(tree: Any) -> Judged:
@@ -179,21 +177,24 @@ def judge(tree: Any) -> Judged:
     coverage = ((low <= truth) & (truth <= high))[:, free].mean()
     for known in {"truth", "diagnostics"} & set(blind.children):
         del blind[known]
-    figures = predictive_figures(prediction_of(tree))
+    figures = predictive_figures(checks_of(tree))
     return Judged(coverage, figures.inflation.estimate, [found.text for found in verdicts(blind) if found.severity == "error"])
 
 
-def prediction_of(tree: Any) -> Prediction:
-    """The predictive checks of a result."""
-    return Prediction(*(tree["predictive"].dataset[name].values for name in Prediction._fields))
+def checks_of(tree: Any) -> Prediction:
+    """The predictive checks of a result, which has them."""
+    checks = prediction_of(tree)
+    assert checks is not None
+    return checks
 
 
 def keep(folder: Path, key: tuple[str, ...], tree: Any, judged: Judged) -> None:
     """Keep what was predicted, so that another verdict can be tried without another run."""
     folder.mkdir(parents=True, exist_ok=True)
-    arrays = {name: np.asarray(value, np.float32) for name, value in prediction_of(tree)._asdict().items()}
+    arrays = {name: np.asarray(value, np.float32) for name, value in checks_of(tree)._asdict().items()}
     mean, spread = (tree["summary"].dataset[f"state_{name}"].values for name in ("mean", "sd"))
     state = {"state_mean": mean, "state_sd": spread, "truth": tree["truth"].dataset["state"].values}
+    state["ess"] = tree["sample_stats"].dataset["ess"].values
     np.savez_compressed(folder / file_of(key), **arrays, **state, errors=np.array(judged.errors, str))
 
 
@@ -206,10 +207,13 @@ def judged_again(folder: Path, row: tuple[str, ...]) -> tuple[str, ...]:
     """The row of a kept run by the present verdict of its predictions, and the other errors as they were."""
     with np.load(folder / file_of(row[:_KEY])) as kept:
         prediction = Prediction(*(kept[name] for name in Prediction._fields))
-        others = [text for text in kept["errors"].tolist() if not predictive(text)]
-    found = [each.text for each in check_predictions(prediction) if each.severity == "error"]
+        posterior = (kept[name] for name in ("state_mean", "state_sd", "ess"))
+        names = [f"coordinate {i}" for i in range(kept["state_mean"].shape[1])]
+        found = [*check_predictions(prediction), *check_unreached(prediction, *posterior, names)]
+        others = [text for text in kept["errors"].tolist() if kinds([text]) == "other"]
+    errors = [each.text for each in found if each.severity == "error"]
     inflation = predictive_figures(prediction).inflation.estimate
-    return (*row[:_KEY], row[_KEY], f"{inflation:.4g}", kinds([*found, *others]))
+    return (*row[:_KEY], row[_KEY], f"{inflation:.4g}", kinds([*errors, *others]))
 
 
 def fault(coverage: float, found: str) -> str:

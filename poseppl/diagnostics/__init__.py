@@ -28,7 +28,10 @@ from poseppl.diagnostics.predictive import predictive_figures as predictive_figu
 from poseppl.diagnostics.survival import effective_number as effective_number
 from poseppl.diagnostics.survival import survival as survival
 from poseppl.diagnostics.survival import unique_ancestors as unique_ancestors
+from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures
+from poseppl.diagnostics.unreached import unreached_figures as unreached_figures
 from poseppl.diagnostics.verdicts import Verdict as Verdict
 from poseppl.diagnostics.verdicts import check_predictions as check_predictions
+from poseppl.diagnostics.verdicts import check_unreached as check_unreached
 from poseppl.diagnostics.verdicts import frame_ranges as frame_ranges
 from poseppl.diagnostics.verdicts import verdicts as verdicts

@@ -38,6 +38,8 @@ _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""
 _OUTER = 0.1
 """Probability of the outer tails."""
+_OF_DATA = 6
+"""Fields of a prediction that are of its data; the others are of the state."""
 _LEAST = 1e-6
 """Least upper tail of a rank; single precision may round to 0."""
 
@@ -70,7 +72,7 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
     Args:
         prediction: With a leading T.
     """
-    transform, innovation, state, noise, chi_square, ranks = (np.asarray(leaf, np.float64) for leaf in prediction)
+    transform, innovation, state, noise, chi_square, ranks = (np.asarray(leaf, np.float64) for leaf in prediction[:_OF_DATA])
     total = np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
     squares = _ratio(white**2 - 1, gain)

@@ -10,7 +10,9 @@ doi:10.2307/2981683; for counts randomised, Czado, Gneiting and Held 2009, doi:1
 
 Kept are besides the innovation z - m and its expected variance in two parts, that of E[y | x] over the states and the mean of
 Var[y | x]: the first is what the filter claims of the state, and what a calibrated filter's errors bear out
-(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN.
+(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. Of the state itself are kept its predicted moments and what the
+data can take away of its variance, by the scores of the replicates; with these a filter's posterior has to agree
+(:mod:`poseppl.diagnostics.unreached`).
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import FilterState
@@ -46,6 +49,11 @@ class Prediction(NamedTuple):
         noise_variance: Mean (k,) of Var[y | x] over the predicted states.
         chi_square: Innovation chi-square over its mean under the prediction, a scalar.
         chi_square_transform: Its randomised rank, a scalar in (0, 1).
+        predicted_mean: Mean (d,) of the predicted states.
+        predicted_variance: Their variance (d,) by coordinate.
+        predicted_error: Monte Carlo standard error (d,) of `predicted_mean`.
+        autoregression: Slope (d,) of each predicted coordinate on itself in the frame before.
+        explained: Share (d,) of `predicted_variance` that the frame's data can take away, by their Fisher information.
     """
 
     transform: Any
@@ -54,6 +62,11 @@ class Prediction(NamedTuple):
     noise_variance: Any
     chi_square: Any
     chi_square_transform: Any
+    predicted_mean: Any = None
+    predicted_variance: Any = None
+    predicted_error: Any = None
+    autoregression: Any = None
+    explained: Any = None
 
 
 class Predict(Protocol):
@@ -79,23 +92,31 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     """
     check_at_least(8, num_draws=num_draws)
 
-    def draw_states(rng_key: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> jax.Array:
+    def draw_states(rng_key: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
         key_choose, key_initial, key_move = jax.random.split(rng_key, 3)
 
         def initial() -> jax.Array:
             return draw_initial(model, jax.random.split(key_initial, num_draws), inputs)
 
         if state is None:
-            return initial()
+            drawn = initial()
+            return drawn, drawn
         chosen = multinomial(key_choose, jnp.ravel(state.log_weights), num_draws)
         previous = state.particles.reshape(-1, state.particles.shape[-1])[chosen]
         moved = propagate(model, jax.random.split(key_move, num_draws), previous, inputs)
-        return moved if first is False else jnp.where(first, initial(), moved)
+        return previous, moved if first is False else jnp.where(first, initial(), moved)
 
     def predict(rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any) -> Prediction:
         key_states, key_data, key_ties = jax.random.split(rng_key, 3)
-        states = draw_states(key_states, state, first, inputs)
-        drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(jax.random.split(key_data, num_draws), states)
+        previous, states = draw_states(key_states, state, first, inputs)
+        data_keys = jax.random.split(key_data, num_draws)
+        drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(data_keys, states)
+
+        def score(key: jax.Array, x: jax.Array) -> jax.Array:
+            replicate = Observation(model.sample_observation(key, x, inputs), observation.mask)
+            gradient: jax.Array = jax.grad(lambda x: model.log_observation(x, replicate, inputs))(x)
+            return gradient
+
         # a distribution that tells no moments counts as all noise of the state
         known = jnp.isfinite(drawn.mean) & jnp.isfinite(drawn.variance)
         means, variances = jnp.where(known, drawn.mean, drawn.values), jnp.where(known, drawn.variance, 0.0)
@@ -112,9 +133,15 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
             jnp.mean(variances, 0),
         )
         whole = found / jnp.mean(others), _rank(key_chi_square, others, found)
+        transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
+        relative, rank = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
         return Prediction(
-            *(jnp.where(seen, entry, jnp.nan) for entry in entries),
-            *(jnp.where(jnp.any(seen), value, jnp.nan) for value in whole),
+            *(transform, innovation, state_variance, noise_variance, relative, rank),
+            predicted_mean=jnp.mean(states, 0),
+            predicted_variance=jnp.var(states, 0, ddof=1),
+            predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
+            autoregression=_autoregression(previous, states),
+            explained=_explained(states, jax.vmap(score)(data_keys, states)),
         )
 
     return predict
@@ -144,3 +171,25 @@ def _chi_square(means: jax.Array, variances: jax.Array, data: jax.Array, seen: j
         return jnp.sum(jax.scipy.linalg.solve_triangular(lower, residual, lower=True) ** 2)
 
     return chi_square
+
+
+def _autoregression(previous: jax.Array, states: jax.Array) -> jax.Array:
+    """Slopes (d,) of the states (S, d) on those before."""
+    centred = previous - jnp.mean(previous, 0)
+    return jnp.sum(centred * states, 0) / jnp.maximum(jnp.sum(centred**2, 0), _LEAST)
+
+
+def _explained(states: jax.Array, scores: jax.Array) -> jax.Array:
+    """Share (d,) by which data of these scores (S, d) shrink the variance of states (S, d), were both Gaussian.
+
+    1 - diag((P^-1 + J)^-1) / diag(P) with the states' covariance P and the Fisher information J, the scores' mean product. By
+    Ezekiel's adjustment with the effective number of parameters, a coordinate that the data do not reach has 0 on average,
+    rather than what chance correlates with it.
+    """
+    number = states.shape[0]
+    _, root = jnp.linalg.qr(states - jnp.mean(states, 0))
+    # singular values of the signal over the noise: their squares would lose small differences between large numbers
+    left, values, _ = jnp.linalg.svd(root @ scores.T / jnp.sqrt(number * (number - 1.0)), full_matrices=False)
+    gains = values**2 / (1 + values**2)
+    residual = 1 - gains @ (left.T @ root) ** 2 / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
+    return 1 - residual * (number - 1) / jnp.maximum(number - 1 - jnp.sum(gains), 1.0)

@@ -59,6 +59,8 @@ _DIMS = {
     "silhouette_area": ("camera",),
     "silhouette_centre": ("camera", "xy"),
 }
+_STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained")
+"""Predictive checks of the coordinates of the state, rather than of the data's entries."""
 
 
 class Names(NamedTuple):
@@ -112,7 +114,7 @@ def build_result(
         edges: (edge, 2) indices into the markers.
         root: The marker that relative errors are measured from.
         inputs: What else the model was given, by name, so that a smoother finds it again.
-        predictive: Predictive checks, (frame, entry) or (frame,) each.
+        predictive: Predictive checks, (frame, entry), (frame, dof) or (frame,) each.
         frames: (frame,) frame numbers; 0, 1, ... if None.
         rate: Frames a second.
         num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
@@ -154,9 +156,8 @@ def build_result(
         )
     if predictive is not None:
         checks = {name: np.asarray(values) for name, values in predictive.items()}
-        groups["predictive"] = _checked(
-            {name: (("frame", "entry")[: values.ndim], values) for name, values in checks.items()}, known
-        )
+        axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
+        groups["predictive"] = _checked({name: (axes[name], values) for name, values in checks.items()}, known)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree

@@ -56,14 +56,23 @@ def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pyte
 
 def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
+    one, shape = np.ones(100), np.ones((100, 2))
     wide = Prediction(
-        *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)), np.ones((100, 3)), np.full((100, 3), 0.1), *[np.ones(100)] * 2
+        *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)),
+        np.ones((100, 3)),
+        np.full((100, 3), 0.1),
+        *[one] * 2,
+        *(0 * shape, shape, 0.05 * shape, 0.9 * shape, 0 * shape),
     )
+    posterior = {"state_mean": 0 * shape, "state_sd": shape, "ess": 1000 * one}
     key = ("Lorenz-96, noise 1", "hmc", "0", "100")
     errors = np.array(["Effective number of particles below 10"])
-    np.savez(tmp_path / benchmark.file_of(key), **wide._asdict(), errors=errors)
+    np.savez(tmp_path / benchmark.file_of(key), **wide._asdict(), **posterior, errors=errors)
     again = benchmark.judged_again(tmp_path, (*key, "0.7", "1.2", "other"))
     assert again[:5] == (*key, "0.7") and float(again[5]) > 3 and again[6] == "prediction other"
     calm = wide._replace(innovation=wide.innovation / 2, chi_square_transform=rng.uniform(size=100))
-    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), errors=np.array(["The data say so"]))
+    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), **posterior, errors=np.array(["The data say so"]))
     assert benchmark.judged_again(tmp_path, (*key, "0.9", "4", "prediction"))[6] == "none"
+    posterior["state_sd"] = 0.8 * shape  # where data tell nothing
+    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), **posterior, errors=np.array([], str))
+    assert benchmark.judged_again(tmp_path, (*key, "0.7", "1", "none"))[6] == "unreached"

@@ -112,10 +112,12 @@ def test_bias_and_width_are_warnings() -> None:
 
 def test_too_little_to_tell_is_left_untold() -> None:
     wrong = kalman(walks(PRECISE, 0), PRECISE, step=0.01, narrow=0.25)
-    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong))) == []
-    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong))
+    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong[:6]))) == []
+    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong[:6]))
     assert check_predictions(unseen) == []
-    hidden = Prediction(*(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong))
+    hidden = Prediction(
+        *(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong[:6])
+    )
     assert [found.severity for found in check_predictions(hidden)] == ["error"]
 
 
@@ -123,7 +125,9 @@ def test_a_result_is_judged_by_its_predictions() -> None:
     draws = np.random.default_rng(0).standard_normal((4, 50, FRAMES, 1))
     wrong = kalman(walks(NOISY, 0), NOISY, step=0.05, narrow=0.25)
     for prediction, severity in ((wrong, "error"), (kalman(walks(NOISY, 0), NOISY), "info")):
-        tree = build_result(state=draws, names=Names(("x",)), predictive=prediction._asdict())
+        tree = build_result(
+            state=draws, names=Names(("x",)), predictive=dict(zip(prediction._fields, prediction[:6], strict=False))
+        )
         assert tree["predictive/transform"].dims == ("frame", "entry") and tree["predictive/chi_square"].dims == ("frame",)
         assert verdicts(tree)[0].severity == severity
     unpredictable = build_result(state=draws, names=Names(("x",)), attrs={"predictive checks": "not available: a factor"})

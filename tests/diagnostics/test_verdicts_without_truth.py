@@ -42,6 +42,31 @@ def test_residuals_of_all_points(scale, words):
     assert words in found and "--noise" in found if words else "Image points" not in found
 
 
+def test_points_whose_spread_hides_their_noise_are_left_out_of_an_exact_filter():
+    """Precise points keep little of their residuals; of the others the identity holds as well as of all."""
+    tree = kalman_tree(**dict.fromkeys(("noise", "told"), np.tile([9.0, 0.5, 0.2, 5.0], (2, 1))))
+    found = residuals_of(tree)
+    share = 1 - np.square(tree["summary/points_sd"].values / tree["inputs/noise"].values[..., None])
+    assert 0.1 < found.left_out == np.mean(share < residuals.LEAST_SHARE) < 0.9
+    assert found.scale() == pytest.approx(1, abs=0.05) and "Image points" not in texts(tree)
+
+
+def test_a_spread_that_the_projection_bends_is_no_fault_of_the_points():
+    """Half of the points are spread more than their noise, and are as far away as that: nothing in them tells of the noise."""
+    bent = points_tree(1.0)
+    bent["summary"]["points_sd"][:, :, :2] *= 3.0
+    found = residuals_of(bent)
+    assert found.left_out == 0.5 and found.scale() == pytest.approx(1, abs=1e-6) and "Image points" not in texts(bent)
+    # as they would count if a twentieth were expected of each
+    expected = np.where(np.isfinite(found.expected), found.expected, 0.05)
+    assert np.sqrt(np.sum(found.standardised**2) / np.sum(expected)) > residuals.SCALE_ERROR
+    far = points_tree(1.5)
+    far["summary"]["points_sd"][:, :, :2] *= 3.0
+    assert "error: Image points are 1.50 times" in texts(far) and "50 % of them left out" in texts(far)
+    bent["summary"]["points_sd"][:] = 1e3
+    assert residuals_of(bent).left_out == 1.0 and "Image points" not in texts(bent)
+
+
 def test_residuals_of_few_frames_are_no_evidence():
     assert "Image points" not in texts(points_tree(1.2, frames=1))
     assert "Image points" in texts(points_tree(1.2))

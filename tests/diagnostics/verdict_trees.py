@@ -89,18 +89,29 @@ def silhouettes_tree(
     )
 
 
-def kalman_tree(*, noise: float = 3.0, told: float = 3.0, walk: float = 1.0, told_walk: float = 1.0) -> xr.DataTree:
-    """A Kalman filter on points that a random walk's coordinates move linearly, told a noise and a walk that may be wrong."""
+def kalman_tree(
+    *, noise: np.ndarray | float = 3.0, told: np.ndarray | float = 3.0, walk: float = 1.0, told_walk: float = 1.0
+) -> xr.DataTree:
+    """A Kalman filter on points that a random walk's coordinates move linearly, told a noise and a walk that may be wrong.
+
+    Args:
+        noise: Of the points, by camera and marker.
+        told: What the filter takes it for.
+        walk: Standard deviation of the coordinates' steps.
+        told_walk: What the filter takes it for.
+    """
     rng = np.random.default_rng(4)
     frames, dofs, shape = 400, len(DOFS), (len(CAMERAS), len(MARKERS), 2)
     design = rng.standard_normal((np.prod(shape), dofs))
     state = np.cumsum(walk * rng.standard_normal((frames, dofs)), 0)
-    data = state @ design.T + noise * rng.standard_normal((frames, len(design)))
+    noises, tolds = (np.broadcast_to(each, shape[:2]) for each in (noise, told))
+    told_variance = np.diag(np.repeat(tolds.ravel() ** 2, 2))
+    data = state @ design.T + np.repeat(noises.ravel(), 2) * rng.standard_normal((frames, len(design)))
     mean, covariance = np.zeros(dofs), np.zeros((dofs, dofs))
     means, covariances = [], []
     for seen in data:
         predicted = covariance + told_walk**2 * np.eye(dofs)
-        gain = predicted @ design.T @ np.linalg.inv(design @ predicted @ design.T + told**2 * np.eye(len(design)))
+        gain = predicted @ design.T @ np.linalg.inv(design @ predicted @ design.T + told_variance)
         mean, covariance = mean + gain @ (seen - design @ mean), predicted - gain @ design @ predicted
         means.append(mean)
         covariances.append(covariance)
@@ -118,7 +129,7 @@ def kalman_tree(*, noise: float = 3.0, told: float = 3.0, walk: float = 1.0, tol
         },
         extras={"points": projected + np.zeros((2, 10, 1, 1, 1, 1))},
         observed=data.reshape(frames, *shape),
-        inputs={"noise": np.full(shape[:2], told), "step_scale": np.full((frames, dofs), told_walk)},
+        inputs={"noise": tolds, "step_scale": np.full((frames, dofs), told_walk)},
     )
 
 

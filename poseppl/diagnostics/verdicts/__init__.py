@@ -21,6 +21,8 @@ from poseppl.diagnostics.verdicts.predictive import prediction
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.steps import estimated_steps
+from poseppl.diagnostics.verdicts.unreached import check_unreached as check_unreached
+from poseppl.diagnostics.verdicts.unreached import unreached
 from poseppl.diagnostics.verdicts.validity import failures, missing
 from poseppl.diagnostics.verdicts.verdict import ERROR as ERROR
 from poseppl.diagnostics.verdicts.verdict import INFO as INFO
@@ -41,6 +43,7 @@ CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     agreement,
     rejection,
     prediction,
+    unreached,
     coverage,
     missing,
 )

@@ -15,6 +15,7 @@ INFLATION_HIGH = 1.4
 CHANCE_LOW = 0.025
 """Chance of innovations as large as these, below which they are more than chance: one side of a 95 % interval."""
 INFLATION_LOW = 0.5
+OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter, or widen the model's noise or transition."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 
@@ -24,10 +25,16 @@ def prediction(tree: xr.DataTree) -> list[Verdict]:
     told = provenance(tree).get("predictive checks")
     if told is not None:
         return [Verdict(INFO, f"Predictive checks are {told}.")]
+    checks = prediction_of(tree)
+    return [] if checks is None else check_predictions(checks)
+
+
+def prediction_of(tree: xr.DataTree) -> Prediction | None:
+    """The predictive checks of a result, as many as it has; None where it has none."""
     if "predictive" not in tree.children:
-        return []
+        return None
     data = tree["predictive"].dataset
-    return check_predictions(Prediction(*(data[name].values for name in Prediction._fields)))
+    return Prediction(**{name: data[name].values for name in Prediction._fields if name in data})
 
 
 def check_predictions(prediction: Prediction) -> list[Verdict]:
@@ -46,8 +53,7 @@ def check_predictions(prediction: Prediction) -> list[Verdict]:
     beyond_chance = found - reach > 1 or figures.chance < CHANCE_LOW
     if found > INFLATION_HIGH and beyond_chance and _may_exceed(figures):
         share = implied_coverage(found)
-        advice = "over-confident: use more particles or chains or another filter, or widen the model's noise or transition"
-        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {advice.capitalize()}.")]
+        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
     biased = abs(figures.high.estimate - 0.5) > BIAS_HIGH + figures.high.half_width
     if biased:
         side = "above" if figures.high.estimate > 0.5 else "below"

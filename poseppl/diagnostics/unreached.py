@@ -1,0 +1,91 @@
+r"""Coordinates that the data hardly reach: whether a filter claims to learn there what no data tell it.
+
+Of a filter that is right, the posterior's mean m_t and variance P_t of any coordinate obey, given the frames before,
+
+    E[P_t] + Var(m_t) = Q_t,
+
+Q_t being the predicted variance (law of total variance). Of Q_t the frame's data take away no more than a share s_t, which
+their Fisher information tells before they come (the posterior Cramer-Rao bound, Tichavsky, Muravchik and Nehorai 1998,
+doi:10.1109/78.668800, of Gaussian predictions). Where s_t is next to nothing, P_t has to stay at Q_t and m_t at the predicted
+mean p_t. A filter of too few particles loses variance there by chance, while its mean drifts, and both look as if it had
+learned. So its errors have a variance beyond P_t by an excess X_t, which the next frame inherits in the measure in which a
+coordinate remembers itself, by a slope a_t:
+
+    X_t = ((1 - s_t) a_t)^2 X_(t-1) + (Q_t - P_t - s_t Q_t) + ((m_t - p_t)^2 - s_t Q_t - e_t^2),
+
+e_t being the Monte Carlo error of m_t - p_t, by the filter's effective draws and those of the prediction. The inflation is
+1 + sum X_t / sum P_t over frames and coordinates: 1 is right. Its interval is by batches of frames.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.diagnostics.batches import Interval, ratio_interval
+from poseppl.runs.predictive import Prediction
+
+HARDLY = 0.1
+"""Share of a coordinate's predicted variance, up to which a frame's data hardly reach it."""
+
+
+class UnreachedFigures(NamedTuple):
+    """What a sequence says of the coordinates that its data hardly reach.
+
+    Attributes:
+        coordinates: Which they are, booleans (d,).
+        inflation: Variance of their errors over the claimed one; 1 is right.
+        lost: Share of their predicted variance that the filter gives away in a frame.
+        explained: Share that the data can tell.
+    """
+
+    coordinates: NDArray[np.bool_]
+    inflation: Interval
+    lost: float
+    explained: float
+
+
+def unreached_figures(
+    prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
+) -> UnreachedFigures | None:
+    """Compare a filter's posterior with its own prediction where the data hardly reach.
+
+    Args:
+        prediction: With a leading T.
+        mean: The posterior's mean (T, d).
+        standard_deviation: Its standard deviation (T, d).
+        ess: The filter's effective number of draws (T,).
+
+    Returns:
+        The figures; None where data reach all coordinates.
+    """
+    state = (prediction.predicted_mean, prediction.predicted_variance, prediction.predicted_error, prediction.autoregression)
+    centre, predicted, error, slope = (np.asarray(leaf, np.float64) for leaf in state)
+    explained = np.nan_to_num(np.asarray(prediction.explained, np.float64), nan=1.0)
+    variance = np.square(np.asarray(standard_deviation, np.float64))
+    told = explained * predicted
+    hardly = told.sum(axis=0) < HARDLY * predicted.sum(axis=0)
+    if not hardly.any():
+        return None
+    errors = error**2 + variance / np.maximum(np.asarray(ess, np.float64), 1.0)[:, None]
+    excess = (predicted - variance - told) + (np.square(np.asarray(mean, np.float64) - centre) - told - errors)
+    kept = _kept(np.clip((1 - explained) * slope, -1.0, 1.0) ** 2)
+    ratio = ratio_interval((kept * excess)[:, hardly].sum(axis=1), variance[:, hardly].sum(axis=1))
+    whole = predicted[:, hardly].sum()
+    return UnreachedFigures(
+        hardly,
+        ratio._replace(estimate=ratio.estimate + 1),
+        float((predicted - variance)[:, hardly].sum() / whole),
+        float(told[:, hardly].sum() / whole),
+    )
+
+
+def _kept(inherited: Floats) -> Floats:
+    """Times (T, d) that a frame's excess counts in this and all later frames, of which each inherits such a share."""
+    kept = np.ones_like(inherited)
+    for t in range(len(kept) - 2, -1, -1):
+        kept[t] += inherited[t + 1] * kept[t + 1]
+    return kept
