@@ -33,7 +33,7 @@ import numpy as np
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info, filter_info
-from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
+from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
@@ -102,10 +102,12 @@ def assumed_density_filter(
 
         found = find_modes(climbers, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=share_masses(found))
-        draws, chains = chains_from_modes(key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings)
+        draws, log_weights, chains = chains_from_modes(
+            key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings
+        )
         info = filter_info(
             jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
-            effective_draws(chains.draws),
+            effective_draws(chains.draws) * effective_share(log_weights),
             num_chains,
             failed,
             acceptance=chains.acceptance,
@@ -114,7 +116,7 @@ def assumed_density_filter(
             num_gradient=chains.num_gradient + num_starts * (num_mode_steps + 1),
             step_size=jnp.exp(chains.log_step_size),
         )
-        return chain_state(draws, chains.log_step_size), info
+        return chain_state(draws, chains.log_step_size, log_weights=log_weights), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         return step(rng_key, before(observation, inputs), observation, inputs)
@@ -127,9 +129,10 @@ def _prior(
 ) -> tuple[GaussianMixture, LogDensity]:
     """The Gaussians that sum up the past, and the log-density of the prior: at the first frame, the initial program's."""
     means, covariances = jax.vmap(lambda chain: transition_moments(model, chain, inputs))(state.particles)
-    fitted, residuals = fit_mixture(means, num_components)
+    fitted, residuals = fit_mixture(means, num_components, state.log_weights[:, 0])
     spread = fitted.covariances * covariance_inflation(residuals)
-    predicted = fitted._replace(covariances=spread + jnp.mean(covariances, (0, 1)))
+    noise = jnp.einsum("mr,mrij->ij", jax.nn.softmax(state.log_weights, (0, 1)), covariances)
+    predicted = fitted._replace(covariances=spread + noise)
     mean, covariance = model.initial_moments(inputs)
     number = len(predicted.log_weights)
     initial = GaussianMixture(

@@ -18,7 +18,7 @@ class ChainState(NamedTuple):
 
     Attributes:
         particles: Draws after burn-in (M, R - b, d).
-        log_weights: Zeros (M, R - b): all draws count alike.
+        log_weights: Of the draws (M, R - b), up to a constant; those of a chain are equal.
         log_step_size: The adapted log step size.
         started: Whether there has been a frame, a boolean; before the first one `particles` stand for nothing.
     """
@@ -29,9 +29,12 @@ class ChainState(NamedTuple):
     started: jax.Array
 
 
-def chain_state(draws: jax.Array, log_step_size: jax.Array, *, started: bool = True) -> ChainState:
-    """Wrap equally weighted draws (M, R - b, d)."""
-    return ChainState(draws, jnp.zeros(draws.shape[:-1], draws.dtype), log_step_size, jnp.asarray(started))
+def chain_state(
+    draws: jax.Array, log_step_size: jax.Array, *, log_weights: jax.Array | None = None, started: bool = True
+) -> ChainState:
+    """Wrap draws (M, R - b, d) of chains of normalised log-weights (M,); None: all chains weigh the same."""
+    of_chains = jnp.zeros(len(draws), draws.dtype) if log_weights is None else log_weights - jnp.log(draws.shape[1])
+    return ChainState(draws, jnp.broadcast_to(of_chains[:, None], draws.shape[:-1]), log_step_size, jnp.asarray(started))
 
 
 def drop_impossible(model: CompiledModel, observation: Observation, failed: jax.Array) -> Observation:
@@ -49,3 +52,8 @@ def effective_draws(draws: jax.Array) -> jax.Array:
     between = jnp.var(jnp.mean(draws, 1), 0, ddof=1)
     ratio = jnp.mean(total / jnp.maximum(between, 1e-30))
     return num_chains * jnp.clip(ratio, 1.0, num_draws)
+
+
+def effective_share(log_weights: jax.Array) -> jax.Array:
+    """Effective number of chains of normalised log-weights (M,), as a share of M, a scalar."""
+    return 1.0 / (len(log_weights) * jnp.sum(jnp.exp(2 * log_weights)))

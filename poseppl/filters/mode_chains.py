@@ -2,16 +2,35 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
-from poseppl.kernels.laplace import Modes, whitening
+from poseppl.kernels.laplace import Modes, group_masses, group_modes, whitening
 from poseppl.particles.resampling import systematic
+
+_EVENNESS = 0.75
+"""Chains are shared among modes in proportion to this power of their masses: a lesser mode gets more than its share."""
 
 CANDIDATES = 4
 """Draws from which each chain picks its start."""
+
+
+class ModeChains(NamedTuple):
+    """Chains that started in modes.
+
+    Attributes:
+        draws: Draws as states (M, R - b, d).
+        log_weights: Of each chain (M,), normalised: those that started in one mode share its mass.
+        chains: The chains in whitened coordinates.
+    """
+
+    draws: jax.Array
+    log_weights: jax.Array
+    chains: Chains
 
 
 def chains_from_modes(
@@ -22,7 +41,7 @@ def chains_from_modes(
     log_step_size: jax.Array,
     num_chains: int,
     settings: HMCSettings,
-) -> tuple[jax.Array, Chains]:
+) -> ModeChains:
     """Run M chains.
 
     Args:
@@ -33,26 +52,41 @@ def chains_from_modes(
         log_step_size: Log step size to start from.
         num_chains: M.
         settings: L, R, b and so on.
-
-    Returns:
-        The draws as states (M, R - b, d), and the chains, in whitened coordinates.
     """
-    starts, chosen = start_chains(key_start, modes, log_density, num_chains)
+    key_choose, key_start = jax.random.split(key_start)
+    chosen, log_weights = share_out(key_choose, modes, num_chains)
+    starts = start_chains(key_start, modes, chosen, log_density)
     chart = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
     chains = hmc_chains(key_chains, chart.to_white(starts), lambda z: log_density(chart.to_state(z)), log_step_size, settings)
-    return chart.to_state(chains.draws), chains
+    return ModeChains(chart.to_state(chains.draws), log_weights, chains)
 
 
-def start_chains(rng_key: jax.Array, modes: Modes, log_density: LogDensity, num_chains: int) -> tuple[jax.Array, jax.Array]:
-    """Start M chains (M, d) from modes (M,) chosen by their masses.
+def share_out(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Array, jax.Array]:
+    """Choose the mode of each chain (M,), and the chains' log-weights (M,).
+
+    Chains are given to modes by a power below one of their masses, with as little chance as their number allows, and weigh what
+    their mode's mass gives each of its chains. So a mode's weight is its mass, however many chains it got, and does not drift
+    from frame to frame, as shares of whole chains do.
+    """
+    labels = group_modes(modes)
+    masses = group_masses(modes, labels)
+    evened = modes.log_masses - (1.0 - _EVENNESS) * masses
+    chosen = systematic(rng_key, evened, num_chains)
+    own = labels[chosen]
+    weights = masses[chosen] - jnp.log(jnp.sum(own[:, None] == own, 1))
+    # where no mode has any mass, all chains count alike
+    return chosen, jax.nn.log_softmax(jnp.where(jnp.isfinite(weights), weights, 0.0))
+
+
+def start_chains(rng_key: jax.Array, modes: Modes, chosen: jax.Array, log_density: LogDensity) -> jax.Array:
+    """Starts (M, d) of chains in their chosen modes (M,).
 
     Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of
     them lie so far out that a chain would not come back within the burn-in.
     """
-    key_choose, key_noise, key_pick = jax.random.split(rng_key, 3)
-    chosen = systematic(key_choose, modes.log_masses, num_chains)
-    noise = jax.random.normal(key_noise, (num_chains, CANDIDATES, modes.states.shape[1]), modes.states.dtype)
+    key_noise, key_pick = jax.random.split(rng_key)
+    noise = jax.random.normal(key_noise, (len(chosen), CANDIDATES, modes.states.shape[1]), modes.states.dtype)
     candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
     importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
     picked = jax.random.categorical(key_pick, jnp.where(jnp.isnan(importance), -jnp.inf, importance))
-    return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0], chosen
+    return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0]

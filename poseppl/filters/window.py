@@ -38,6 +38,7 @@ from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture
 from poseppl.kernels.hmc import Chains, HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
+from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, transition_moments
@@ -96,7 +97,7 @@ def window_filter(
     def run(
         rng_key: jax.Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
     ) -> tuple[WindowState, Info]:
-        key_climb, key_past, key_start, key_chains = jax.random.split(rng_key, 4)
+        key_climb, key_past, key_start, key_chains, key_even = jax.random.split(rng_key, 5)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
         climbers, _ = draw_mixture(key_climb, prior, num_starts)
         climbers = climbers.at[0].set(prediction.mean)
@@ -119,10 +120,11 @@ def window_filter(
             num_mode_steps,
         )
         modes = whole._replace(log_masses=share_masses(whole))
-        draws, chains = chains_from_modes(
+        draws, log_weights, chains = chains_from_modes(
             key_start, key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
         )
-        trajectories = draws.reshape(*draws.shape[:2], window, dimension)
+        even = draws[systematic(key_even, log_weights, num_chains)]
+        trajectories = even.reshape(*draws.shape[:2], window, dimension)
         particles = trajectories[:, :, -1]
         info = _info(particles, chains, jnp.max(newest.log_masses), failed, window, num_starts, num_mode_steps)
         log_weights = jnp.zeros(particles.shape[:-1], particles.dtype)

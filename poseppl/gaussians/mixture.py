@@ -71,8 +71,8 @@ class Fitted(NamedTuple):
     residuals: jax.Array
 
 
-def fit_mixture(chains: jax.Array, num_components: int) -> Fitted:
-    """Fit K Gaussians to equally weighted draws of M chains by expectation maximisation.
+def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array | None = None) -> Fitted:
+    """Fit K Gaussians to draws of M chains by expectation maximisation.
 
     Chains seldom cross from one mode of a posterior to another, so modes show as chains whose means lie far apart in units of
     the covariance within chains, in any number of dimensions. Components start at the means of K chains, each of which is the
@@ -82,11 +82,14 @@ def fit_mixture(chains: jax.Array, num_components: int) -> Fitted:
     Args:
         chains: Draws (M, R, d).
         num_components: K, at most M are used; one is the sample mean and covariance.
+        log_weights: Of the chains (M,); None: all weigh the same.
     """
     draws = chains.reshape(-1, chains.shape[-1])
     number, dimension = draws.shape
-    mean = jnp.mean(draws, 0)
-    covariance = (draws - mean).T @ (draws - mean) / max(number - 1, 1)
+    of_chains = jnp.zeros(len(chains), draws.dtype) if log_weights is None else log_weights
+    weights = jnp.repeat(jax.nn.softmax(of_chains) / chains.shape[1], chains.shape[1])
+    mean = weights @ draws
+    covariance = (weights[:, None] * (draws - mean)).T @ (draws - mean) * (number / max(number - 1, 1))
     if min(num_components, chains.shape[0]) == 1:
         return Fitted(GaussianMixture(jnp.zeros(1, draws.dtype), mean[None], covariance[None]), chains - mean)
     ridge = dimension / number
@@ -99,12 +102,14 @@ def fit_mixture(chains: jax.Array, num_components: int) -> Fitted:
         return jax.nn.softmax(jax.vmap(log_mixture_terms(mixture))(draws), axis=1)
 
     def update(mixture: GaussianMixture, _: None) -> tuple[GaussianMixture, None]:
-        share = responsibilities(mixture)
-        mass = jnp.mean(share, 0) + 1e-6
-        means = share.T @ draws / (mass[:, None] * number)
+        found = responsibilities(mixture)
+        share = weights[:, None] * found
+        mass = jnp.sum(share, 0) + 1e-6
+        means = share.T @ draws / mass[:, None]
         offset = draws - means[:, None]
-        scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset) / number
-        covariances = (scatter + ridge * within) / (mass + ridge)[:, None, None]
+        scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset) / mass[:, None, None]
+        own = (jnp.mean(found, 0) / (jnp.mean(found, 0) + ridge))[:, None, None]
+        covariances = own * scatter + (1 - own) * within
         return GaussianMixture(jnp.log(mass / jnp.sum(mass)), means, covariances), None
 
     uniform = jnp.full(len(seeds), -jnp.log(float(len(seeds))), draws.dtype)

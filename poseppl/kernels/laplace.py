@@ -126,3 +126,23 @@ def share_masses(modes: Modes) -> jax.Array:
     log_mixture = jax.nn.logsumexp(jnp.nan_to_num(-0.5 * distance - half_log_det, nan=-jnp.inf), axis=1)
     shared = modes.log_masses - half_log_det - log_mixture
     return jnp.where(jnp.isnan(shared), -jnp.inf, shared)
+
+
+_SAME_MODE = 3.0
+"""Standard deviations of either Laplace approximation within which two states belong to the same mode."""
+
+
+def group_modes(modes: Modes) -> jax.Array:
+    """Labels (S,) of modes that are the same one: the index of the first of those that are linked by steps of a few sd."""
+    offset = modes.states[:, None] - modes.states
+    distance = jnp.einsum("ski,kij,skj->sk", offset, modes.precisions, offset)
+    linked = jnp.minimum(distance, distance.T) < _SAME_MODE**2
+    linked = linked | jnp.eye(len(linked), dtype=bool)
+    for _ in range(int(len(linked) - 1).bit_length()):
+        linked = jnp.einsum("ij,jk->ik", linked.astype(jnp.float32), linked.astype(jnp.float32)) > 0
+    return jnp.argmax(linked, 1)
+
+
+def group_masses(modes: Modes, labels: jax.Array) -> jax.Array:
+    """Log-masses (S,) of the groups that modes belong to, at every one of their members."""
+    return jax.nn.logsumexp(jnp.where(labels[:, None] == labels, modes.log_masses, -jnp.inf), axis=1)

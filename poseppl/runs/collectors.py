@@ -58,6 +58,7 @@ def collect_draws(
     Args:
         model: The model that the filter was built for.
         max_draws: How many draws are kept, of each chain (every k-th), or of all weighted particles (resampled, as one chain).
+            Chains of unequal weights are resampled as wholes; equal ones stay as they are.
         extras: Functions of a state; the model's own deterministic sites if None.
         mean_only: Extras of which only the mean is kept.
         quantiles: Levels of the quantiles.
@@ -86,9 +87,10 @@ def collect_draws(
         between = _quantiles({name: sample[name] for name in spread}, levels)
         return summary | {f"{name}_quantile": value for name, value in between.items()}
 
-    def of_chains(state: Any, inputs: Any) -> Draws:
+    def of_chains(rng_key: jax.Array, state: Any, inputs: Any) -> Draws:
         chains, length, dimension = state.particles.shape
-        values = values_of(state.particles.reshape(chains * length, dimension), inputs)
+        even = state.particles[systematic(rng_key, state.log_weights[:, 0], chains)]
+        values = values_of(even.reshape(chains * length, dimension), inputs)
         summary = summarise(values, None, values)
         every = -(-length // max_draws)
         kept = {
@@ -112,7 +114,7 @@ def collect_draws(
         return Draws(kept.pop("state"), kept, summary)
 
     def collect(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Draws:
-        return of_chains(state, inputs) if state.particles.ndim == 3 else of_particles(rng_key, state, inputs)
+        return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
 
     return collect
 

@@ -56,3 +56,21 @@ def test_fit_finds_the_mixture():
     # each covariance is shrunk by one pseudo-draw a dimension, among thousands
     np.testing.assert_allclose(np.asarray(mixture.covariances)[order], COVARIANCES, atol=5 * 3 * np.sqrt(2 / 1200))
     np.testing.assert_allclose(residuals, chains - MEANS[component][:, None], atol=0.3)
+
+
+def test_chains_count_by_their_weights():
+    """A chain of the weight of two is the same as the chain twice, but for what the number of draws is worth."""
+    rng = np.random.default_rng(2)
+    chains = jnp.asarray([rng.multivariate_normal(MEANS[k], COVARIANCES[k], 400) for k in (0, 0, 1)], jnp.float32)
+    weighted, _ = fit_mixture(chains, 2, jnp.log(jnp.array([1.0, 1.0, 2.0])))
+    twice, _ = fit_mixture(chains[jnp.array([0, 1, 2, 2])], 2)
+    plain, _ = fit_mixture(chains, 2)
+    by_mean = [np.argsort(np.asarray(found.means)[:, 0]) for found in (weighted, twice, plain)]
+    shares = [np.exp(found.log_weights)[order] for found, order in zip((weighted, twice, plain), by_mean, strict=True)]
+    np.testing.assert_allclose(shares[0], shares[1], atol=1e-3)
+    assert np.abs(shares[0] - shares[2]).max() > 0.1
+    np.testing.assert_allclose(weighted.means[by_mean[0]], twice.means[by_mean[1]], atol=5e-3)
+    one, _ = fit_mixture(chains, 1, jnp.log(jnp.array([1.0, 1.0, 2.0])))
+    again, _ = fit_mixture(chains[jnp.array([0, 1, 2, 2])], 1)
+    np.testing.assert_allclose(one.means, again.means, rtol=1e-4)
+    np.testing.assert_allclose(one.covariances, again.covariances, rtol=2e-3)

@@ -37,6 +37,15 @@ def test_all_draws_of_short_chains_are_kept() -> None:
     np.testing.assert_array_equal(kept.state, draws)
 
 
+def test_chains_of_unequal_weights_are_kept_by_them() -> None:
+    """Of four chains that lie apart the first has half of the weight, the last none."""
+    draws = jnp.asarray(np.arange(4.0)[:, None, None] + np.random.default_rng(0).uniform(0, 0.5, (4, 6, 2)))
+    state = chain_state(draws, jnp.zeros(()), log_weights=jnp.log(jnp.array([0.5, 0.25, 0.25, 0.0])))
+    kept = jax.jit(collect_draws(MODEL, max_draws=6))(KEY, state, INFO, None)
+    np.testing.assert_array_equal(kept.state, draws[jnp.array([0, 0, 1, 2])])
+    np.testing.assert_allclose(kept.summary["state_mean"], draws.mean(1).T @ np.array([0.5, 0.25, 0.25, 0.0]), rtol=1e-5)
+
+
 def test_weighted_particles() -> None:
     rng = np.random.default_rng(1)
     number, shift = 20_000, 0.7

@@ -3,10 +3,6 @@
 A C3D file is a header of one 512-byte block, a parameter section and a data section, tied together by block numbers and byte
 counts that a damaged file gets wrong. Everything that a reader would follow is checked against the size of the file here.
 
-Neither this check nor a process of its own for ezc3d is enough alone. Of 400 damaged copies of a small file, ezc3d 1.7.2 by
-itself ended with a segmentation fault at 5 that are refused here and at 1 that is not, and gave points of another shape,
-without a word, for 16 that are refused here (``python tests/motion/io/readers_alone.py``).
-
 Source: The C3D File Format, Motion Lab Systems, https://www.c3d.org.
 """
 
