@@ -1,8 +1,8 @@
-"""Checks of numbers that a caller sets: each raises ``ValueError`` that names the setting, its value and what was expected.
+"""Checks of numbers that a caller sets: each raises an error that names the setting, its value and what was expected.
 
 >>> check_at_least(1, num_particles=0)
 Traceback (most recent call last):
-ValueError: num_particles is 0. Expected at least 1.
+poseppl.checks.RangeError: num_particles is 0. Expected at least 1.
 """
 
 from __future__ import annotations
@@ -10,6 +10,21 @@ from __future__ import annotations
 from typing import Any, Literal, get_args
 
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
+
+
+class RangeError(ValueError):
+    """A setting out of its range.
+
+    Attributes:
+        setting: Its name, that of an argument.
+        value: What it was set to.
+        expected: What was expected.
+    """
+
+    def __init__(self, setting: str, value: Any, expected: str) -> None:
+        shown = repr(value) if isinstance(value, str) else value
+        super().__init__(f"{setting} is {shown}. Expected {expected}.")
+        self.setting, self.value, self.expected = setting, value, expected
 
 
 def check_at_least(least: float, **settings: float) -> None:
@@ -20,11 +35,11 @@ def check_at_least(least: float, **settings: float) -> None:
         **settings: Values by name.
 
     Raises:
-        ValueError: A value is smaller.
+        RangeError: A value is smaller.
     """
     for name, value in settings.items():
         if value < least:
-            raise ValueError(f"{name} is {value}. Expected at least {least}.")
+            raise RangeError(name, value, f"at least {least}")
 
 
 def check_choice(choices: Any, **settings: Any) -> None:
@@ -35,11 +50,11 @@ def check_choice(choices: Any, **settings: Any) -> None:
         **settings: Values by name.
 
     Raises:
-        ValueError: A value is none of them.
+        RangeError: A value is none of them.
     """
     for name, value in settings.items():
         if value not in get_args(choices):
-            raise ValueError(f"{name} is {value!r}. Expected one of {', '.join(get_args(choices))}.")
+            raise RangeError(name, value, f"one of {', '.join(get_args(choices))}")
 
 
 def check_fraction(interval: Interval, **settings: float) -> None:
@@ -50,10 +65,10 @@ def check_fraction(interval: Interval, **settings: float) -> None:
         **settings: Values by name.
 
     Raises:
-        ValueError: A value lies outside, or is NaN.
+        RangeError: A value lies outside, or is NaN.
     """
     for name, value in settings.items():
         above = value >= 0 if interval[0] == "[" else value > 0
         below = value <= 1 if interval[-1] == "]" else value < 1
         if not (above and below):
-            raise ValueError(f"{name} is {value}. Expected a number in {interval}.")
+            raise RangeError(name, value, f"a number in {interval}")

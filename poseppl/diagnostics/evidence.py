@@ -8,7 +8,7 @@ of a particle filter has that of its own frames,
 the relative variance of each frame's mean weight (delta method), frames taken to err on their own; what a frame's particles
 owe to earlier choices is left out, so that it is somewhat low. A filter of a closed form has none. Chains, tempering and
 deterministic approximations do not tell theirs: run them with three seeds. Filters that seek a mode have no evidence, and
-neither have smoothers.
+neither have smoothers. Which it is, the filter says of itself (:class:`poseppl.filters.base.Filter`), and the result after it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,6 @@ from poseppl.diagnostics.replicates import settings_of_runs
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
 from poseppl.runs.results import provenance
 
-MODE_SEEKERS = ("annealed", "demc")
-WEIGHING = ("particle", "guided")
-"""Filters whose ESS is that of the weights whose mean is a frame's evidence."""
 REPLICATES, WEIGHTS, NONE, UNKNOWN = "replicates", "weights", "none", "unknown"
 _LEAST_SEEDS = 3
 _SURE = 2.0
@@ -42,13 +39,13 @@ def evidence_of_run(tree: xr.DataTree) -> Evidence:
     """Log-evidence of all frames of a result, with the error that the run itself knows."""
     known = provenance(tree)
     stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
-    name = str(known.get("filter", ""))
-    if "log_evidence" not in stats or "smoother" in known or name in MODE_SEEKERS:
+    source = known.get("evidence")
+    if "log_evidence" not in stats or "smoother" in known or source == NONE:
         return Evidence(float("nan"), float("nan"), NONE)
     total = float(np.sum(stats["log_evidence"].values.astype(np.float64)))
     if kind_of_run(tree) == FORMULA:
         return Evidence(total, 0.0, FORMULA)
-    if name in WEIGHING and "num_particles" in tree.attrs:
+    if source == WEIGHTS and "num_particles" in tree.attrs:
         lost = 1 / np.maximum(stats["ess"].values.astype(np.float64), 1.0) - 1 / float(tree.attrs["num_particles"])
         return Evidence(total, float(np.sqrt(np.maximum(lost, 0.0).sum())), WEIGHTS)
     return Evidence(total, float("nan"), UNKNOWN)

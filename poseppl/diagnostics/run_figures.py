@@ -19,8 +19,8 @@ r"""The figures of one run for a comparison, each over frames and degrees of fre
 ``joint_error_relative``   The same after the root marker is moved onto its truth.
 =========================  ==============================================================================================
 
-Methods that approximate the posterior by a formula and draw from that (:data:`CLOSED_FORM`) have no Monte Carlo error in their
-means, and no tau, ESS or R-hat.
+Methods that approximate the posterior by a formula and draw from that have no Monte Carlo error in their means, and no tau, ESS
+or R-hat; they say so themselves (``closed_form`` of a filter or smoother), and their results after them.
 """
 
 from __future__ import annotations
@@ -36,9 +36,6 @@ from poseppl.diagnostics.autocorrelation import Floats
 from poseppl.diagnostics.calibration import LEVELS
 from poseppl.diagnostics.diagnosis import diagnose
 from poseppl.runs.results import is_weighted, provenance
-
-CLOSED_FORM = ("kalman", "rauch-tung-striebel", "variational", "viterbi")
-"""Filters and smoothers of the command line whose means are not averages of draws."""
 
 CHAINS, WEIGHTED, FORMULA = "chains", "weighted particles", "closed form"
 _GRID = ("frame", "dof")
@@ -70,10 +67,9 @@ def figures_of_run(tree: xr.DataTree) -> xr.Dataset:
 def kind_of_run(tree: xr.DataTree) -> str:
     """What the draws of a result are: "chains", "weighted particles", or of a "closed form".
 
-    A filter that its provenance does not name is of a closed form if it took one evaluation of the likelihood a frame.
+    A result that does not say so itself is of a closed form if its filter took one evaluation of the likelihood a frame.
     """
-    known = provenance(tree)
-    if known.get("smoother", known.get("filter")) in CLOSED_FORM:
+    if provenance(tree).get("closed form"):
         return FORMULA
     if not is_weighted(tree):
         return CHAINS

@@ -22,7 +22,7 @@ particle can explain a frame, it is reported as failed and the particles stay as
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -31,7 +31,7 @@ import numpy as np
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info
-from poseppl.particles.resampling import Scheme, resampling_scheme
+from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, effective_sample_size, normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -62,6 +62,22 @@ class _Layer(NamedTuple):
     particles: jax.Array
     values: jax.Array
     ancestors: jax.Array
+
+
+class _Annealing(NamedTuple):
+    """How a frame's layers are gone through.
+
+    Attributes:
+        num_layers: R.
+        survival: tau.
+        groups: Number of the group of each coordinate (d,); None makes no crossover.
+        resampling: A scheme.
+    """
+
+    num_layers: int
+    survival: float
+    groups: np.ndarray[Any, Any] | None
+    resampling: Resampling
 
 
 @built_once
@@ -97,8 +113,8 @@ def annealed_filter(
     check_fraction("(0, 1)", survival=survival)
     if diffusion is not None and (np.shape(diffusion) != (model.dimension,) or np.any(np.asarray(diffusion) < 0)):
         raise ValueError(f"diffusion has shape {np.shape(diffusion)}. Expected variances of shape ({model.dimension},).")
-    scheme = resampling_scheme(resampling)
     groups = None if crossover is None else _group_numbers(model, crossover)
+    settings = _Annealing(num_layers, survival, groups, resampling_scheme(resampling))
 
     def values_of(particles: jax.Array, data: tuple[Observation, Any]) -> jax.Array:
         values = log_likelihoods(model, particles, *data)
@@ -110,24 +126,7 @@ def annealed_filter(
         values = values_of(predicted, data)
         first = normalise(values)
         variance = 0.5 * jnp.mean((predicted - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
-
-        def refine(layer: _Layer, item: tuple[jax.Array, jax.Array]) -> tuple[_Layer, None]:
-            key_resample, key_cross, key_noise = jax.random.split(item[0], 3)
-            log_weights = _layer_weights(layer.values, survival)
-            chosen = scheme(key_resample, log_weights, num_particles)
-            centres = layer.particles[chosen]
-            if groups is not None:
-                centres = _cross(key_cross, centres, layer.particles, log_weights, groups)
-            noise = jax.random.normal(key_noise, centres.shape, centres.dtype)
-            particles = centres + jnp.sqrt(survival ** item[1] * variance) * noise
-            after = _Layer(particles, values_of(particles, data), layer.ancestors[chosen])
-            flat = jnp.min(layer.values) == jnp.max(layer.values)
-            keep = flat | ~jnp.any(jnp.isfinite(after.values))
-            return jax.tree.map(lambda old, new: jnp.where(keep, old, new), layer, after), None
-
-        keys = jax.random.split(rng_key, num_layers - 1)
-        layer = _Layer(predicted, values, ancestors)
-        layer, _ = jax.lax.scan(refine, layer, (keys, jnp.arange(1, num_layers)))
+        layer = _refine(rng_key, _Layer(predicted, values, ancestors), variance, lambda x: values_of(x, data), settings)
         log_weights = _layer_weights(layer.values, survival)
         state = AnnealedState(layer.particles, log_weights, layer.particles[jnp.argmax(layer.values)])
         return state, _info(first, log_weights, layer.ancestors, num_layers)
@@ -145,7 +144,7 @@ def annealed_filter(
         rng_key: jax.Array, state: AnnealedState, observation: Observation, inputs: Any = None
     ) -> tuple[AnnealedState, Info]:
         key_resample, key_draw, key_other, key_layers = jax.random.split(rng_key, 4)
-        ancestors = scheme(key_resample, state.log_weights, num_particles)
+        ancestors = settings.resampling(key_resample, state.log_weights, num_particles)
         previous = state.particles[ancestors]
 
         def draw(rng_key: jax.Array) -> jax.Array:
@@ -153,7 +152,35 @@ def annealed_filter(
 
         return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
 
-    return Filter(init, step, genealogy=True)
+    return Filter(init, step, evidence="none", genealogy=True)
+
+
+def _refine(
+    rng_key: jax.Array,
+    first: _Layer,
+    variance: jax.Array,
+    log_likelihoods: Callable[[jax.Array], jax.Array],
+    settings: _Annealing,
+) -> _Layer:
+    """From a frame's first layer, of the particles as predicted, to its last; `variance` is the diagonal of P (d,)."""
+
+    def next_layer(layer: _Layer, item: tuple[jax.Array, jax.Array]) -> tuple[_Layer, None]:
+        key_resample, key_cross, key_noise = jax.random.split(item[0], 3)
+        log_weights = _layer_weights(layer.values, settings.survival)
+        chosen = settings.resampling(key_resample, log_weights, len(log_weights))
+        centres = layer.particles[chosen]
+        if settings.groups is not None:
+            centres = _cross(key_cross, centres, layer.particles, log_weights, settings.groups)
+        noise = jax.random.normal(key_noise, centres.shape, centres.dtype)
+        particles = centres + jnp.sqrt(settings.survival ** item[1] * variance) * noise
+        after = _Layer(particles, log_likelihoods(particles), layer.ancestors[chosen])
+        flat = jnp.min(layer.values) == jnp.max(layer.values)
+        keep = flat | ~jnp.any(jnp.isfinite(after.values))
+        return jax.tree.map(lambda old, new: jnp.where(keep, old, new), layer, after), None
+
+    keys = jax.random.split(rng_key, settings.num_layers - 1)
+    last, _ = jax.lax.scan(next_layer, first, (keys, jnp.arange(1, settings.num_layers)))
+    return last
 
 
 def _cross(

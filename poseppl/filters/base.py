@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -91,6 +91,9 @@ def stay(state: Any) -> Any:
     return state
 
 
+EvidenceError = Literal["weights", "runs", "none"]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Filter:
     """A filtering algorithm for one model; what was compiled for it is kept with it.
@@ -101,6 +104,9 @@ class Filter:
         place: `state -> state`, moves a state that comes from elsewhere, such as a file, to the devices where `step` keeps it.
         before: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it, too;
             nothing but `step` is then compiled.
+        closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
+        evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
+            of `Info`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode.
         genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
         model: The model; None for a filter whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
@@ -110,5 +116,12 @@ class Filter:
     step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
     place: Callable[[Any], Any] = stay
     before: Callable[[Any, Any], Any] | None = None
+    closed_form: bool = False
+    evidence: EvidenceError = "runs"
     genealogy: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What a result tells of the filter, for those who judge it."""
+        return {"closed form": self.closed_form, "evidence": self.evidence}

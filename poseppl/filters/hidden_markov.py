@@ -59,7 +59,7 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
         terms = log_transition_matrix(model, values, values, inputs) + state.log_weights
         return update(jax.nn.logsumexp(terms, axis=1), observation, inputs)
 
-    return Filter(init, step)
+    return Filter(init, step, closed_form=True)
 
 
 def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:

@@ -16,7 +16,8 @@ intervals are too narrow. :mod:`poseppl.filters.assumed_density` mends that.
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +34,14 @@ from poseppl.program.population import draw_initial, log_likelihoods, log_predic
 
 PAPER = HMCSettings()
 """The paper's 28-D row of Table 1, with an adapted step size."""
+
+
+class _Prediction(NamedTuple):
+    """A frame before its data: `log_density` of a state, and its mean (d,) and covariance (d, d)."""
+
+    log_density: LogDensity
+    mean: jax.Array
+    covariance: jax.Array
 
 
 @built_once
@@ -65,8 +74,7 @@ def hmc_filter(
     def run(
         rng_key: jax.Array,
         proposals: jax.Array,
-        log_prior: LogDensity,
-        predicted: tuple[jax.Array, jax.Array],
+        predicted: _Prediction,
         log_step_size: jax.Array,
         observation: Observation,
         inputs: Any,
@@ -81,7 +89,7 @@ def hmc_filter(
 
         def log_density(z: jax.Array) -> jax.Array:
             x = chart.to_state(z)
-            return model.log_observation(x, seen, inputs) + log_prior(x)
+            return model.log_observation(x, seen, inputs) + predicted.log_density(x)
 
         chains = hmc_chains(key_chains, chart.to_white(proposals[ancestors]), log_density, log_step_size, settings)
         info = filter_info(
@@ -99,37 +107,34 @@ def hmc_filter(
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
-        predicted = model.initial_moments(inputs)
+        predicted = _Prediction(lambda x: model.log_initial(x, inputs), *model.initial_moments(inputs))
         proposals = draw_initial(model, jax.random.split(key_draw, num_chains), inputs)
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
-        return run(key_run, proposals, lambda x: model.log_initial(x, inputs), predicted, start, observation, inputs)
+        return run(key_run, proposals, predicted, start, observation, inputs)
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]
         proposals = propagate(model, jax.random.split(key_draw, num_chains), last, inputs)
         means, covariances = transition_moments(model, last, inputs)
-
-        def log_prior(x: jax.Array) -> jax.Array:
-            return log_prediction(model, x, last, inputs)
-
-        predicted = jnp.mean(means, 0), jnp.mean(covariances, 0)
-        return run(key_run, proposals, log_prior, predicted, state.log_step_size, observation, inputs)
+        mixture = partial(log_prediction, model, previous=last, inputs=inputs)
+        predicted = _Prediction(mixture, jnp.mean(means, 0), jnp.mean(covariances, 0))
+        return run(key_run, proposals, predicted, state.log_step_size, observation, inputs)
 
     return Filter(init, step)
 
 
 def _chart(
     model: CompiledModel,
-    predicted: tuple[jax.Array, jax.Array],
+    predicted: _Prediction,
     observation: Observation,
     inputs: Any,
     dense: bool,
     curvature: jax.Array | None,
 ) -> Whitening:
     """Coordinates in which Eq. 17's step sizes are all epsilon."""
-    mean, covariance = predicted
+    mean = predicted.mean
     if curvature is not None:
         return Whitening(mean, 1.0 / jnp.sqrt(jnp.asarray(curvature, mean.dtype)))
     information = model.observation_information(mean, observation, inputs)
-    return whitening(mean, jnp.linalg.inv(covariance) + information, dense=dense)
+    return whitening(mean, jnp.linalg.inv(predicted.covariance) + information, dense=dense)

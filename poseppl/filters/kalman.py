@@ -79,7 +79,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         return step(rng_key, before(observation, inputs), observation, inputs)
 
-    return Filter(init, step, before=before)
+    return Filter(init, step, before=before, closed_form=True)
 
 
 def assimilate(

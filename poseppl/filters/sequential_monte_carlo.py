@@ -118,4 +118,4 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
         ancestry = adaptive.choose(key_resample, state.log_weights, lookahead.log_predictive)
         return update(key_predict, state.particles, lookahead, ancestry, observation, inputs)
 
-    return Filter(init, step, genealogy=True)
+    return Filter(init, step, evidence="weights", genealogy=True)

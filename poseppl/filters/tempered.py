@@ -22,17 +22,17 @@ If no particle can explain a frame, it is reported as failed and the particles s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
-from poseppl.kernels.moves import HMC_MOVES, MoveSettings
+from poseppl.kernels.moves import HMC_MOVES, ConditionalDensity, MoveSettings
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -53,6 +53,20 @@ class TemperedState(NamedTuple):
     particles: jax.Array
     log_weights: jax.Array
     log_step_size: jax.Array
+
+
+class _Prior(NamedTuple):
+    """What a frame's particles are cooled from.
+
+    Attributes:
+        draw: `rng_key -> particles`, N draws (N, d).
+        contexts: What the density of each depends on, with a leading axis of N.
+        log_density: Of a state, given its context.
+    """
+
+    draw: Callable[[jax.Array], jax.Array]
+    contexts: Any
+    log_density: ConditionalDensity
 
 
 @built_once
@@ -97,57 +111,38 @@ def tempered_filter(
 
     spread = partial(_prior_covariance, needed=moves.kernel == "random-walk" and whiten, given_ancestor=target == "ancestor")
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
-        key_draw, key_other, key_run = jax.random.split(rng_key, 3)
-
-        def draw(rng_key: jax.Array) -> jax.Array:
-            return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
-
-        particles = draw(key_draw)
-        tempered = temper(
+    def cool(
+        rng_keys: Iterable[jax.Array], prior: _Prior, log_step_size: jax.Array, observation: Observation, inputs: Any
+    ) -> Tempered:
+        key_draw, key_other, key_run = rng_keys
+        particles = prior.draw(key_draw)
+        return temper(
             key_run,
             particles,
-            None,
-            lambda x, _: model.log_initial(x, inputs),
+            prior.contexts,
+            prior.log_density,
             lambda x: model.log_observation(x, observation, inputs),
-            spread(particles, lambda: draw(key_other)),
-            jnp.log(jnp.asarray(moves.step_size, particles.dtype)),
+            spread(particles, lambda: prior.draw(key_other)),
+            log_step_size,
             settings,
         )
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
+        prior = _initial_prior(model, num_particles, inputs)
+        step_size = jnp.log(jnp.asarray(moves.step_size, jnp.result_type(float)))
+        tempered = cool(jax.random.split(rng_key, 3), prior, step_size, observation, inputs)
         return _state(tempered), _info(tempered, tempered.ancestors)
 
     def step(
         rng_key: jax.Array, state: TemperedState, observation: Observation, inputs: Any = None
     ) -> tuple[TemperedState, Info]:
-        key_draw, key_other, key_run, key_ancestors = jax.random.split(rng_key, 4)
-        previous = state.particles
-
-        def draw(rng_key: jax.Array) -> jax.Array:
-            return propagate(model, jax.random.split(rng_key, num_particles), previous, inputs)
-
-        def log_prior(x: jax.Array, ancestor: jax.Array) -> jax.Array:
-            if target == "ancestor":
-                return model.log_transition(x, ancestor, inputs)
-            return log_prediction(model, x, previous, inputs)
-
-        particles = draw(key_draw)
-        tempered = temper(
-            key_run,
-            particles,
-            previous,
-            log_prior,
-            lambda x: model.log_observation(x, observation, inputs),
-            spread(particles, lambda: draw(key_other)),
-            state.log_step_size,
-            settings,
-        )
+        *keys, key_ancestors = jax.random.split(rng_key, 4)
+        prior = _transition_prior(model, state.particles, inputs, target)
+        tempered = cool(keys, prior, state.log_step_size, observation, inputs)
         if target == "ancestor":
             return _state(tempered), _info(tempered, tempered.ancestors)
-        keys = jax.random.split(key_ancestors, num_particles)
-        ancestors = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))(
-            keys, tempered.particles
-        )
-        return _state(tempered), _info(tempered, ancestors.astype(jnp.int32))
+        ancestors = _draw_ancestors(key_ancestors, model, tempered.particles, state.particles, inputs)
+        return _state(tempered), _info(tempered, ancestors)
 
     return Filter(init, step, genealogy=True)
 
@@ -158,6 +153,35 @@ def _prior_covariance(particles: jax.Array, draw: Callable[[], jax.Array], *, ne
         return jnp.zeros((particles.shape[1],) * 2, particles.dtype)
     difference = particles - (draw() if given_ancestor else jnp.roll(particles, 1, 0))
     return 0.5 * difference.T @ difference / particles.shape[0]
+
+
+def _initial_prior(model: CompiledModel, num_particles: int, inputs: Any) -> _Prior:
+    def draw(rng_key: jax.Array) -> jax.Array:
+        return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
+
+    return _Prior(draw, None, lambda x, _: model.log_initial(x, inputs))
+
+
+def _transition_prior(model: CompiledModel, previous: jax.Array, inputs: Any, target: Target) -> _Prior:
+    def draw(rng_key: jax.Array) -> jax.Array:
+        return propagate(model, jax.random.split(rng_key, len(previous)), previous, inputs)
+
+    def log_density(x: jax.Array, ancestor: jax.Array) -> jax.Array:
+        if target == "ancestor":
+            return model.log_transition(x, ancestor, inputs)
+        return log_prediction(model, x, previous, inputs)
+
+    return _Prior(draw, previous, log_density)
+
+
+def _draw_ancestors(
+    rng_key: jax.Array, model: CompiledModel, particles: jax.Array, previous: jax.Array, inputs: Any
+) -> jax.Array:
+    """An ancestor of each particle (N,), in proportion to p(x_i | x_(t-1)^j)."""
+    keys = jax.random.split(rng_key, particles.shape[0])
+    draw = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))
+    ancestors: jax.Array = draw(keys, particles)
+    return ancestors.astype(jnp.int32)
 
 
 def _state(tempered: Tempered) -> TemperedState:
@@ -198,8 +222,8 @@ def _check(
     if temperatures is not None:
         steps = [b - a for a, b in zip((0.0, *temperatures), temperatures, strict=False)]
         if not temperatures or min(steps) <= 0 or temperatures[-1] != 1:
-            raise ValueError(f"temperatures are {temperatures}. Expected positive numbers that ascend to 1.")
+            raise RangeError("temperatures", temperatures, "positive numbers that ascend to 1")
     if chain_length < 1 or num_particles % chain_length:
-        raise ValueError(f"chain_length is {chain_length}. Expected a divisor of num_particles = {num_particles}.")
+        raise RangeError("chain_length", chain_length, f"a divisor of num_particles = {num_particles}")
     scheme = resampling_scheme(resampling)
     return Tempering(ess_target, max_temperatures, temperatures, chain_length, whiten, moves.check(), scheme)

@@ -142,7 +142,6 @@ def temper(
     """
     count = particles.shape[0]
     cap = settings.max_temperatures if settings.temperatures is None else len(settings.temperatures)
-    fixed = None if settings.temperatures is None else jnp.asarray(settings.temperatures, particles.dtype)
     num_starts, moves = count // settings.chain_length, settings.moves
     if settings.chain_length > 1:
         moves = moves._replace(num_moves=settings.chain_length - 1)
@@ -161,11 +160,7 @@ def temper(
         rng_key, key_resample, key_move = jax.random.split(rng_key, 3)
         number = run.num_temperatures
         values = jax.vmap(likelihood)(run.particles)
-        previous = jnp.where(number == 0, 0.0, run.temperatures[number - 1])
-        left = 1.0 - previous
-        delta = next_increment(values, settings.ess_target, left) if fixed is None else fixed[number] - previous
-        delta = jnp.where(number == cap - 1, left, delta)
-        beta = jnp.where(delta == left, 1.0, previous + delta)
+        delta, beta = _next_temperature(run, values, settings)
         weighted = normalise(delta * values)
         chosen = settings.resampling(key_resample, weighted.log_weights, num_starts)
         ancestors = run.ancestors[chosen]
@@ -202,6 +197,19 @@ def temper(
 
     start = _untempered(particles, log_step_size, cap)
     return jax.lax.while_loop(unfinished, cool, (rng_key, start))[1]
+
+
+def _next_temperature(run: Tempered, log_likelihoods: jax.Array, settings: Tempering) -> tuple[jax.Array, jax.Array]:
+    """By how much the temperature rises, and to what; the last one takes all that is left."""
+    number, cap = run.num_temperatures, len(run.temperatures)
+    previous = jnp.where(number == 0, 0.0, run.temperatures[number - 1])
+    left = 1.0 - previous
+    if settings.temperatures is None:
+        delta = next_increment(log_likelihoods, settings.ess_target, left)
+    else:
+        delta = jnp.asarray(settings.temperatures, log_likelihoods.dtype)[number] - previous
+    delta = jnp.where(number == cap - 1, left, delta)
+    return delta, jnp.where(delta == left, 1.0, previous + delta)
 
 
 def _untempered(particles: jax.Array, log_step_size: jax.Array, max_temperatures: int) -> Tempered:

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_fraction
+from poseppl.checks import RangeError, check_at_least, check_fraction
 
 LogDensity = Callable[[jax.Array], jax.Array]
 
@@ -60,13 +60,12 @@ class DEMCSettings(NamedTuple):
 
     def check(self) -> DEMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
-        if self.num_updates < 1 or not 0 <= self.burn_in < self.num_updates:
-            raise ValueError(
-                f"num_updates is {self.num_updates} and burn_in {self.burn_in}. Expected 0 <= burn_in < num_updates."
-            )
+        check_at_least(1, num_updates=self.num_updates)
+        if not 0 <= self.burn_in < self.num_updates:
+            raise RangeError("burn_in", self.burn_in, f"0 to num_updates - 1 = {self.num_updates - 1}")
         check_fraction("[0, 1)", noise=self.noise)
         if self.scale is not None and not self.scale > 0:
-            raise ValueError(f"scale is {self.scale}. Expected a positive number, or None.")
+            raise RangeError("scale", self.scale, "a positive number, or None")
         check_fraction("[0, 1]", jump=self.jump, snooker=self.snooker)
         return self
 

@@ -14,7 +14,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_fraction
 
 _GAIN = 1.0
 """Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
@@ -44,9 +44,9 @@ class HMCSettings(NamedTuple):
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_updates=self.num_updates, num_leapfrog=self.num_leapfrog)
         if not 0 <= self.burn_in < self.num_updates:
-            raise ValueError(f"burn_in is {self.burn_in}. Expected 0 to num_updates - 1 = {self.num_updates - 1}.")
+            raise RangeError("burn_in", self.burn_in, f"0 to num_updates - 1 = {self.num_updates - 1}")
         if not self.step_size > 0:
-            raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")
+            raise RangeError("step_size", self.step_size, "a positive number")
         if self.target_rejection is not None:
             check_fraction("(0, 1)", target_rejection=self.target_rejection)
         check_fraction("[0, 1)", jitter=self.jitter)

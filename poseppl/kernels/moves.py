@@ -21,7 +21,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
 
 ConditionalDensity = Callable[[jax.Array, Any], jax.Array]
@@ -55,7 +55,7 @@ class MoveSettings(NamedTuple):
         check_choice(Kernel, kernel=self.kernel)
         check_at_least(1, num_moves=self.num_moves, num_leapfrog=self.num_leapfrog)
         if not self.step_size > 0:
-            raise ValueError(f"step_size is {self.step_size}. Expected a positive number.")
+            raise RangeError("step_size", self.step_size, "a positive number")
         if self.target_acceptance is not None:
             check_fraction("(0, 1)", target_acceptance=self.target_acceptance)
         check_fraction("[0, 1)", jitter=self.jitter)

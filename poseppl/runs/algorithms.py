@@ -23,6 +23,7 @@ import numpyro.distributions as dist
 
 import poseppl.filters
 import poseppl.smoothers
+from poseppl.checks import RangeError
 from poseppl.errors import InputError, SettingError
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.settings import Setting, arguments_of, settings_of, summary_of
@@ -77,10 +78,9 @@ class Algorithm(NamedTuple):
         settings = self.complete(given)
         try:
             return self.builder(model, **arguments_of(self.builder, settings)), settings
+        except RangeError as error:
+            raise SettingError(error.setting, error.value, f"expected {error.expected}") from error
         except ValueError as error:
-            name, _, told = str(error).partition(" is ")
-            if name in settings:
-                raise SettingError(name, settings[name], f"expected {told.partition('Expected ')[2].rstrip('.')}") from error
             raise InputError(str(error), field=f"the {self.kind} {self.name}") from error
 
     def check(self, given: Mapping[str, Any]) -> None:

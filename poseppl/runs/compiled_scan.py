@@ -137,6 +137,7 @@ class Calls:
         rng_key: Key of the run.
 
     Attributes:
+        filter: The filter.
         state: A state of the right shapes; nothing is compiled for it.
         blank: What is kept of a frame, of the right shapes.
     """
@@ -149,7 +150,7 @@ class Calls:
         sequence: FrameSequence,
         rng_key: jax.Array,
     ) -> None:
-        self._filter, self._sequence, self._rng_key = filter, sequence, rng_key
+        self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs = _programs(filter, collect, predict, sequence.layout)
         shapes = self._programs[0].eval_shape(*self._first_data())
         self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
@@ -162,7 +163,7 @@ class Calls:
 
     def compile(self, first: bool) -> None:
         """Compile both programs side by side; that of the first frame only if it is wanted."""
-        filter, sequence = self._filter, self._sequence
+        filter, sequence = self.filter, self._sequence
         with ThreadPoolExecutor(1) as pool:
             alone = first and filter.before is None
             compiling = pool.submit(self._compiled, 0, self._first_data()) if alone else None
@@ -194,7 +195,7 @@ class Calls:
     def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
-        placed = self._filter.place(state)
+        placed = self.filter.place(state)
         return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
 
 

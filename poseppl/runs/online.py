@@ -21,9 +21,9 @@ from poseppl.program.built_once import built_once
 from poseppl.program.explanation import check_inputs
 from poseppl.program.observation import check_frame_shapes, check_is_observation
 from poseppl.runs.compiled_scan import frame_keys, is_finite
+from poseppl.runs.course import RunError, not_finite_message
 from poseppl.runs.frame_sequence import device_array
 from poseppl.runs.recompilation import tell_filter_defined_anew
-from poseppl.runs.run import RunError, not_finite_message
 
 
 class Online:

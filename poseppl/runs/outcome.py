@@ -61,14 +61,14 @@ def result_of_run(
     Returns:
         The result; see :mod:`poseppl.runs.results`.
     """
-    told = {**(attrs or {}), **timing_of_run(run)}
+    told = {**(attrs or {}), **provenance_of_run(run)}
     return _result(parts_of_run(run), model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
 
 
-def timing_of_run(run: Run) -> dict[str, Any]:
+def provenance_of_run(run: Run) -> dict[str, Any]:
     """What is told of a run as a whole."""
     seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
-    return {**seconds, "frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
+    return {**run.method, **seconds, "frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
 
 
 def parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -116,14 +116,14 @@ def result_of_smoothing(
         rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
     """
-    parts, told = parts_of_smoothing(run, filtered or {}), {**(attrs or {}), **timing_of_smoothing(run)}
+    parts, told = parts_of_smoothing(run, filtered or {}), {**(attrs or {}), **provenance_of_smoothing(run)}
     return _result(parts, model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
 
 
-def timing_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
+def provenance_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
     """What is told of a smoothing as a whole."""
     seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
-    return {**seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
+    return {**run.method, **seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
 
 
 def history_of_result(tree: xr.DataTree) -> History:

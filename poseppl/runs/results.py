@@ -146,14 +146,10 @@ def build_result(
         parts = {name: values for name, values in cameras.items() if values is not None}
         groups["camera"] = _dataset(parts, ("camera",), known)
     if edges is not None:
-        groups["body"] = xr.Dataset({"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))})
-        groups["body"].attrs |= {"root": root} if root else {}
+        skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
+        groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
     if inputs is not None:
-        arrays = {name: np.asarray(values) for name, values in inputs.items()}
-        steps = {name: arrays.pop(name) for name in ("step_scale",) if name in arrays}
-        groups["inputs"] = _checked({name: (("frame", "dof"), values) for name, values in steps.items()}, known).assign(
-            {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
-        )
+        groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
         checks = {name: np.asarray(values) for name, values in predictive.items()}
         axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
@@ -291,6 +287,13 @@ def _checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Ma
             raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
     used = {dim for dims, _ in data.values() for dim in dims if dim in known}
     return xr.Dataset(dict(data), coords={dim: known[dim] for dim in known if dim in used})
+
+
+def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    arrays = {name: np.asarray(values) for name, values in inputs.items()}
+    steps = {name: (("frame", "dof"), arrays.pop(name)) for name in ("step_scale",) if name in arrays}
+    rest = {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
+    return _checked(steps, known).assign(rest)
 
 
 def _summary(

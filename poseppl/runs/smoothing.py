@@ -10,6 +10,7 @@ data. What is kept is kept by the collectors that :func:`poseppl.runs.run.run_fi
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -40,6 +41,7 @@ class SmoothingRun(NamedTuple):
         num_particles: N, where a frame is weighted particles or single trajectories; None where it is M chains.
         compile_seconds: Time to trace and compile.
         wall_seconds: Time of the smoothing itself.
+        method: What the smoother says of itself, by name, for the result.
     """
 
     outputs: Any
@@ -47,6 +49,7 @@ class SmoothingRun(NamedTuple):
     num_particles: int | None
     compile_seconds: float
     wall_seconds: float
+    method: Mapping[str, Any]
 
 
 class _Frame(NamedTuple):
@@ -100,7 +103,7 @@ def run_smoother(
         raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
     outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(key_collect, smoothed, whole))
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
-    return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds)
+    return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
 
 
 def mask_failed(observations: Observation, failed: jax.Array | NDArray[np.bool_]) -> Observation:

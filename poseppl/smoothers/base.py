@@ -77,6 +77,7 @@ class Smoother:
         smooth: `(rng_key, history, observations, inputs) -> smoothed`.
         joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
         follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
+        closed_form: Whether its means come from a formula, without Monte Carlo error, whatever is drawn from them.
         model: The model; None for a smoother whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
@@ -84,7 +85,13 @@ class Smoother:
     smooth: Callable[[jax.Array, History, Observation, Any], Smoothed]
     joint: bool
     follows_ancestors: bool = False
+    closed_form: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What a result tells of the smoother, for those who judge it."""
+        return {"closed form": self.closed_form}
 
 
 def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:

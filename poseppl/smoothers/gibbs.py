@@ -25,7 +25,7 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
@@ -88,11 +88,11 @@ def gibbs_smoother(
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     if num_draws % num_chains:
-        raise ValueError(f"num_draws is {num_draws}. Expected a multiple of num_chains = {num_chains}.")
+        raise RangeError("num_draws", num_draws, f"a multiple of num_chains = {num_chains}")
     check_fraction("[0, 1)", burn_in=burn_in)
     check_choice(Target, target=target)
     if blocked and target == "model":
-        raise ValueError("blocked is True. Expected False with target='model': blocked rounds draw from the mixture.")
+        raise RangeError("blocked", blocked, "False with target='model': blocked rounds draw from the mixture")
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
     num_rounds = num_draws // num_chains
     discarded = int(burn_in * num_rounds)

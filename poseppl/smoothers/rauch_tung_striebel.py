@@ -62,7 +62,7 @@ def rauch_tung_striebel_smoother(
         particles = jnp.concatenate([draws, start[None]])
         return Smoothed(particles, jnp.full(particles.shape[:-1], -jnp.log(num_draws), particles.dtype), info)
 
-    return Smoother(smooth, joint=True)
+    return Smoother(smooth, joint=True, closed_form=True)
 
 
 def smoothed_moments(

@@ -18,6 +18,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.checks import RangeError
+
 ENTRIES = 2**20
 """Entries of a tile: enough to keep two cores busy, few enough for the cache."""
 
@@ -26,7 +28,7 @@ def tile_rows(tile: int | None, num_rows: int, num_columns: int) -> int:
     """Rows of a tile: as asked, or about 2^20 entries, in tiles of equal size.
 
     Raises:
-        ValueError: A tile below 1.
+        RangeError: A tile below 1.
     """
     check_tile(tile)
     largest = max(1, min(num_rows, tile or max(1, ENTRIES // num_columns)))
@@ -37,10 +39,10 @@ def check_tile(tile: int | None) -> None:
     """Refuse tiles without a row.
 
     Raises:
-        ValueError: A tile below 1.
+        RangeError: A tile below 1.
     """
     if tile is not None and tile < 1:
-        raise ValueError(f"tile is {tile}. Expected at least 1 row of the matrix at a time, or None.")
+        raise RangeError("tile", tile, "at least 1 row of the matrix at a time, or None")
 
 
 def split_rows(array: jax.Array, rows: int) -> jax.Array:

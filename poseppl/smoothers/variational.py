@@ -145,7 +145,7 @@ def variational_smoother(
         )
         return Smoothed(draws, log_weights, info)
 
-    return Smoother(smooth, joint=not factorised)
+    return Smoother(smooth, joint=not factorised, closed_form=True)
 
 
 def fit_variational(

@@ -61,7 +61,7 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
         info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost)
         return Smoothed(trajectory, jnp.zeros((num_frames, 1), trajectory.dtype), info)
 
-    return Smoother(smooth, joint=True)
+    return Smoother(smooth, joint=True, closed_form=True)
 
 
 def _forward(model: CompiledModel, tile: int | None, best: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:

@@ -18,6 +18,7 @@ from poseppl.diagnostics.evidence import evidence_of_run
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.filters import particle_filter
 from poseppl.report.compare_tables import log_evidence
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.results import Names, build_result
 from poseppl.runs.simulation import simulate
 
@@ -28,8 +29,8 @@ def result(increments: Any, ess: Any, **attrs: Any) -> xr.DataTree:
     frames = len(increments)
     draws = np.random.default_rng(0).standard_normal((1, 30, frames, 1))
     stats = {"log_evidence": increments, "ess": ess}
-    particles = PARTICLES if attrs.get("filter") in ("particle", "tempered", "annealed") else None
-    return build_result(state=draws, names=Names(("x",)), sample_stats=stats, num_particles=particles, attrs=attrs)
+    told = {**FILTERS[attrs["filter"]].build(linear_gaussian(1).compile(), {})[0].provenance, **attrs}
+    return build_result(state=draws, names=Names(("x",)), sample_stats=stats, num_particles=PARTICLES, attrs=told)
 
 
 @pytest.mark.parametrize("which", ["linear", "growth"])

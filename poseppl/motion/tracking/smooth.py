@@ -14,7 +14,7 @@ from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
-from poseppl.runs.outcome import history_of_result, parts_of_smoothing, timing_of_smoothing
+from poseppl.runs.outcome import history_of_result, parts_of_smoothing, provenance_of_smoothing
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.smoothing import run_smoother
 
@@ -82,7 +82,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         "smoother seed": settings.seed,
         "versions": versions(),
         "filter seconds": known.get("wall_seconds"),
-        **timing_of_smoothing(run),
+        **provenance_of_smoothing(run),
     }
     return diagnose(_result(tree, problem, parts_of_smoothing(run, stats), attrs))
 

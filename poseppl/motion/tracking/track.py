@@ -26,7 +26,7 @@ from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.outcome import parts_of_run, timing_of_run
+from poseppl.runs.outcome import parts_of_run, provenance_of_run
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.results import Names, Truth, build_result
 from poseppl.runs.run import Progress, Run, RunError, frame_inputs, run_filter
@@ -232,7 +232,7 @@ def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Ma
             "input": scene.source,
             "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
             "residual_mm": scene.residual,
-            **timing_of_run(run),
+            **provenance_of_run(run),
         },
     )
 

@@ -1,0 +1,180 @@
+"""A run under way: what is kept of the frames so far, the filter's state after them, and where it cannot go on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import PosepplError
+from poseppl.filters.base import Info
+from poseppl.runs.checkpoint import Part
+from poseppl.runs.compiled_scan import Calls, Kept
+from poseppl.runs.predictive import Prediction
+
+OnFailure = Literal["continue", "stop"]
+Note = Callable[[str], None]
+_COLLAPSED, _MANY = 2, 10
+"""A filter of at least so many particles has collapsed where fewer than two are effective."""
+
+
+class RunError(PosepplError):
+    """A run that cannot go on.
+
+    Attributes:
+        frame: The number of the frame.
+        done: The run up to the frame before; None where there is no such frame, or a checkpoint holds it already.
+    """
+
+    def __init__(self, message: str, frame: int, done: Run | None = None) -> None:
+        super().__init__(message)
+        self.frame, self.done = frame, done
+
+
+class Run(NamedTuple):
+    """What a run returns, as NumPy arrays.
+
+    Attributes:
+        outputs: What `collect` kept, with a leading T.
+        info: Diagnosis, with a leading T; ``ancestors`` are left out.
+        unique_ancestors: (T,) how many particles of the frame before have offspring.
+        state: The filter's state after the last frame.
+        failed: Numbers of the frames whose data were impossible.
+        compile_seconds: Time to trace and compile.
+        wall_seconds: Time of the frames themselves.
+        resumed: How many frames came from a checkpoint.
+        method: What the filter says of itself, by name, for the result.
+        prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
+    """
+
+    outputs: Any
+    info: Info
+    unique_ancestors: NDArray[np.int32]
+    state: Any
+    failed: tuple[int, ...]
+    compile_seconds: float
+    wall_seconds: float
+    resumed: int
+    method: Mapping[str, Any]
+    prediction: Prediction | None = None
+
+
+class Course:
+    """A run under way.
+
+    Args:
+        calls: The compiled calls and their data.
+        numbers: Numbers of the frames, for messages.
+        on_failure: What to do at a frame of impossible data.
+        note: Who is told of what the user should know.
+        started: When the run began, by :func:`time.perf_counter`.
+
+    Attributes:
+        stop: How many frames are done.
+        resumed: How many of them came from a checkpoint.
+    """
+
+    def __init__(self, calls: Calls, numbers: Sequence[int], on_failure: OnFailure, note: Note, started: float) -> None:
+        self._calls, self._numbers, self._on_failure, self._note = calls, numbers, on_failure, note
+        self._started = self._compiled = started
+        self._state: Any = None
+        self._kept: list[Kept] = []
+        self.stop = self.resumed = 0
+
+    def compile(self, resumed: int) -> None:
+        """Compile what the frames need after so many that come from a checkpoint."""
+        self.resumed = resumed
+        self._calls.compile(first=not resumed)
+        self._compiled = time.perf_counter()
+
+    def advance(self, stop: int) -> Part:
+        """The frames up to `stop`; those whose state is not finite are computed twice.
+
+        The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU
+        were seen to differ from call to call (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so
+        again.
+
+        Raises:
+            RunError: As :meth:`take`.
+        """
+        start, numbers = self.stop, self._numbers
+        part = self._calls.advance(self._state, start, stop)
+        if not np.all(part.kept.finite):
+            part = self._calls.advance(self._state, start, stop)
+            if np.all(part.kept.finite):
+                told = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
+                self._note(f"{told}; going on")
+        self.take(part)
+        return part
+
+    def take(self, part: Part) -> None:
+        """Go on from frames that are done.
+
+        Raises:
+            RunError: The run cannot go on at one of them; it holds the run so far.
+        """
+        fault = self._fault(part.kept)
+        if fault is not None:
+            raise self._error(*fault)
+        self._state, self.stop = part.state, self.stop + len(part.kept.finite)
+        self._kept.append(part.kept)
+
+    def finish(self) -> Run:
+        """The whole run."""
+        run = self._run(self._kept, self._state)
+        _tell_collapse(run, self._numbers, self._note)
+        return run
+
+    def _fault(self, kept: Kept) -> tuple[int, str] | None:
+        """How many frames come before the one at which the run cannot go on, and why; None where it can."""
+        for index in range(len(kept.finite)):
+            number = self._numbers[self.stop + index]
+            if not kept.finite[index]:
+                return index, not_finite_message(number)
+            if kept.info.failed[index]:
+                problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
+                if self._on_failure == "stop":
+                    return index, f"{problem}; stopped there, as asked"
+                self._note(f"{problem}; the frame is predicted, not updated")
+        return None
+
+    def _error(self, good: int, problem: str) -> RunError:
+        kept, state = self._kept, self._state
+        if good and state is not None:  # the frames before it, for the state after them
+            head = self._calls.advance(state, self.stop, self.stop + good)
+            kept, state = [*kept, head.kept], head.state
+        done = None if state is None else self._run(kept, state)
+        return RunError(problem, self._numbers[self.stop + good], done)
+
+    def _run(self, kept: list[Kept], state: Any) -> Run:
+        seconds = self._compiled - self._started, time.perf_counter() - self._compiled
+        whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
+        failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
+        told = (*seconds, self.resumed, self._calls.filter.provenance)
+        last = jax.tree.map(np.asarray, state)
+        return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction)
+
+
+def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
+    """Tell at which frames hardly a particle has weight."""
+    count = run.state.particles.shape[0]
+    low = np.flatnonzero((run.info.ess < _COLLAPSED) & ~run.info.failed)
+    if run.state.particles.ndim != 2 or count < _MANY or not low.size:
+        return
+    others = f" and {low.size - 1} other frames" if low.size > 1 else ""
+    note(
+        f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
+        "rests on one particle (take more, or a filter that looks at the data first, such as the auxiliary or tempered one)"
+    )
+
+
+def not_finite_message(frame: int) -> str:
+    """What is said of a frame after which nothing can be trusted."""
+    return (
+        f"frame {frame}: the filter's state is not finite; its model or settings break down there, and nothing after it could "
+        "be trusted (try a smaller step size, or check the model's densities)"
+    )
