@@ -37,7 +37,9 @@ from poseppl.motion.geometry.flesh import flesh_of, parts_of
 from poseppl.motion.io import CameraRecord, read_cameras, read_image
 from poseppl.motion.tracking import TrackSettings, track
 from poseppl.motion.tracking.placing import cameras_of_records
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_data import SilhouetteData
+from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_files
 from poseppl.runs.results import load_result, provenance
 
@@ -85,7 +87,7 @@ def main() -> None:
     show(f"{count} frames", columns, [summed(name, list(same)) for name, same in itertools.groupby(rows, lambda row: row[:2])])
 
 
-def runs(scenes: Iterator[SilhouetteScene], filters: Sequence[str], number: int) -> Iterator[xr.DataTree]:
+def runs(scenes: Iterator[Scene[SilhouetteData]], filters: Sequence[str], number: int) -> Iterator[xr.DataTree]:
     """Results of so many runs of all filters on all scenes."""
     for scene in scenes:
         for name in filters:
@@ -130,16 +132,16 @@ def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, 
     return records, masks, hidden
 
 
-def scene_of(records: list[CameraRecord], masks: Any, hidden: Any, view: tuple[int, ...]) -> SilhouetteScene:
+def scene_of(records: list[CameraRecord], masks: Any, hidden: Any, view: tuple[int, ...]) -> Scene[SilhouetteData]:
     """The published masks of some cameras."""
     standard = full_body().lengths
     body = full_body({name: value * STATURE / 1750.0 for name, value in standard.items()})
     chosen = [records[camera] for camera in view]
     seen = silhouette_scene(body, chosen, {record.name: masks[record.name] for record in chosen}, hidden=hidden, rate=RATE)
-    return seen._replace(faces=records[VIEWS[view]].name)
+    return seen._replace(data=seen.data._replace(faces=records[VIEWS[view]].name))
 
 
-def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> SilhouetteScene:
+def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> Scene[SilhouetteData]:
     """What the videos of some cameras show, as `poseppl track --video` finds it."""
     named = [(records[camera].name, f"cam{camera + 1:02d}") for camera in view]
     videos = [f"{name}={folder / 'videos' / file}.mp4" for name, file in named]

@@ -13,6 +13,7 @@ from poseppl_models.choo_fleet import full_body
 
 from poseppl.motion.io import read_cameras
 from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
 
 _PARTS = ("Shoulder", "Elbow", "Wrist", "Hip", "Knee", "Ankle")
@@ -20,7 +21,7 @@ NAMES = {f"{part.lower()}_{side.lower()}": f"{side}{part}" for part in _PARTS fo
 """Names of the detector by ours; markers of the trunk and head have none."""
 
 
-def keypoint_scene(data: Path, count: int, noise: float, *, other: Sequence[int] = ()) -> Scene:
+def keypoint_scene(data: Path, count: int, noise: float, *, other: Sequence[int] = ()) -> Scene[PointData]:
     """The man's keypoints in four cameras; in some of them, the other person's instead."""
     folder = data / "pose2sim_balancing"
     records = read_cameras(folder / "calibration" / "Calib_qualisys.toml")
@@ -36,7 +37,7 @@ def keypoint_scene(data: Path, count: int, noise: float, *, other: Sequence[int]
     spread = noise_of(body, cameras, noise) / np.sqrt(np.clip(ours[..., 2], LEAST_CONFIDENCE, 1.0))
     names = tuple(record.name for record in records)
     places = np.where(seen[..., None], ours[..., :2], np.nan)
-    return Scene(body, cameras, names, places, spread, np.arange(count), 60.0, "keypoints")
+    return Scene(body, cameras, names, PointData(places, spread), np.arange(count), 60.0, "keypoints")
 
 
 def other_person(data: Path, camera: int, count: int) -> Any:

@@ -16,12 +16,14 @@ from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.io import CameraRecord
 from poseppl.motion.tracking import walking_subject
 from poseppl.motion.tracking.placing import cameras_of_records
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, silhouette_scene
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_data import SilhouetteData
+from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 
 SIZE = (320, 240)
 
 
-def masked_walk(count: int, *, other: float | None = None, since: int | None = None) -> SilhouetteScene:
+def masked_walk(count: int, *, other: float | None = None, since: int | None = None) -> Scene[SilhouetteData]:
     """The walk as masks.
 
     Args:
@@ -41,7 +43,7 @@ def masked_walk(count: int, *, other: float | None = None, since: int | None = N
         masks = masks | second if since is None else np.where(np.arange(count)[:, None, None, None] < since, masks, second)
     named = {record.name: masks[:, i].astype(np.uint8) for i, record in enumerate(records)}
     scene = silhouette_scene(body, records, named, rate=subject.rate)
-    return scene._replace(scene=scene.scene._replace(states=subject.states, markers=subject.markers))
+    return scene._replace(states=subject.states, markers=subject.markers)
 
 
 def _record(name: str, angle: float, middle: Any) -> CameraRecord:

@@ -29,6 +29,7 @@ from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose, verdicts
 from poseppl.motion.tracking import TrackSettings, measure_run, observe_motion, recorded_subject, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import Scene, noise_of
 from poseppl.runs.results import load_result, save_result
 
@@ -128,24 +129,26 @@ def cases(data: Path, count: int) -> Mapping[str, Case]:
 
 def walk(
     count: int, *, cameras: int = 2, seed: int = 0, noise: float = NOISE, every: int = 1, rate: float | None = None
-) -> Scene:
+) -> Scene[PointData]:
     """The built-in walk, whose noise is told to be 0.003."""
     return seen(walking_subject(frames=f"0:{every * count}:{every}"), cameras, seed, noise, rate or 30.0)
 
 
-def recorded(path: Path, skeleton: Path, count: int, *, every: int, cameras: int = 2, rate: float | None = None) -> Scene:
+def recorded(
+    path: Path, skeleton: Path, count: int, *, every: int, cameras: int = 2, rate: float | None = None
+) -> Scene[PointData]:
     """A recording."""
     return seen(recorded_subject(path, skeleton, frames=f"0:{every * count}:{every}"), cameras, 0, NOISE, rate)
 
 
-def seen(subject: Any, cameras: int, seed: int, noise: float, rate: float | None) -> Scene:
+def seen(subject: Any, cameras: int, seed: int, noise: float, rate: float | None) -> Scene[PointData]:
     """A subject in so many cameras, with noise, of which 0.003 is told."""
     scene = observe_motion(subject, cameras_around(subject, count=cameras), camera_names(cameras), noise=noise, seed=seed)
     told = noise_of(scene.body, scene.cameras, NOISE)
-    return scene._replace(noise=told, rate=scene.rate if rate is None else rate)
+    return scene._replace(data=PointData(scene.data.points, told), rate=scene.rate if rate is None else rate)
 
 
-def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene:
+def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene[PointData]:
     """The calibration has the second camera turned about the vertical."""
     scene = walk(count, cameras=cameras)
     rotations = np.array(scene.cameras.rotation)
@@ -153,32 +156,32 @@ def turned(count: int, degrees: float, *, cameras: int = 2) -> Scene:
     return scene._replace(cameras=scene.cameras._replace(rotation=jax.numpy.asarray(rotations)))
 
 
-def longer(count: int, factor: float, *, cameras: int = 2) -> Scene:
+def longer(count: int, factor: float, *, cameras: int = 2) -> Scene[PointData]:
     """The body is told to be larger than it is."""
     scene = walk(count, cameras=cameras)
     return scene._replace(body=full_body({name: factor * value for name, value in scene.body.lengths.items()}))
 
 
-def swapped(count: int, *, every: bool = False) -> Scene:
+def swapped(count: int, *, every: bool = False) -> Scene[PointData]:
     """Left and right are confused, in the second camera or in all."""
     scene = walk(count)
     names = scene.body.tree.marker_names
     sides = {"_l": "_r", "_r": "_l"}
     other = [names.index(name[:-2] + sides.get(name[-2:], name[-2:])) for name in names]
-    points = scene.points.copy()
+    points = scene.data.points.copy()
     chosen = slice(None) if every else slice(1, 2)
     points[:, chosen] = points[:, chosen][:, :, other]
-    return scene._replace(points=points)
+    return scene._replace(data=PointData(points, scene.data.noise))
 
 
-def another(count: int) -> Scene:
+def another(count: int) -> Scene[PointData]:
     """From the middle on, the second camera follows somebody who walks half a metre aside."""
     scene, subject = walk(count), walking_subject(frames=f"0:{count}")
     beside = subject._replace(markers=subject.markers + np.array([500.0, 500.0, 0.0]))
     other = observe_motion(beside, scene.cameras, scene.camera_names, noise=NOISE, seed=1)
-    points = scene.points.copy()
-    points[count // 2 :, 1] = other.points[count // 2 :, 1]
-    return scene._replace(points=points)
+    points = scene.data.points.copy()
+    points[count // 2 :, 1] = other.data.points[count // 2 :, 1]
+    return scene._replace(data=PointData(points, scene.data.noise))
 
 
 if __name__ == "__main__":

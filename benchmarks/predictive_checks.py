@@ -143,7 +143,7 @@ def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: 
         _SHARED[cameras, name] = model, shared_problem(scene, model).collector(20)
     model, collect = _SHARED[cameras, name]
     problem, (filter, _, predict) = shared_problem(scene, model), filter_of(name, model)
-    key, count = jax.random.key(seed), len(scene.points)
+    key, count = jax.random.key(seed), len(scene.frames)
     run = run_filter(filter, key, problem.observations, problem.inputs, num_frames=count, collect=collect, predict=predict)
     return _result(scene, problem, run, {"filter": METHODS[name][0], "settings": walk_params(scene.body, TrackSettings())})
 

@@ -38,6 +38,7 @@ from poseppl.filters import assumed_density_filter
 from poseppl.motion.io import read_cameras
 from poseppl.motion.tracking import Problem, Scene, observe_motion, pose_problem, recorded_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import noise_of
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.motion.tracking.walk_learning import learn_walk
@@ -89,7 +90,7 @@ _KEY = 6
 class Watched(NamedTuple):
     """A scene for each seed, and the triangulation where that stands for the truth."""
 
-    scenes: list[Scene]
+    scenes: list[Scene[PointData]]
     reference: dict[str, Any] | None = None
 
 
@@ -114,7 +115,7 @@ def main() -> None:
         if kind not in trackers:
             trackers[kind] = Tracker(watched.scenes[0])
         for walk, (seed, scene) in itertools.product(options.walks.split(","), enumerate(watched.scenes)):
-            key = (name, f"{scene.rate:g}", str(cameras), walk, str(len(scene.points)), str(seed))
+            key = (name, f"{scene.rate:g}", str(cameras), walk, str(len(scene.frames)), str(seed))
             same = walk == "frame" and scene.rate == ASSUMED_RATE
             if same or key in {row[:_KEY] for row in table.rows}:
                 continue
@@ -156,8 +157,7 @@ def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
         body,
         cameras,
         tuple(record.name for record in records),
-        points,
-        noise_of(body, cameras, None),
+        PointData(points, noise_of(body, cameras, None)),
         np.arange(frames),
         60.0,
         BALANCING,
@@ -165,7 +165,7 @@ def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
     return Watched([scene] * runs, read_triangulation(folder / "reference" / "Balancing_for_IK.trc", frames))
 
 
-def shared_problem(scene: Scene, model: CompiledModel | None) -> Problem:
+def shared_problem(scene: Scene[PointData], model: CompiledModel | None) -> Problem:
     """The scene's problem, by the model of another scene if there is one: limbs are inputs, so that a program serves all."""
     problem = pose_problem(scene)
     return problem if model is None else problem._replace(model=model)
@@ -174,11 +174,11 @@ def shared_problem(scene: Scene, model: CompiledModel | None) -> Problem:
 class Tracker:
     """The default tracker of so many cameras, compiled once."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene[PointData]) -> None:
         self.model = shared_problem(scene, None).model
         self.filter, self.collect = assumed_density_filter(self.model), shared_problem(scene, self.model).collector(2)
 
-    def run(self, scene: Scene, walk: str, seed: int) -> tuple[dict[str, Any], float, float]:
+    def run(self, scene: Scene[PointData], walk: str, seed: int) -> tuple[dict[str, Any], float, float]:
         """Summary of a run, its seconds, and those of learning; compilation left out."""
         problem = shared_problem(scene._replace(rate=ASSUMED_RATE) if walk == "frame" else scene, self.model)
         learning = 0.0
@@ -191,7 +191,7 @@ class Tracker:
         return run.outputs.summary, run.wall_seconds + learning, learning
 
 
-def measured(scene: Scene, summary: dict[str, Any], reference: dict[str, Any] | None) -> tuple[float, float]:
+def measured(scene: Scene[PointData], summary: dict[str, Any], reference: dict[str, Any] | None) -> tuple[float, float]:
     """Mean error of the joints, mm, and the share of their coordinates inside of 90 % intervals."""
     if reference is not None:
         return errors(scene.body.tree.marker_names, summary["markers_mean"], reference)[0], float("nan")

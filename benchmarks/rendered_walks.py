@@ -31,8 +31,9 @@ from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.io import VideoWarning, open_masks
 from poseppl.motion.tracking import TrackSettings, measure_run, track
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_data import SilhouetteData
 from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.motion.vision import BackgroundSettings
 from poseppl.runs.results import provenance
@@ -81,7 +82,9 @@ def main() -> None:
     show(f"{frames} frames", columns, summed(table.rows))
 
 
-def see(folder: str, cameras: Sequence[str], frames: int, true_masks: bool, settings: Any, background: Any) -> SilhouetteScene:
+def see(
+    folder: str, cameras: Sequence[str], frames: int, true_masks: bool, settings: Any, background: Any
+) -> Scene[SilhouetteData]:
     """The silhouettes of a rendered scene."""
     sources = sources_of_scene(folder, cameras)
     if true_masks:

@@ -19,8 +19,8 @@ from timing import arguments, interleave, show
 
 from poseppl.cli.console import start_jax
 from poseppl.motion.io import VideoWarning
+from poseppl.motion.tracking import pose_problem
 from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
-from poseppl.motion.tracking.silhouette_problem import silhouette_problem
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.runs.run import frame_inputs
 
@@ -38,13 +38,13 @@ def main() -> None:
         for name, timing in found.items():
             rate, ratio = options.states / timing.median, timing.median / found["value"].median
             rows.append([name, "yes" if edges else "no", f"{rate:,.0f}", f"{ratio:.1f}", f"{timing.first:.0f}"])
-    title = f"{len(seen.scene.camera_names)} cameras, {options.states} states side by side"
+    title = f"{len(seen.camera_names)} cameras, {options.states} states side by side"
     show(title, ["", "edges", "a second", "times the value", "first call, s"], rows)
 
 
 def evaluations(seen: Any, number: int) -> dict[str, Any]:
     """What is timed, by name: functions of no argument."""
-    problem = silhouette_problem(seen)
+    problem = pose_problem(seen)
     model, inputs = problem.model, frame_inputs(problem.inputs, 0)
     observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)
     truth = np.asarray(problem.inputs.start.value)

@@ -47,9 +47,9 @@ FRONT, SIDE = 0, 1
 walker = walking_subject(frames=f"0:{NUM_FRAMES}")
 cameras = place_cameras(walker.markers[:, 0], heading=0.0, view=0.0, count=2)
 two_eyes = observe_motion(walker, cameras, ["front", "side"], seed=1)
-covered = two_eyes.points.copy()
+covered = two_eyes.data.points.copy()
 covered[:, SIDE] = np.nan
-one_eye = two_eyes._replace(points=covered)
+one_eye = two_eyes._replace(data=two_eyes.data._replace(points=covered))
 
 # %% [markdown]
 # ## One arm, one frame
@@ -68,7 +68,7 @@ NUM_PARTICLES = 1_000_000
 
 
 known = BodyInputs(
-    cameras, jnp.asarray(two_eyes.noise), jnp.asarray(body.rest), *2 * [jnp.full(body.tree.dimension, 1.0)], body.tree
+    cameras, jnp.asarray(two_eyes.data.noise), jnp.asarray(body.rest), *2 * [jnp.full(body.tree.dimension, 1.0)], body.tree
 )
 whole = body.program.compile(known, body.params)
 model = whole.clamp(indices)
@@ -79,7 +79,7 @@ weigh = jax.jit(poseppl.particle_filter(model, NUM_PARTICLES).init)
 
 def draw_arms(scene):
     """Draw from the arm's posterior given the first frame: joints (draw, marker, axis) in mm and angles (draw, 4)."""
-    state, info = weigh(jax.random.key(0), model.observe({"points": scene.points[0]}), inputs)
+    state, info = weigh(jax.random.key(0), model.observe({"points": scene.data.points[0]}), inputs)
     angles = state.particles[systematic(jax.random.key(1), state.log_weights, 4000)]
     markers = jax.vmap(lambda x: model.extras(x, inputs)["markers"])(angles)
     return np.asarray(markers), np.asarray(angles), float(info.ess)
@@ -124,7 +124,7 @@ for colour, ((upper, fore), members) in zip(("tab:blue", "tab:orange", "tab:gree
 left.plot(*true_depths, "k*", markersize=12, label="truth")
 left.set(xlabel="elbow behind shoulder (mm)", ylabel="wrist behind elbow (mm)", title="in depth: four arms")
 left.legend(frameon=False, fontsize=8, title="upper arm, forearm")
-right.plot(*one_eye.points[0, FRONT, [SHOULDER, ELBOW, WRIST]].T, "ko", markerfacecolor="none", markersize=9)
+right.plot(*one_eye.data.points[0, FRONT, [SHOULDER, ELBOW, WRIST]].T, "ko", markerfacecolor="none", markersize=9)
 right.set(title="in the image: one", aspect="equal", xticks=[], yticks=[])
 picture
 
@@ -267,7 +267,7 @@ picture
 # one picture leaves four arms, none of them negligible; all explain the image to its noise, and the truth is among them
 for members in groups.values():
     assert members.mean() > 0.05
-    residual = (image[members] - one_eye.points[0, FRONT]) / one_eye.noise[FRONT][:, None]
+    residual = (image[members] - one_eye.data.points[0, FRONT]) / one_eye.data.noise[FRONT][:, None]
     assert np.sqrt(np.mean(residual[:, [ELBOW, WRIST]] ** 2)) < 2.0
 low, high = np.quantile(found[groups["towards", "towards"]], [0.005, 0.995], axis=0)
 assert ((low < true_depths) & (true_depths < high)).all()

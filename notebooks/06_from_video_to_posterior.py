@@ -37,8 +37,7 @@ from poseppl.motion.io import read_masks
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.rendering import Truth, build_setting, write_scene
 from poseppl.motion.rendering.packages import load_mujoco
-from poseppl.motion.tracking import walking_subject
-from poseppl.motion.tracking.silhouette_problem import silhouette_problem
+from poseppl.motion.tracking import pose_problem, walking_subject
 from poseppl.motion.tracking.truth import save_subject_truth
 from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.report import new_picture
@@ -70,14 +69,16 @@ LAST = NUM_FRAMES - 1
 pictures = {video.camera: list(video.images()) for video in sources.videos}
 masks = {name: read_masks(folder / f"{name}_visible.npz") for name in NAMES}
 shares = [masks[name][0].mean() for name in NAMES]
-print(f"{seen.contour.shape[2]} points on each outline; the person fills {min(shares):.1%} to {max(shares):.1%} of a picture")
+print(
+    f"{seen.data.contour.shape[2]} points on each outline; the person fills {min(shares):.1%} to {max(shares):.1%} of a picture"
+)
 
 picture = new_picture(9, 5)
 for column, name in enumerate(NAMES):
     for row, image in enumerate((pictures[name][0], masks[name][0])):
         axes = picture.add_subplot(2, 4, 1 + column + 4 * row, xticks=[], yticks=[])
         axes.imshow(image, cmap="gray")
-    axes.plot(*seen.contour[0, column].T, ".", color="tab:orange", markersize=3)
+    axes.plot(*seen.data.contour[0, column].T, ".", color="tab:orange", markersize=3)
 picture
 
 
@@ -100,7 +101,7 @@ def from_edge(name, frame, points):
 
 
 off = np.concatenate(
-    [from_edge(name, frame, seen.contour[frame, i]) for i, name in enumerate(NAMES) for frame in range(NUM_FRAMES)]
+    [from_edge(name, frame, seen.data.contour[frame, i]) for i, name in enumerate(NAMES) for frame in range(NUM_FRAMES)]
 )
 print(f"half of the points are within {np.median(off):.1f} px of the true edge, nine tenths within {np.quantile(off, 0.9):.1f}")
 
@@ -114,7 +115,7 @@ print(f"half of the points are within {np.median(off):.1f} px of the true edge, 
 
 # %%
 params = {**body.params, "sigma_position": 40.0 * 30**0.5}  # the person comes 40 mm further in a frame, 30 times a second
-problem = silhouette_problem(seen, params)
+problem = pose_problem(seen, params)
 tracker, collect = kalman_filter(problem.model), problem.collector(200)
 
 
@@ -143,7 +144,7 @@ print(f"one camera:   mean joint error {error_alone:.0f} mm, 90 % intervals hold
 
 # %%
 bodies = np.concatenate([alone.extras["markers"][LAST, 0, :12], together.summary["markers_mean"][LAST:]])
-images = np.asarray(project(seen.scene.cameras, jnp.asarray(bodies, float)))
+images = np.asarray(project(seen.cameras, jnp.asarray(bodies, float)))
 pairs = [[body.tree.marker_names.index(end) for end in edge] for edge in body.edges]
 picture = new_picture(9, 5)
 for number, name in enumerate(NAMES):
@@ -169,7 +170,7 @@ def spread(outputs, rays):
     return np.std(np.einsum("nmi,mi->nm", outputs.extras["markers"][LAST, 0], rays), axis=0)
 
 
-rays = walker.markers[LAST] - np.asarray(seen.scene.cameras.centre[0])
+rays = walker.markers[LAST] - np.asarray(seen.cameras.centre[0])
 rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
 asides = np.cross(rays, [0.0, 0.0, 1.0])
 asides /= np.linalg.norm(asides, axis=-1, keepdims=True)

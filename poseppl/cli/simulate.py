@@ -139,5 +139,5 @@ def _simulate_points(recording: str | None, options: dict[str, Any]) -> None:
     write_cameras(camera, records)
     save_truth(scene, truth)
     if not options["quiet"]:
-        rows = [("frames", str(len(scene.points))), ("points", str(points)), ("cameras", str(camera)), ("truth", str(truth))]
+        rows = [("frames", str(len(scene.frames))), ("points", str(points)), ("cameras", str(camera)), ("truth", str(truth))]
         print_table("poseppl simulate", rows)

@@ -217,15 +217,14 @@ def _run(
         )
     else:
         scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
-    seen = getattr(scene, "scene", scene)
-    if seen.rate is None:
+    if scene.rate is None:
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
-    progress.stage("compiling", total=len(seen.frames))
+    progress.stage("compiling", total=len(scene.frames))
     try:
         return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"]), None
     except TrackStopped as stopped:
         done = stopped.result["posterior"].sizes["frame"]
-        return stopped.result, f"{stopped}; the frames before it, {done} of {len(seen.frames)}, are"
+        return stopped.result, f"{stopped}; the frames before it, {done} of {len(scene.frames)}, are"
 
 
 def _seed(seed: int) -> int:

@@ -158,7 +158,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             advance=progress.advance,
         )
     if rate is not None:
-        scene = scene._replace(scene=scene.scene._replace(rate=rate))
+        scene = scene._replace(rate=rate)
     for warning in told:
         progress.note(str(warning.message))
     return scene

@@ -179,7 +179,7 @@ def _draw_ancestors(
 ) -> jax.Array:
     """An ancestor of each particle (N,), in proportion to p(x_i | x_(t-1)^j)."""
     keys = jax.random.split(rng_key, particles.shape[0])
-    draw = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))
+    draw: Any = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))
     ancestors: jax.Array = draw(keys, particles)
     return ancestors.astype(jnp.int32)
 

@@ -59,6 +59,12 @@ def frame_inputs(inputs: Any, frame: int) -> Any:
     return layout.join([jnp.asarray(leaf[frame]) for leaf in varying], constant)
 
 
+def rows_of_inputs(inputs: Any, frames: slice) -> Any:
+    """The inputs of some frames, with :class:`Constant` taken off."""
+    layout, varying, constant = _split_inputs(inputs)
+    return layout.join([leaf[frames] for leaf in varying], constant)
+
+
 class FrameSequence(NamedTuple):
     """Data and inputs of a sequence on the host."""
 

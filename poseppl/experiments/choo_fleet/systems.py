@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 from poseppl.files.bounded_reading import check_file
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, marker_positions, paper_camera, project
 from poseppl.motion.io import read_motion
 from poseppl.motion.tracking import Scene, pose_problem, recorded_subject, walking_subject
 from poseppl.motion.tracking.placing import cameras_around
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.scene import noise_of
-from poseppl.motion.tracking.start import Start
-from poseppl.motion.tracking.subjects import WALK_FRAMES, MovingSubject
+from poseppl.motion.tracking.subjects import WALK_FRAMES
 from poseppl.motion.tracking.walk import step_scales
 from poseppl.program import Observation
 
@@ -194,16 +195,12 @@ def noisy_points(stage: Stage, frames: slice, run: int) -> Floats:
 
 def pose_frame(stage: Stage, frame: int) -> Problem:
     """The problem of one frame alone, whose prior is a step of the random walk from the true state of the frame before."""
-    return pose_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=_start(stage, frame))
+    return pose_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=stage.states[frame - 1])
 
 
 def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
     """The problem of a sequence, whose prior is a step of the random walk from the true state of the frame before."""
-    return pose_problem(_scene(stage, frames, points), start=_start(stage, frames.start))
-
-
-def _start(stage: Stage, frame: int) -> Start:
-    return Start(stage.states[frame - 1], step_scales(stage.body, stage.body.params))
+    return pose_problem(_scene(stage, frames, points), start=stage.states[frames.start - 1])
 
 
 def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation:
@@ -213,14 +210,13 @@ def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation
     return first
 
 
-def _scene(stage: Stage, frames: slice, points: Floats) -> Scene:
+def _scene(stage: Stage, frames: slice, points: Floats) -> Scene[PointData]:
     numbers = np.arange(len(stage.states))[frames]
     return Scene(
         stage.body,
         stage.cameras,
         ("camera",),
-        points,
-        stage.noise,
+        PointData(points, stage.noise),
         numbers,
         RATE,
         "",

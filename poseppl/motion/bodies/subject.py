@@ -17,20 +17,26 @@ from poseppl.motion.io.motion import Motion
 from poseppl.motion.io.text_parsing import some
 
 
-class Subject(NamedTuple):
-    """A body with a recorded person's limb lengths, and how well it can follow the recording.
+class MovingSubject(NamedTuple):
+    """A body in motion.
 
     Attributes:
-        body: The body.
-        states: (T, d) the states that come closest to the recording.
-        markers: (T, K, 3) mm, the recorded places of the body's markers; NaN where missing.
-        residual: (T, K) mm, distances between the markers of the states and the recorded ones.
+        body: The body, with the subject's limb lengths.
+        states: (T, d) true states; of a recording those that come closest to it.
+        markers: (T, K, 3) mm, true places of the markers; NaN where unknown.
+        residual: Mean distance in mm between the markers and those of the states; None where the states are exact.
+        frames: (T,) frame numbers.
+        rate: Frames a second.
+        source: Where it came from.
     """
 
     body: Body
     states: NDArray[np.float64]
     markers: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    residual: float | None
+    frames: NDArray[np.int64]
+    rate: float
+    source: str
 
 
 def match_markers(
@@ -102,7 +108,7 @@ def fit_subject(
     build: Callable[..., Body],
     lengths: Mapping[str, float] | None = None,
     given: Mapping[str, tuple[str, ...]] | None = None,
-) -> Subject:
+) -> MovingSubject:
     """Measure the limbs of a recorded person and fit the body to every frame.
 
     Args:
@@ -127,7 +133,8 @@ def fit_subject(
         ) from error
     body = build({**measured, **(lengths or {})})
     states, residual = fit_states(body.tree, markers, body.rest)
-    return Subject(body, states, markers, residual)
+    mean = float(np.nanmean(residual))
+    return MovingSubject(body, states, markers, mean, np.arange(len(states)), motion.rate, motion.source)
 
 
 def _absent(names: tuple[str, ...], markers: NDArray[Any]) -> list[str]:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
+from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at
 from poseppl.motion.geometry.cameras import NEAREST
 from poseppl.motion.io import CameraRecord
-from poseppl.motion.tracking.subjects import MovingSubject
 
 VIEWS = ("side", "front", "back")
 _WALKS = 300.0

@@ -19,15 +19,17 @@ import numpy as np
 import xarray as xr
 
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import Body, BodyInputs
+from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.tracking.point_data import Floats, PointData
 from poseppl.motion.tracking.recorded_model import recorded_model
-from poseppl.motion.tracking.scene import Floats, Scene
-from poseppl.motion.tracking.start import Start, seek_start
+from poseppl.motion.tracking.scene import Scene, SceneData
+from poseppl.motion.tracking.start import start_scales
 from poseppl.motion.tracking.walk import step_scales, time_steps
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.frame_sequence import rows_of_inputs
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
 
@@ -37,7 +39,7 @@ class Problem(NamedTuple):
     Attributes:
         body: The body.
         model: Its compiled model; of the free coordinates alone, where the others are clamped.
-        observations: The points with a leading T.
+        observations: The scene's data with a leading T.
         inputs: Cameras, noise and start, as :func:`poseppl.runs.run.run_filter` takes them.
     """
 
@@ -61,12 +63,12 @@ class Problem(NamedTuple):
         Args:
             frames: Which frames of what changes from frame to frame.
         """
-        seen = body_inputs(self.inputs)
-        noise = seen.noise.value if isinstance(seen.noise, Constant) else seen.noise[frames]
-        record = {"noise": noise, "start": seen.start.value, "start_scale": seen.start_scale.value}
-        record["step_scale"] = seen.step_scale[frames, list(self.body.free_coordinates)]
-        if isinstance(self.inputs, Clamped):
-            record["states"] = self.inputs.values[frames]
+        seen = rows_of_inputs(self.inputs, frames)
+        own = body_inputs(seen)
+        record = {"noise": own.noise, "start": own.start, "start_scale": own.start_scale}
+        record["step_scale"] = own.step_scale[:, list(self.body.free_coordinates)]
+        if self.body.free is not None:
+            record["states"] = seen.values
         return {name: np.asarray(values) for name, values in record.items()}
 
 
@@ -92,29 +94,27 @@ def with_steps(inputs: Any, step_scale: Any) -> Any:
     return inputs._replace(inputs=changed) if isinstance(inputs, Clamped) else changed
 
 
-def pose_problem(scene: Scene, params: Mapping[str, float] | None = None, start: Start | None = None) -> Problem:
+def pose_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = None, start: Floats | None = None) -> Problem:
     """Pose the problem of a scene.
 
     Args:
         scene: The scene.
         params: The programs' params; the body's own if None.
-        start: Prior of the first state; around the truth where it is known, else sought in the first frames, if None.
+        start: State (d,) that the first one is a step of the random walk from; the truth where it is known if None. Where it
+            is not, the first state is sought in the data, and less is known of it.
 
     Raises:
-        InputError: The body clamps joints to a truth that is not known.
+        InputError: The body clamps joints to a truth that is not known, or nothing in the data tells of a start.
     """
     body = scene.body
     params = dict(body.params if params is None else params)
-    if start is None:
-        start = _start(scene, params)
+    known = scene.states[0] if start is None and scene.states is not None else start
+    if known is None:
+        mean, scale = scene.data.seek(scene, params), start_scales(body)
+    else:
+        mean, scale = known, step_scales(body, params)
     steps = step_scales(body, params, time_steps(scene.frames, scene.rate))
-    return _problem(body, params, scene.cameras, scene.points, scene.noise, start, steps, scene.states)
-
-
-def _start(scene: Scene, params: Mapping[str, float]) -> Start:
-    if scene.states is None:
-        return seek_start(scene.body, scene.cameras, scene.points, scene.noise)
-    return Start(scene.states[0], step_scales(scene.body, params))
+    return _problem(body, params, scene.data, _walk(body, scene.cameras, mean, scale, steps), scene.states)
 
 
 def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
@@ -134,15 +134,14 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     _, body, params = recorded_model(tree, model)
     seen = {str(name): jnp.asarray(values, float) for name, values in tree["camera"].dataset.data_vars.items()}
     cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
-    start = Start(inputs["start"], inputs["start_scale"])
-    steps = _steps_of_result(inputs, body, params)
+    walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params))
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():
         raise InputError(
             "the result holds no points: it comes from silhouettes, and their pictures are not in it",
-            expected="a result of points; in Python, run_smoother on the silhouette_problem of the scene",
+            expected="a result of points; in Python, run_smoother on the pose_problem of the scene",
         )
-    return _problem(body, params, cameras, points, inputs["noise"], start, steps, inputs.get("states"))
+    return _problem(body, params, PointData(points, inputs["noise"]), walk, inputs.get("states"))
 
 
 def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str, float]) -> Floats:
@@ -153,28 +152,21 @@ def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str,
     return steps
 
 
-def _problem(
-    body: Body,
-    params: Mapping[str, float],
-    cameras: Cameras,
-    points: Any,
-    noise: Any,
-    start: Start,
-    steps: Floats,
-    states: Any,
-) -> Problem:
-    spread: Any = jnp.asarray(noise, float)
-    fixed: Any = Constant
-    inputs = BodyInputs(
-        fixed(cameras),
-        spread if np.ndim(noise) == 3 else fixed(spread),
-        fixed(jnp.asarray(start.mean, float)),
-        fixed(jnp.asarray(start.scale, float)),
-        jnp.asarray(steps, float),
-        fixed(body.tree),
-    )
+def _walk(body: Body, cameras: Cameras, start: Any, start_scale: Any, steps: Floats) -> dict[str, Any]:
+    """Inputs by name that do not depend on what was seen."""
+    return {
+        "cameras": Constant(cameras),
+        "start": Constant(jnp.asarray(start, float)),
+        "start_scale": Constant(jnp.asarray(start_scale, float)),
+        "step_scale": jnp.asarray(steps, float),
+        "tree": Constant(body.tree),
+    }
+
+
+def _problem(body: Body, params: Mapping[str, float], data: SceneData, walk: Mapping[str, Any], states: Any) -> Problem:
+    inputs = data.inputs(body, walk)
     model = body.compile(frame_inputs(inputs, 0), params)
-    observations = model.observe({"points": points})
+    observations = data.observe(model)
     if body.free is None:
         return Problem(body, model, observations, inputs)
     if states is None:

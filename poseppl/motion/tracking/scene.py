@@ -1,10 +1,10 @@
-"""A scene: a body, cameras, and the noisy image points of its markers over time, with the truth where it is known."""
+"""A scene: a body, cameras, and what they saw of it over time, with the truth where it is known."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,27 +12,70 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io import CameraRecord, Observations, read_observations
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
-from poseppl.motion.tracking.subjects import DEFAULT_MODEL, MovingSubject
+from poseppl.motion.tracking.point_data import Floats, PointData
+from poseppl.motion.tracking.subjects import DEFAULT_MODEL
+from poseppl.program import CompiledModel, Observation
 
-Floats = NDArray[np.float64]
 LEAST_CONFIDENCE = 0.05
 """Points of less confidence count as not seen."""
 
 
-class Scene(NamedTuple):
+class SceneData(Protocol):
+    """What cameras saw of a body: points or silhouettes. All that differs between the two is asked here."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """What a result's attributes tell of the data, by name."""
+
+    def first_frames(self, count: int) -> Self:
+        """The data of the first frames alone."""
+
+    def seek(self, scene: Any, params: Mapping[str, float]) -> Floats:
+        """The state (d,) to start from, sought in the scene's data.
+
+        Args:
+            scene: The scene that the data are of.
+            params: Of the body's programs.
+
+        Raises:
+            InputError: No frame shows enough to start from.
+        """
+
+    def inputs(self, body: Body, walk: Mapping[str, Any]) -> Any:
+        """The inputs of the body's programs, as :func:`poseppl.runs.run.run_filter` takes them.
+
+        Args:
+            body: The body.
+            walk: The inputs that do not depend on the data, by name: cameras, start, step scales and tree.
+        """
+
+    def observe(self, model: CompiledModel) -> Observation:
+        """The data of the body's compiled model."""
+
+    def observed(self, body: Body) -> dict[str, NDArray[Any]]:
+        """What a result keeps of the data, (T, ...) by name; ``points`` (T, C, K, 2) among them."""
+
+    def quality(self, scene: Any, states: Any) -> dict[str, NDArray[Any]]:
+        """Figures (T, ...) by name of how well states (T, d) agree with the scene's data."""
+
+
+Data = TypeVar("Data", bound=SceneData, covariant=True)
+
+
+class Scene(NamedTuple, Generic[Data]):
     """What is tracked.
 
     Attributes:
         body: The body.
         cameras: C cameras.
         camera_names: Their names.
-        points: (T, C, K, 2) image points; NaN where a marker was not seen.
-        noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
+        data: What they saw.
         frames: (T,) frame numbers.
         rate: Frames a second, of frames whose numbers are as far apart as most; None where unknown.
         source: Where it came from.
@@ -44,14 +87,18 @@ class Scene(NamedTuple):
     body: Body
     cameras: Cameras
     camera_names: tuple[str, ...]
-    points: Floats
-    noise: Floats
+    data: Data
     frames: NDArray[np.int64]
     rate: float | None
     source: str
     states: Floats | None = None
     markers: Floats | None = None
     residual: float | None = None
+
+    def first_frames(self, count: int) -> Scene[Data]:
+        """The first frames alone: what a run that stopped has seen."""
+        states, markers = (None if truth is None else truth[:count] for truth in (self.states, self.markers))
+        return self._replace(data=self.data.first_frames(count), frames=self.frames[:count], states=states, markers=markers)
 
 
 def noise_of(body: Body, cameras: Cameras, noise: float | None) -> Floats:
@@ -80,7 +127,7 @@ def observe_motion(
     noise: float | None = None,
     missing: float = 0.0,
     seed: int = 0,
-) -> Scene:
+) -> Scene[PointData]:
     """Look at a moving subject through cameras, with noise.
 
     Args:
@@ -105,10 +152,9 @@ def observe_motion(
     unknown = np.asarray(np.isnan(subject.markers).any(axis=-1))
     hidden = unknown[:, None] | (rng.random(points.shape[:-1]) < missing)
     points[hidden] = np.nan
+    when = (subject.frames, subject.rate, subject.source)
     truth = (subject.states, subject.markers, subject.residual)
-    return Scene(
-        subject.body, cameras, tuple(camera_names), points, spread, subject.frames, subject.rate, subject.source, *truth
-    )
+    return Scene(subject.body, cameras, tuple(camera_names), PointData(points, spread), *when, *truth)
 
 
 def scene_of_observations(
@@ -121,7 +167,7 @@ def scene_of_observations(
     rate: float | None = None,
     stature: float | None = None,
     lengths: str | PathLike[str] | None = None,
-) -> Scene:
+) -> Scene[PointData]:
     """Read 2-D observations that come without truth.
 
     Args:
@@ -153,9 +199,10 @@ def scene_of_observations(
         spread = spread / np.sqrt(np.clip(np.nan_to_num(confidence, nan=1.0), LEAST_CONFIDENCE, 1.0))
     if not np.isfinite(points).any():
         raise InputError("no point is seen in the chosen frames", file=path, field="--frames")
-    return Scene(body, cameras, tuple(names), points, spread, observed.frames[part], rate and rate / part.step, str(path))
+    data = PointData(points, spread)
+    return Scene(body, cameras, tuple(names), data, observed.frames[part], rate and rate / part.step, str(path))
 
 
-def observations_of_scene(scene: Scene) -> Observations:
+def observations_of_scene(scene: Scene[PointData]) -> Observations:
     """The points of a scene, ready to be written."""
-    return Observations(scene.points, None, scene.frames, scene.body.tree.marker_names, scene.camera_names)
+    return Observations(scene.data.points, None, scene.frames, scene.body.tree.marker_names, scene.camera_names)

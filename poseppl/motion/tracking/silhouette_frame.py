@@ -13,7 +13,7 @@ from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.io.synchronised import VideoWarning
-from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.tracking.start import Floats
 from poseppl.motion.vision import EdgeSettings, check_mask, edge_distance, find_edges, silhouette_distance
 from poseppl.motion.vision.contours import contour_points
 

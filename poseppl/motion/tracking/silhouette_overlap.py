@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -14,16 +13,19 @@ from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, parts_of
-from poseppl.motion.tracking.scene import Floats
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
 
+if TYPE_CHECKING:
+    from poseppl.motion.tracking.scene import Scene
+    from poseppl.motion.tracking.silhouette_data import SilhouetteData
+
+Floats = NDArray[np.float64]
 _LONGER_SIDE = 160
 """Points of the grid along the longer side of a picture, at most."""
 _CHUNK = 8
 """Frames that are drawn at a time."""
 
 
-def silhouette_record(seen: SilhouetteScene) -> dict[str, Floats]:
+def silhouette_record(seen: SilhouetteData) -> dict[str, Floats]:
     """What the silhouettes say by themselves.
 
     Returns:
@@ -41,23 +43,23 @@ def silhouette_record(seen: SilhouetteScene) -> dict[str, Floats]:
     }
 
 
-def overlap(seen: SilhouetteScene, states: Any) -> Floats:
+def overlap(scene: Scene[SilhouetteData], states: Any) -> Floats:
     """Intersection over union of a body's silhouette with those that were seen, where neither is hidden.
 
     Args:
-        seen: The scene, whose body has flesh.
+        scene: The scene, whose body has flesh.
         states: States of the body (T, d).
 
     Returns:
         Shares (T, C); NaN where a camera saw nobody.
     """
-    body, scale = seen.scene.body, seen.scale
+    body, seen = scene.body, scene.data
     stride = -(-max(seen.person.shape[2:]) // _LONGER_SIDE)
     rows, columns = (np.arange(stride // 2, length, stride) for length in seen.person.shape[2:])
     grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
-    points = jnp.asarray((grid + 0.5) / scale[:, None, None] - 0.5, float)
+    points = jnp.asarray((grid + 0.5) / seen.scale[:, None, None] - 0.5, float)
     known = seen.person[:, :, rows][:, :, :, columns].reshape(*seen.usable.shape, -1)
-    ours = np.asarray(_drawn(body.tree, body.flesh, jnp.asarray(states, float), seen.scene.cameras, points))
+    ours = np.asarray(_drawn(body.tree, body.flesh, jnp.asarray(states, float), scene.cameras, points))
     both, either = (ours & (known == 1)).sum(-1), ((ours & (known >= 0)) | (known == 1)).sum(-1)
     return np.where(seen.usable & (either > 0), both / np.maximum(either, 1), np.nan)
 
@@ -69,10 +71,3 @@ def _covered(tree: KinematicTree, flesh: Flesh, states: jax.Array, cameras: Came
 
 _drawn = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
 """The same of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""
-
-
-def silhouette_stats(seen: SilhouetteScene, summary: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """``overlap`` (T, C) of the posterior mean's silhouette; nothing of a body without flesh or with clamped joints."""
-    if seen.scene.body.flesh is None or seen.scene.body.free is not None:
-        return {}
-    return {"overlap": overlap(seen, summary["state_mean"])}

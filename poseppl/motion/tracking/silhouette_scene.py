@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
-from poseppl.motion.geometry import Cameras, depth
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, Video
 from poseppl.motion.io.synchronised import VideoWarning, synchronised
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.picture_sizes import fit_size, resized
 from poseppl.motion.tracking.placing import cameras_of_records
-from poseppl.motion.tracking.scene import Floats, Scene
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_data import SilhouetteData
 from poseppl.motion.tracking.silhouette_frame import (
     Mask,
     OnFailure,
@@ -35,44 +35,6 @@ from poseppl.motion.vision import (
 )
 
 
-class SilhouetteScene(NamedTuple):
-    """What is tracked.
-
-    Attributes:
-        scene: Body, cameras, frames and, where known, the truth; its points are all missing.
-        contour: Points on the contours (T, C, K, 2), px.
-        on_outline: Which of them are part of the person's outline (T, C, K).
-        distance: Signed distances to the silhouettes (T, C, H, W), px of the image, negative inside.
-        scale: Pixels of the maps to one of the image (C,).
-        usable: Whether a camera's mask says anything in a frame (T, C).
-        person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
-        noise: Standard deviation of distances at the body, mm.
-        edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
-        faces: Name of the camera that the person faces at first, if somebody told.
-        found: With what settings the silhouettes were found, by name, for the record.
-    """
-
-    scene: Scene
-    contour: Floats
-    on_outline: NDArray[np.bool_]
-    distance: NDArray[np.float32]
-    scale: Floats
-    usable: NDArray[np.bool_]
-    person: NDArray[np.int8]
-    noise: float
-    edges: NDArray[np.float32] | None = None
-    faces: str | None = None
-    found: Mapping[str, Any] | None = None
-
-
-def noise_in_pixels(seen: SilhouetteScene, state: Any) -> Floats:
-    """Standard deviations (C,) in px of the scene's noise at the place of a state's root."""
-    cameras = seen.scene.cameras
-    away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)
-    focal = np.abs(np.asarray(cameras.focal, np.float64)).mean(-1)
-    return np.asarray(seen.noise * focal / away)
-
-
 def silhouette_scene(
     body: Body,
     records: Sequence[CameraRecord],
@@ -82,7 +44,7 @@ def silhouette_scene(
     settings: SilhouetteSettings | None = None,
     rate: float | None = None,
     source: str = "masks",
-) -> SilhouetteScene:
+) -> Scene[SilhouetteData]:
     """Make a scene of foreground masks.
 
     Args:
@@ -130,7 +92,7 @@ def scene_of_videos(
     stop: int | None = None,
     on_failure: OnFailure = "continue",
     advance: Any = None,
-) -> SilhouetteScene:
+) -> Scene[SilhouetteData]:
     """Make a scene of videos whose backgrounds are known or were learned, or whose masks are given.
 
     Args:
@@ -223,16 +185,6 @@ def check_names(records: Sequence[CameraRecord], names: Sequence[str]) -> None:
         raise InputError(problem, field="--calibration", expected="the same names; give videos as NAME=FILE")
 
 
-def check_faces(name: str, cameras: Sequence[str]) -> None:
-    """Check that there is the camera which the person is told to face.
-
-    Raises:
-        InputError: There is none of this name.
-    """
-    if name not in cameras:
-        raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
-
-
 def _assemble(
     body: Body,
     records: Sequence[CameraRecord],
@@ -241,14 +193,10 @@ def _assemble(
     rate: float | None,
     source: str,
     start: int = 0,
-) -> SilhouetteScene:
+) -> Scene[SilhouetteData]:
     cameras: Cameras = cameras_of_records(records)
     names = tuple(record.name for record in records)
-    shape = (len(frames), len(records), len(body.tree.marker_names))
-    number = start + np.arange(len(frames))
-    scene = Scene(body, cameras, names, np.full((*shape, 2), np.nan), np.ones(shape[1:]), number, rate, source)
-    return SilhouetteScene(
-        scene,
+    data = SilhouetteData(
         np.array([[frame.contour for frame in row] for row in frames]),
         np.array([[frame.on_outline != 0 for frame in row] for row in frames]),
         _same_size([[frame.distance for frame in row] for row in frames]),
@@ -259,6 +207,7 @@ def _assemble(
         _same_size([[frame.edges for frame in row] for row in frames]) if frames[0][0].edges is not None else None,
         found=settings._asdict(),
     )
+    return Scene(body, cameras, names, data, start + np.arange(len(frames)), rate, source)
 
 
 def _same_size(maps: Sequence[Sequence[Any]], beyond: float | None = None) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ middles of the silhouettes point to.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +16,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import Body, SilhouetteInputs
+from poseppl.motion.bodies.body import SilhouetteInputs
+from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking.scene import Floats
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, check_faces, noise_in_pixels
-from poseppl.motion.tracking.start import NUM_HEADINGS, START_ANGLE, START_POSITION, Start, place_of_points, scales
+from poseppl.motion.tracking.start import NUM_HEADINGS, Floats, place_of_points, scales
+
+if TYPE_CHECKING:
+    from poseppl.motion.tracking.scene import Scene
+    from poseppl.motion.tracking.silhouette_data import SilhouetteData
 
 _REST_SPREAD = 0.4
 _WIDER = (4.0, 1.0)
@@ -33,33 +36,43 @@ _FRAMES, _EVERY = 4, 10
 """How many frames decide which way the person faces, and how far apart they are."""
 
 
-def seek_silhouette(seen: SilhouetteScene, params: Mapping[str, float]) -> Start:
-    """Find a start in the first frame that most cameras see.
+def check_faces(name: str, cameras: Sequence[str]) -> None:
+    """Check that there is the camera which the person is told to face.
+
+    Raises:
+        InputError: There is none of this name.
+    """
+    if name not in cameras:
+        raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
+
+
+def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -> Floats:
+    """Find a state (d,) to start from in the first frame that most cameras see.
 
     Raises:
         InputError: No frame has a silhouette, or there is no camera of the name that was told.
     """
-    count = seen.usable.sum(1)
+    count = scene.data.usable.sum(1)
     if not count.max():
         raise InputError("no frame shows a silhouette", field="--video", expected="a person in the picture")
     usable = np.flatnonzero(count == count.max())
     first = int(usable[0])
-    search = _Search(seen, params, first)
+    search = _Search(scene, params, first)
     candidates = sorted((search.solve(guess, first) for guess in search.guesses()), key=lambda found: found.cost)
-    best = _turned(search, seen, candidates, usable).state.copy()
-    rest = np.asarray(seen.scene.body.rest, np.float64)
+    best = _turned(search, scene, candidates, usable).state.copy()
+    rest = np.asarray(scene.body.rest, np.float64)
     best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
-    return Start(best, scales(seen.scene.body, START_POSITION, START_ANGLE))
+    return np.asarray(best)
 
 
-def _turned(search: _Search, seen: SilhouetteScene, candidates: Sequence[_Found], usable: Any) -> _Found:
+def _turned(search: _Search, scene: Scene[SilhouetteData], candidates: Sequence[_Found], usable: Any) -> _Found:
     """The best of the candidates, sorted by their costs, that is not turned round.
 
     A silhouette is nearly the same from the front and from the back. If it was told which camera the person faces, it is the
     best candidate that faces it. Else, of the best candidate and the best one that faces the other way, that which faces where
     the person goes; of one that stays in place, that which explains later frames better.
     """
-    faced = _faced(seen)
+    faced = _faced(scene)
     if faced is not None:
         towards = [search.forward(found.state) @ _unit(faced - found.state[:2]) for found in candidates]
         return candidates[int(np.argmax(np.minimum(towards, _TOWARDS)))]
@@ -76,13 +89,13 @@ def _unit(vector: Floats) -> Floats:
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
-def _faced(seen: SilhouetteScene) -> Floats | None:
+def _faced(scene: Scene[SilhouetteData]) -> Floats | None:
     """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
-    if seen.faces is None:
+    name, names = scene.data.faces, scene.camera_names
+    if name is None:
         return None
-    names = seen.scene.camera_names
-    check_faces(seen.faces, names)
-    return np.asarray(seen.scene.cameras.centre, np.float64)[names.index(seen.faces), :2]
+    check_faces(name, names)
+    return np.asarray(scene.cameras.centre, np.float64)[names.index(name), :2]
 
 
 class _Found(NamedTuple):
@@ -93,15 +106,15 @@ class _Found(NamedTuple):
 class _Search:
     """Least squares on the residuals of one frame after the other."""
 
-    def __init__(self, seen: SilhouetteScene, params: Mapping[str, float], first: int) -> None:
-        self._seen, body = seen, seen.scene.body
+    def __init__(self, scene: Scene[SilhouetteData], params: Mapping[str, float], first: int) -> None:
+        self._scene, body = scene, scene.body
         self._rest = np.asarray(body.rest, np.float64)
         root = body.tree.coordinates[0][0]
         self._headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
         self._x_scale = scales(body, 100.0, 0.3)
-        self._place = _middle(seen, first, body, self._rest)
+        self._place = _middle(scene, first, self._rest)
         free = np.array([joint != root for joint, _ in body.tree.coordinates])
-        self._evaluate, self._derive = map(jax.jit, _residuals(seen, params, self._rest, free, self._place))
+        self._evaluate, self._derive = map(jax.jit, _residuals(scene, params, self._rest, free, self._place))
 
     def guesses(self) -> list[Floats]:
         """The rest pose at the place of the silhouettes, in every heading."""
@@ -117,7 +130,7 @@ class _Search:
         """The best pose near a guess."""
         state = guess
         for wider in _WIDER:
-            data = _data(self._seen, frame)._replace(wider=jnp.asarray(wider, float))
+            data = _data(self._scene.data, frame)._replace(wider=jnp.asarray(wider, float))
             solution = least_squares(
                 lambda x, data=data: np.asarray(self._evaluate(x, data), np.float64),
                 state,
@@ -141,7 +154,7 @@ class _Search:
 
     def way(self, first: int, last: int) -> Floats:
         """How far the person goes between two frames on the ground (2,), mm."""
-        places = (_middle(self._seen, frame, self._seen.scene.body, self._rest) for frame in (last, first))
+        places = (_middle(self._scene, frame, self._rest) for frame in (last, first))
         return np.asarray(next(places) - next(places))[:2]
 
     def forward(self, state: Floats) -> Floats:
@@ -163,15 +176,16 @@ class _Data(NamedTuple):
     wider: jax.Array
 
 
-def _data(seen: SilhouetteScene, frame: int) -> _Data:
+def _data(seen: SilhouetteData, frame: int) -> _Data:
     contour, distance, scale = (jnp.asarray(each, float) for each in (seen.contour[frame], seen.distance[frame], seen.scale))
     on_outline, usable = (jnp.asarray(each[frame], float) for each in (seen.on_outline, seen.usable))
     edges = None if seen.edges is None else jnp.asarray(seen.edges[frame], float)
     return _Data(SilhouetteSeen(contour, distance, scale, edges), on_outline, usable, jnp.ones(()))
 
 
-def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floats:
+def _middle(scene: Scene[SilhouetteData], frame: int, rest: Floats) -> Floats:
     """Where the root may be (3,): what the silhouettes' points look like, taken for markers spread over the body."""
+    body, seen = scene.body, scene.data
     names = body.tree.marker_names
     points = np.full((len(seen.usable[0]), len(names), 2), np.nan)
     for camera in np.flatnonzero(seen.usable[frame]):
@@ -180,17 +194,17 @@ def _middle(seen: SilhouetteScene, frame: int, body: Body, rest: Floats) -> Floa
         # the box of the silhouette, seen as the box of the markers
         spread = np.linspace(0.0, 1.0, len(names))[:, None]
         points[camera] = np.where([False, True], low + spread * (high - low), (low + high) / 2)
-    return place_of_points(body, seen.scene.cameras, points, rest)
+    return place_of_points(body, scene.cameras, points, rest)
 
 
 def _residuals(
-    seen: SilhouetteScene, params: Mapping[str, float], rest: Floats, free: Any, place: Floats
+    scene: Scene[SilhouetteData], params: Mapping[str, float], rest: Floats, free: Any, place: Floats
 ) -> tuple[Callable[..., jax.Array], Callable[..., jax.Array]]:
     """Residuals of a state and the data of a frame, and their derivatives by the state."""
-    body, cameras = seen.scene.body, seen.scene.cameras
+    body, cameras = scene.body, scene.cameras
     guess = rest.copy()
     guess[:3] = place
-    noise = jnp.asarray(noise_in_pixels(seen, guess), float)
+    noise = jnp.asarray(scene.data.noise_in_pixels(cameras, guess), float)
 
     def inputs(data: _Data) -> SilhouetteInputs:
         return SilhouetteInputs(
@@ -203,7 +217,7 @@ def _residuals(
             body.flesh,  # type: ignore[arg-type]
         )
 
-    model = body.compile(inputs(_data(seen, 0)), params)
+    model = body.compile(inputs(_data(scene.data, 0)), params)
 
     def weights(data: _Data, count: int) -> jax.Array:
         """Of all residuals: those of the outline first, then those of parts that stick out."""

@@ -1,4 +1,4 @@
-"""Where tracking starts: a mean and standard deviations of the first state.
+"""Where tracking starts: the mean of the first state.
 
 Where the truth is known, the start is the truth, with the spread of one step of the random walk. Elsewhere it is the pose that
 explains the best-seen frame: nonlinear least squares on the image points,
@@ -12,7 +12,6 @@ from the rays of several cameras, or from the apparent size in one.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,19 +33,17 @@ _REST_SPREAD = 0.5
 _LEAST_MARKERS = 4
 
 
-class Start(NamedTuple):
-    """Mean (d,) and standard deviations (d,) of the first state."""
-
-    mean: Floats
-    scale: Floats
-
-
 def scales(body: Body, position: float, angle: float) -> Floats:
     """Standard deviations (d,): one for the root's translations (mm), one for all angles (radians)."""
     return np.array([position if axis in ("tx", "ty", "tz") else angle for _, axis in body.tree.coordinates])
 
 
-def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Start:
+def start_scales(body: Body) -> Floats:
+    """Standard deviations (d,) of a first state that was sought."""
+    return scales(body, START_POSITION, START_ANGLE)
+
+
+def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
     """Find a start in the image points.
 
     Args:
@@ -54,6 +51,9 @@ def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> S
         cameras: C cameras.
         points: (T, C, K, 2), NaN where missing; the earliest of the best-seen frames is taken.
         noise: (C, K) or (T, C, K), in image units.
+
+    Returns:
+        The state (d,), known within :func:`start_scales`.
 
     Raises:
         InputError: No frame shows enough markers.
@@ -65,8 +65,7 @@ def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> S
         raise InputError(problem, expected=f"a frame with {_LEAST_MARKERS} or more")
     frame = int(np.argmax(enough))
     spread = noise if noise.ndim == 2 else noise[frame]
-    mean = _best_pose(body, cameras, points[frame], spread)
-    return Start(mean, scales(body, START_POSITION, START_ANGLE))
+    return _best_pose(body, cameras, points[frame], spread)
 
 
 def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, load_builder
-from poseppl.motion.bodies.subject import fit_subject
+from poseppl.motion.bodies.subject import MovingSubject, fit_subject
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
@@ -25,28 +24,6 @@ DEFAULT_WALK = "poseppl_models.gait:walk"
 WALK_FRAMES = 60
 WALK_RATE = 30.0
 LONGEST_WALK = 100_000
-
-
-class MovingSubject(NamedTuple):
-    """A body in motion.
-
-    Attributes:
-        body: The body, with the subject's limb lengths.
-        states: (T, d) true states.
-        markers: (T, K, 3) mm, true places of the markers; NaN where unknown.
-        residual: Mean distance in mm between the markers and those of the states; None where the states are exact.
-        frames: (T,) frame numbers.
-        rate: Frames a second.
-        source: Where it came from.
-    """
-
-    body: Body
-    states: NDArray[np.float64]
-    markers: NDArray[np.float64]
-    residual: float | None
-    frames: NDArray[np.int64]
-    rate: float
-    source: str
 
 
 def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, rate: float | None = None) -> MovingSubject:
@@ -116,10 +93,7 @@ def recorded_subject(
     given = None if names is None else read_names(names)
     known = None if lengths is None else read_lengths(lengths, model)
     subject = fit_subject(motion, build, known, given)
-    residual = float(np.nanmean(subject.residual))
-    return MovingSubject(
-        subject.body, subject.states, subject.markers, residual, np.arange(count)[chosen.within(count)], motion.rate, str(path)
-    )
+    return subject._replace(frames=np.arange(count)[chosen.within(count)], source=str(path))
 
 
 def _check_markers(motion: Motion, build: Callable[[Mapping[str, float] | None], Body]) -> None:

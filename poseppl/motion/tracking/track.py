@@ -16,12 +16,8 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
-from poseppl.motion.tracking.first_frames import first_frames
 from poseppl.motion.tracking.problem import Problem, pose_problem
-from poseppl.motion.tracking.scene import Scene
-from poseppl.motion.tracking.silhouette_overlap import silhouette_record, silhouette_stats
-from poseppl.motion.tracking.silhouette_problem import silhouette_problem
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene
+from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
@@ -80,7 +76,7 @@ class TrackStopped(RunError):
 
 
 def track(
-    seen: Scene | SilhouetteScene,
+    scene: Scene[SceneData],
     settings: TrackSettings | None = None,
     *,
     progress: Progress | None = None,
@@ -90,7 +86,7 @@ def track(
     """Track a scene.
 
     Args:
-        seen: The scene, of points or of silhouettes.
+        scene: The scene.
         settings: How.
         progress: Who is told how it goes.
         checkpoint: Folder that the run is saved to after each chunk of frames.
@@ -112,9 +108,8 @@ def track(
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
     if settings.walk not in ("fixed", "learned"):
         raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
-    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
     params = walk_params(scene.body, settings)
-    problem = silhouette_problem(seen, params) if isinstance(seen, SilhouetteScene) else pose_problem(seen, params)
+    problem = pose_problem(scene, params)
     if settings.walk == "learned":
         problem = learn_walk(problem)
     built, options = FILTERS[settings.filter].build(problem.model, settings.options)
@@ -126,7 +121,7 @@ def track(
         "model source": source_of_model(settings.model),
         "filter": settings.filter,
         "settings": {**options, **params, "walk": settings.walk, "max_draws": max_draws},
-        "silhouettes": seen.found if isinstance(seen, SilhouetteScene) else None,
+        **scene.data.provenance,
         "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),
     }
@@ -138,7 +133,7 @@ def track(
             jax.random.key(settings.seed),
             problem.observations,
             problem.inputs,
-            num_frames=len(scene.points),
+            num_frames=len(scene.frames),
             collect=problem.collector(max_draws),
             predict=None if obstacle else predictive_checks(problem.model),
             chunk=settings.chunk,
@@ -150,9 +145,9 @@ def track(
     except RunError as error:
         if error.done is None:
             raise
-        stopped = diagnose(_result(seen, problem, error.done, {**record, "stopped": str(error)}))
+        stopped = diagnose(_result(scene, problem, error.done, {**record, "stopped": str(error)}))
         raise TrackStopped(error, stopped) from error
-    return diagnose(_result(seen, problem, run, record))
+    return diagnose(_result(scene, problem, run, record))
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
@@ -162,8 +157,7 @@ def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:
         InputError: A scale is not positive, or the body has none.
     """
     params = dict(body.params)
-    for name in ("sigma_position", "sigma_angle"):
-        value = getattr(settings, name)
+    for name, value in (("sigma_position", settings.sigma_position), ("sigma_angle", settings.sigma_angle)):
         field = "--" + name.replace("_", "-")
         if value is None:
             continue
@@ -203,14 +197,10 @@ def affordable_draws(problem: Problem, chains: int) -> int:
     return int(max(2, min(draws, 1000)))
 
 
-def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
+def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[str, Any]) -> xr.DataTree:
     count = len(run.unique_ancestors)  # a run that stopped has fewer frames than its scene
-    seen = first_frames(seen, count)
-    scene = seen.scene if isinstance(seen, SilhouetteScene) else seen
-    parts, observed = parts_of_run(run), {"points": scene.points}
-    if isinstance(seen, SilhouetteScene):
-        parts["sample_stats"] |= silhouette_stats(seen, parts["summary"])
-        observed |= silhouette_record(seen)
+    scene, parts = scene.first_frames(count), parts_of_run(run)
+    parts["sample_stats"] |= scene.data.quality(scene, parts["summary"]["state_mean"])
     body, tree = scene.body, scene.body.tree
     free = list(body.free_coordinates)
     names = [tree.coordinate_names[index] for index in free]
@@ -219,7 +209,7 @@ def _result(seen: Scene | SilhouetteScene, problem: Problem, run: Run, attrs: Ma
     return build_result(
         **parts,
         names=Names(names, tree.marker_names, scene.camera_names),
-        observed=observed,
+        observed=scene.data.observed(scene.body),
         truth=truth,
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         edges=pairs,

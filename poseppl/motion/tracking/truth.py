@@ -9,11 +9,11 @@ import xarray as xr
 
 from poseppl.errors import InputError
 from poseppl.files.netcdf_writing import write_netcdf
-from poseppl.motion.tracking.scene import Scene
-from poseppl.motion.tracking.subjects import MovingSubject
+from poseppl.motion.bodies.subject import MovingSubject
+from poseppl.motion.tracking.scene import Scene, SceneData
 
 
-def save_truth(scene: Scene, path: str | PathLike[str]) -> None:
+def save_truth(scene: Scene[SceneData], path: str | PathLike[str]) -> None:
     """Write the truth of a scene as NetCDF: ``state`` (frame, dof), ``markers`` (frame, marker, axis) in mm.
 
     Args:

@@ -18,9 +18,11 @@ from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_
 from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.picture_sizes import resized
-from poseppl.motion.tracking.scene import Floats
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.silhouette_data import Floats, SilhouetteData
 from poseppl.motion.tracking.silhouette_frame import OnFailure, SilhouetteSettings
-from poseppl.motion.tracking.silhouette_scene import SilhouetteScene, check_faces, check_names, scene_of_videos
+from poseppl.motion.tracking.silhouette_scene import check_names, scene_of_videos
+from poseppl.motion.tracking.silhouette_start import check_faces
 from poseppl.motion.vision import Background, BackgroundSettings, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
@@ -157,7 +159,7 @@ def see_silhouettes(
     stop: int | None = None,
     on_failure: OnFailure = "continue",
     advance: Callable[[int], None] | None = None,
-) -> SilhouetteScene:
+) -> Scene[SilhouetteData]:
     """Learn the backgrounds and find the silhouettes.
 
     Args:
@@ -190,7 +192,7 @@ def see_silhouettes(
     }
     sizes = {video.camera: video.size for video in sources.videos}
     hidden = {name: resized(mask, sizes[name], "picture of what is hidden", name) for name, mask in sources.hidden.items()}
-    seen = scene_of_videos(
+    scene = scene_of_videos(
         body,
         sources.records,
         sources.videos,
@@ -203,16 +205,17 @@ def see_silhouettes(
         on_failure=on_failure,
         advance=advance,
     )
-    seen = seen._replace(faces=faces, found={**(seen.found or {}), **_found(sources, background, faces)})
+    found = {**(scene.data.found or {}), **_found(sources, background, faces)}
+    scene = scene._replace(data=scene.data._replace(faces=faces, found=found))
     if truth is None:
-        return seen
-    part = slice(start, start + len(seen.contour))
-    return seen._replace(scene=seen.scene._replace(states=truth.states[part], markers=truth.markers[part]))
+        return scene
+    part = slice(start, start + len(scene.frames))
+    return scene._replace(states=truth.states[part], markers=truth.markers[part])
 
 
 def _found(sources: VideoSources, background: BackgroundSettings | None, faces: str | None) -> dict[str, Any]:
     """Where the silhouettes come from: cameras with masks or pictures of the empty scene, and how the others are found."""
-    given = {name: sorted(getattr(sources, name)) for name in ("masks", "empty", "hidden")}
+    given = {"masks": sorted(sources.masks), "empty": sorted(sources.empty), "hidden": sorted(sources.hidden)}
     settings = (background or BackgroundSettings())._asdict()
     return {**given, "faces": faces, "background": settings if len(sources.masks) < len(sources.records) else None}
 

@@ -34,18 +34,18 @@ def truth():
 def test_given_masks_are_the_silhouettes():
     seen, wanted = see_silhouettes(sources(truth())), silhouette_scene(body(), RECORDS, truth())
     for name in ("contour", "on_outline", "distance", "usable"):
-        np.testing.assert_allclose(getattr(seen, name), getattr(wanted, name), atol=1e-5)
-    assert seen.scene.rate == 30.0
+        np.testing.assert_allclose(getattr(seen.data, name), getattr(wanted.data, name), atol=1e-5)
+    assert seen.rate == 30.0
 
 
 def test_masks_of_half_the_size_are_nearly_the_same():
     half = {name: [cv2.resize(mask, None, fx=0.5, fy=0.5) for mask in masks] for name, masks in truth().items()}
     seen, wanted = see_silhouettes(sources(half)), silhouette_scene(body(), RECORDS, truth())
-    off = np.abs(seen.distance - wanted.distance)
-    assert off.mean() < 0.2 and np.abs(wanted.distance).mean() > 10.0  # px
+    off = np.abs(seen.data.distance - wanted.data.distance)
+    assert off.mean() < 0.2 and np.abs(wanted.data.distance).mean() > 10.0  # px
     other = see_silhouettes(sources(dict(zip(truth(), list(half.values())[::-1], strict=True))))
     # masks of the wrong cameras: 0.7 px, as both show one person in the middle and maps are cut at 30 px
-    assert np.abs(other.distance - wanted.distance).mean() > 0.5
+    assert np.abs(other.data.distance - wanted.data.distance).mean() > 0.5
 
 
 def test_masks_that_do_not_fit_are_told():
@@ -64,6 +64,6 @@ def test_a_scene_names_no_file_outside_of_its_folder(tmp_path, name):
 def test_fewer_masks_than_frames_end_the_run_or_stop_it():
     short = truth() | {"right": truth()["right"][:2]}
     with pytest.warns(VideoWarning, match=r"right \(masks\).*2 frames, 3 are wanted"):
-        assert len(see_silhouettes(sources(short)).contour) == 2
+        assert len(see_silhouettes(sources(short)).frames) == 2
     with pytest.raises(InputError, match=r"right \(masks\).*2 frames"):
         see_silhouettes(sources(short), on_failure="stop")

@@ -9,10 +9,10 @@ from poseppl_models import choo_fleet, silhouettes
 
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs
+from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import look_at, marker_positions
 from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.motion.tracking import observe_motion, pose_problem
-from poseppl.motion.tracking.subjects import MovingSubject
 
 OTHER = {"thigh": 390.0, "shoulder_forward": 20.0, "hip_forward": -35.0, "shoulder_drop": 0.0}
 

@@ -36,7 +36,7 @@ def test_what_is_hidden_does_not_count_and_who_is_not_seen_has_no_overlap():
     hidden = np.zeros(SIZE[::-1], np.uint8)
     hidden[100:] = 1
     scene = scene_of([state, state], hidden={"left": hidden})
-    scene = scene._replace(usable=np.array([[True, True], [True, False]]))
+    scene = scene._replace(data=scene.data._replace(usable=np.array([[True, True], [True, False]])))
     shares = overlap(scene, np.stack([state, state]))
     assert (shares[0] > 0.95).all() and np.isnan(shares[1, 1])
     # a leg behind the furniture is not missed
@@ -49,7 +49,7 @@ def test_what_is_hidden_does_not_count_and_who_is_not_seen_has_no_overlap():
 
 def test_areas_and_centres_are_those_of_the_masks():
     states = [pose(), pose() + np.r_[0.0, 0.0, 150.0, np.zeros(25)]]
-    record = silhouette_record(scene_of(states))
+    record = silhouette_record(scene_of(states).data)
     for frame, state in enumerate(states):
         for camera, each in enumerate(RECORDS):
             rows, columns = np.nonzero(masks_of(state)[each.name])
@@ -61,6 +61,6 @@ def test_empty_masks_have_neither():
     masks = {record.name: np.zeros((1, *SIZE[::-1]), np.uint8) for record in RECORDS}
     masks["left"][0] = masks_of(pose())["left"]
     with pytest.warns(match="camera right"):
-        record = silhouette_record(silhouette_scene(body(), RECORDS, masks))
+        record = silhouette_record(silhouette_scene(body(), RECORDS, masks).data)
     assert np.isfinite(record["silhouette_area"][0]).tolist() == [True, False]
     assert np.isnan(record["silhouette_centre"][0, 1]).all()

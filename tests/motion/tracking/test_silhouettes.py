@@ -17,8 +17,7 @@ from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking import TrackSettings, track
-from poseppl.motion.tracking.silhouette_problem import silhouette_problem
+from poseppl.motion.tracking import TrackSettings, pose_problem, track
 from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 from poseppl.motion.tracking.silhouette_start import seek_silhouette
 from poseppl.runs.results import provenance
@@ -33,15 +32,19 @@ def scene_of(*states, **options):
 
 def program_of(scene):
     """The compiled model, its observation and its inputs at the first frame."""
-    problem = silhouette_problem(scene)
+    problem = pose_problem(scene)
     observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)
     return problem.model, observation, frame_inputs(problem.inputs, 0)
+
+
+def with_data(scene, **changes):
+    return scene._replace(data=scene.data._replace(**changes))
 
 
 def with_truth(scene, *states):
     known = np.stack(states)
     markers = np.asarray(jax.vmap(lambda x: marker_positions(body().tree, x))(jnp.asarray(known, float)))
-    return scene._replace(scene=scene.scene._replace(states=known, markers=markers))
+    return scene._replace(states=known, markers=markers)
 
 
 def test_residuals_are_small_at_the_truth_and_large_elsewhere():
@@ -81,10 +84,10 @@ def test_one_pass_equals_normals_and_its_gradients_finite_differences():
 
 def with_edges(scene):
     """Edges where the masks' outlines are, and two lines across."""
-    distance = np.abs(scene.distance).astype(np.float32)
+    distance = np.abs(scene.data.distance).astype(np.float32)
     rows = np.arange(distance.shape[2], dtype=np.float32)[:, None]
     lines = np.minimum(np.abs(rows - 70), np.abs(rows - 100.5))
-    return scene._replace(edges=np.minimum(np.minimum(distance, lines), np.float32(10.0)))
+    return with_data(scene, edges=np.minimum(np.minimum(distance, lines), np.float32(10.0)))
 
 
 def test_edges_have_gradients_and_pull_the_sides_of_parts():
@@ -140,7 +143,7 @@ def test_a_camera_with_an_empty_mask_does_not_count():
     masks["right"][:] = 0
     with pytest.warns(VideoWarning, match="right.*frame 0.*does not count"):
         scene = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
-    assert scene.usable.tolist() == [[True, False]]
+    assert scene.data.usable.tolist() == [[True, False]]
     model, observation, inputs = program_of(scene)
     assert np.asarray(observation.mask["silhouette"]).any(1).tolist() == [True, False]
     elsewhere = inputs._replace(
@@ -184,7 +187,7 @@ def test_hidden_pixels_are_no_evidence():
     table[int(rows.mean()) :] = 1  # hides all below the middle
     masks["left"][0][table != 0] = 0
     scene = with_truth(silhouette_scene(body(), RECORDS, masks, hidden={"left": table}), truth)
-    contour, counts = scene.contour[0, 0], scene.on_outline[0, 0]
+    contour, counts = scene.data.contour[0, 0], scene.data.on_outline[0, 0]
     assert counts.any() and not counts.all()
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
     blind = with_truth(silhouette_scene(body(), RECORDS, masks), truth)
@@ -198,13 +201,13 @@ def beyond(scene, state):
     """How far each part sticks out of the left camera's silhouette, px."""
     model, _, inputs = program_of(scene)
     distances = np.asarray(model.observation_moments(jnp.asarray(state, float), inputs)[0]).reshape(2, -1)
-    return distances[0, scene.contour.shape[2] :]
+    return distances[0, scene.data.contour.shape[2] :]
 
 
 def test_the_start_is_found_without_a_truth():
     truth = pose(4)
     start = seek_silhouette(scene_of(truth), body().params)
-    found, known = (np.asarray(marker_positions(body().tree, jnp.asarray(x, float))) for x in (start.mean, truth))
+    found, known = (np.asarray(marker_positions(body().tree, jnp.asarray(x, float))) for x in (start, truth))
     # two cameras do not tell a limb from its mirror image: the trunk is what must be found
     trunk = [body().tree.marker_names.index(name) for name in ("pelvis", "chest", "neck")]
     assert np.linalg.norm((found - known)[trunk], axis=-1).max() < 120.0
@@ -214,12 +217,12 @@ def test_the_start_faces_the_camera_that_was_told():
     scene = scene_of(pose(4))
     tree = body().tree
     for name, number in (("left", 0), ("right", 1)):
-        start = seek_silhouette(scene._replace(faces=name), body().params).mean
+        start = seek_silhouette(with_data(scene, faces=name), body().params)
         heading = start[tree.coordinates.index((tree.joint_names[0], "Z"))]
-        towards = np.asarray(scene.scene.cameras.centre)[number, :2] - start[:2]
+        towards = np.asarray(scene.cameras.centre)[number, :2] - start[:2]
         assert np.array([-np.sin(heading), np.cos(heading)]) @ towards > 0
     with pytest.raises(InputError, match="no camera 'middle'.*left, right"):
-        seek_silhouette(scene._replace(faces="middle"), body().params)
+        seek_silhouette(with_data(scene, faces="middle"), body().params)
 
 
 def test_cameras_must_match():
@@ -230,7 +233,7 @@ def test_cameras_must_match():
         silhouette_scene(body(), RECORDS, {**masks, "left": masks["left"][:, :-30]})
     with pytest.warns(VideoWarning, match="camera left.*240 x 179.*cut off"):
         scene = silhouette_scene(body(), RECORDS, {**masks, "left": masks["left"][:, :-1]})
-    assert scene.usable.all()
+    assert scene.data.usable.all()
 
 
 @pytest.mark.slow
@@ -240,5 +243,5 @@ def test_a_moving_body_is_followed():
     tree = track(scene, TrackSettings())
     assert "predictive" not in tree.children
     assert "Silhouettes of site 'silhouette' are a heuristic" in provenance(tree)["predictive checks"]
-    error = np.linalg.norm(tree["summary"].dataset["markers_mean"].values - scene.scene.markers, axis=-1)
+    error = np.linalg.norm(tree["summary"].dataset["markers_mean"].values - scene.markers, axis=-1)
     assert error.mean() < 40.0

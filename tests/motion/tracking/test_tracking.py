@@ -56,21 +56,23 @@ def test_noise_has_its_size_and_missing_points_are_missing() -> None:
     cameras = place_cameras(PATH, 0.0, focal=1000.0)
     scene = observe_motion(WALK, cameras, ("camera",), noise=0.003, missing=0.2, seed=1)
     clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(WALK.markers))), 0, 1)
-    error = (scene.points - clean)[np.isfinite(scene.points)]
+    error = (scene.data.points - clean)[np.isfinite(scene.data.points)]
     assert abs(error.std() / 3.0 - 1) < 5 / np.sqrt(2 * error.size)
-    missing = np.isnan(scene.points).all(-1).mean()
+    missing = np.isnan(scene.data.points).all(-1).mean()
     assert abs(missing - 0.2) < 5 * np.sqrt(0.16 / (12 * 17))
-    np.testing.assert_array_equal(scene.points, observe_motion(WALK, cameras, ("camera",), missing=0.2, seed=1).points)
+    np.testing.assert_array_equal(
+        scene.data.points, observe_motion(WALK, cameras, ("camera",), missing=0.2, seed=1).data.points
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_start_is_found_from_the_image_alone(count: int) -> None:
     cameras = place_cameras(PATH, 0.0, count=count)
     scene = observe_motion(WALK, cameras, camera_names(count), noise=1e-4)
-    start = seek_start(scene.body, cameras, scene.points, scene.noise)
-    shown = np.asarray(project(cameras, marker_positions(scene.body.tree, jnp.asarray(start.mean))))
-    assert np.abs(shown - scene.points[0]).max() < 0.01
-    error = np.linalg.norm(np.asarray(marker_positions(scene.body.tree, jnp.asarray(start.mean))) - WALK.markers[0], axis=-1)
+    start = seek_start(scene.body, cameras, scene.data.points, scene.data.noise)
+    shown = np.asarray(project(cameras, marker_positions(scene.body.tree, jnp.asarray(start))))
+    assert np.abs(shown - scene.data.points[0]).max() < 0.01
+    error = np.linalg.norm(np.asarray(marker_positions(scene.body.tree, jnp.asarray(start))) - WALK.markers[0], axis=-1)
     assert error.mean() < (300 if count == 1 else 40)
 
 
@@ -81,7 +83,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
     write_observations(tmp_path / "points.csv", observations_of_scene(scene))
     again = scene_of_observations(tmp_path / "points.csv", records, frames="2:8:2", rate=30.0)
     np.testing.assert_array_equal(again.frames, [2, 4, 6])
-    np.testing.assert_array_equal(again.points, scene.points[[2, 4, 6]])
+    np.testing.assert_array_equal(again.data.points, scene.data.points[[2, 4, 6]])
     tree = track(again, TrackSettings(filter="particle", options={"num_particles": 200}, max_draws=20))
     assert "truth" not in tree.children
     assert tree["posterior/markers"].shape == (1, 20, 3, 17, 3)
@@ -92,7 +94,7 @@ def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     arm = walking_subject("poseppl_models.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))
     tree = track(scene, TrackSettings(filter="particle", options={"num_particles": 300}, max_draws=20))
-    assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.points[0].size)
+    assert tree["predictive/transform"].shape == (tree["posterior"].sizes["frame"], scene.data.points[0].size)
     assert list(tree["posterior"]["dof"].values) == ["shoulder_r.Z", "shoulder_r.Y", "shoulder_r.X", "elbow_r.X"]
     clamped = scene.body.tree.marker_names.index("pelvis")
     np.testing.assert_allclose(tree["summary/markers_mean"][:, clamped], arm.markers[:, clamped], atol=0.05)
@@ -110,21 +112,21 @@ def test_a_start_keeps_to_the_turn_of_the_rest(turn: float) -> None:
     state[WALK.body.tree.coordinate_names.index("spine.Z")] += turn
     shown = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(state))))[None]
     start = seek_start(WALK.body, cameras, shown, np.full(shown.shape[1:3], 1e-3))
-    again = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(start.mean))))
+    again = np.asarray(project(cameras, marker_positions(WALK.body.tree, jnp.asarray(start))))
     np.testing.assert_allclose(again, shown[0], atol=0.01)
-    assert np.abs(start.mean[3:] - np.asarray(WALK.body.rest)[3:]).max() <= np.pi
+    assert np.abs(start[3:] - np.asarray(WALK.body.rest)[3:]).max() <= np.pi
 
 
 def test_a_low_confidence_widens_the_noise_and_none_hides_the_point(tmp_path: Path) -> None:
     records = records_of_cameras(place_cameras(PATH, 0.0), 1500.0, (1920, 1080))
     scene = observe_motion(WALK, cameras_of_records(records), ("camera",))
-    confidence = np.full(scene.points.shape[:-1], 0.25)
+    confidence = np.full(scene.data.points.shape[:-1], 0.25)
     confidence[1], confidence[2] = 1.0, 0.01
     write_observations(tmp_path / "points.csv", observations_of_scene(scene)._replace(confidence=confidence))
     again = scene_of_observations(tmp_path / "points.csv", records, noise=0.003)
-    np.testing.assert_allclose(again.noise[0], 2 * 0.003 * 1500.0)
-    np.testing.assert_allclose(again.noise[1], 0.003 * 1500.0)
-    assert np.isnan(again.points[2]).all() and np.isfinite(again.points[[0, 1, 3]]).all()
+    np.testing.assert_allclose(again.data.noise[0], 2 * 0.003 * 1500.0)
+    np.testing.assert_allclose(again.data.noise[1], 0.003 * 1500.0)
+    assert np.isnan(again.data.points[2]).all() and np.isfinite(again.data.points[[0, 1, 3]]).all()
 
 
 def test_the_problem_of_a_result_is_the_one_that_was_posed() -> None:
@@ -133,7 +135,7 @@ def test_the_problem_of_a_result_is_the_one_that_was_posed() -> None:
     tree = build_result(
         state=np.zeros((1, 2, 12, 28)),
         names=Names(scene.body.tree.coordinate_names, scene.body.tree.marker_names, scene.camera_names),
-        observed=scene.points,
+        observed=scene.data.points,
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         inputs=posed.record(),
         frames=scene.frames,

@@ -17,6 +17,10 @@ def scene():
     return observe_motion(subject, cameras_around(subject, count=2), camera_names(2))
 
 
+def with_data(scene, **changes):
+    return scene._replace(data=scene.data._replace(**changes))
+
+
 def errors_of(scene, **settings):
     tree = track(scene, TrackSettings(filter="kalman", options={"num_particles": 100}, max_draws=50, **settings))
     return [verdict.text for verdict in verdicts(tree) if verdict.severity == "error"]
@@ -27,8 +31,8 @@ def test_a_run_that_is_right_has_no_error(scene):
 
 
 def test_noise_and_walk_that_are_wrong_are_named_with_their_options(scene):
-    (noise,) = (text for text in errors_of(scene._replace(noise=scene.noise / 3)) if text.startswith("Image points"))
+    (noise,) = (text for text in errors_of(with_data(scene, noise=scene.data.noise / 3)) if text.startswith("Image points"))
     assert 2.7 < float(noise.split()[3]) < 3.3 and "raise --noise by that factor" in noise
     assert any("--sigma-angle" in text for text in errors_of(scene, sigma_angle=0.05))
-    shifted = scene.points + np.array([0.0, 0.02])[:, None, None]
-    assert any(text.startswith("Points of camera") for text in errors_of(scene._replace(points=shifted)))
+    shifted = scene.data.points + np.array([0.0, 0.02])[:, None, None]
+    assert any(text.startswith("Points of camera") for text in errors_of(with_data(scene, points=shifted)))

@@ -52,7 +52,7 @@ def test_the_motion_of_a_second_has_one_variance_at_any_rate(rate: float, frames
     np.testing.assert_allclose(variance_of_a_second(pose_problem(scene)), SIGMA_ANGLE**2, rtol=1e-4)
     a_frame = scene._replace(rate=30.0)  # 0.15 radians a frame, whatever the rate
     wrong = variance_of_a_second(pose_problem(a_frame))
-    assert (len(scene.points) == 31) == np.allclose(wrong, SIGMA_ANGLE**2, rtol=1e-4)
+    assert (len(scene.frames) == 31) == np.allclose(wrong, SIGMA_ANGLE**2, rtol=1e-4)
 
 
 def test_at_30_hz_the_steps_are_the_published_ones() -> None:
@@ -77,7 +77,7 @@ def test_steps_over_gaps_are_wider() -> None:
 def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> None:
     """Where nothing is seen, the variance grows by that of the steps; the first frame is seen."""
     scene = scene_of(60.0, "0:5")
-    scene.points[1:] = np.nan
+    scene.data.points[1:] = np.nan
     draws = 4000
     settings = TrackSettings(ARM, "kalman", {"num_particles": draws}, sigma_angle=0.6)
     tree = track(scene, settings)
