@@ -6,13 +6,14 @@ from typing import Literal
 
 import pytest
 
-from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 
 
 def test_numbers_that_are_too_small_are_refused():
     check_at_least(1, num_chains=1, num_draws=7, inflation=1.0)
-    with pytest.raises(ValueError, match=r"num_draws is 0\. Expected at least 1\."):
+    with pytest.raises(RangeError, match=r"num_draws is 0\. Expected at least 1\.") as caught:
         check_at_least(1, num_chains=1, num_draws=0)
+    assert (caught.value.setting, caught.value.value, caught.value.expected) == ("num_draws", 0, "at least 1")
 
 
 @pytest.mark.parametrize(("interval", "refused"), [("[0, 1]", ()), ("[0, 1)", (1,)), ("(0, 1)", (0, 1))])

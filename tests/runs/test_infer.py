@@ -14,9 +14,11 @@ import xarray as xr
 from law_problems import problem
 
 import poseppl
-from poseppl.filters import Filter
+from poseppl.diagnostics.evidence import NONE, WEIGHTS, evidence_of_run
+from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
+from poseppl.filters import Filter, annealed_filter
 from poseppl.runs import recompilation
-from poseppl.smoothers import Smoother, genealogy_smoother
+from poseppl.smoothers import Smoother, genealogy_smoother, rauch_tung_striebel_smoother
 
 POSED = problem()
 KEY = jax.random.key(0)
@@ -64,6 +66,24 @@ def test_a_result_is_smoothed():
     assert apart[0] > 2 * apart[-1]
     with pytest.raises(ValueError, match="smoothed already"):
         poseppl.smooth(smoothed, smoother, KEY, inputs=POSED.inputs)
+
+
+def test_results_say_of_what_kind_their_algorithm_is():
+    """A formula's evidence has no Monte Carlo error: it is the same for every key, and no other filter's is."""
+    sources = {}
+    for build in (
+        poseppl.kalman_filter,
+        partial(poseppl.particle_filter, num_particles=300),
+        partial(annealed_filter, num_particles=50),
+    ):
+        first, second = (poseppl.infer(POSED.model, VALUES, build, jax.random.key(seed), POSED.inputs) for seed in (0, 1))
+        found = evidence_of_run(first)
+        sources[found.source] = known = poseppl.runs.results.provenance(first)
+        same = first["sample_stats/log_evidence"].equals(second["sample_stats/log_evidence"])
+        assert same == known["closed form"] == (found.standard_error == 0.0)
+    assert list(sources) == [FORMULA, WEIGHTS, NONE]
+    smoothed = poseppl.smooth(first, rauch_tung_striebel_smoother(POSED.model), KEY, inputs=POSED.inputs)
+    assert kind_of_run(smoothed) == FORMULA != kind_of_run(first)
 
 
 def test_all_particles_are_smoothed_from_a_history():
