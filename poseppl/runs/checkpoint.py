@@ -19,7 +19,7 @@ from functools import partial
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 
@@ -33,13 +33,6 @@ VERSION = 3
 
 class CheckpointError(PosepplError):
     """A checkpoint that does not belong to this run."""
-
-
-class Part(NamedTuple):
-    """Frames that were done: what was kept of them, with a leading axis of frames, and the filter's state after them."""
-
-    kept: Any
-    state: Any
 
 
 def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any) -> dict[str, Any]:
@@ -82,7 +75,7 @@ class Checkpoint:
         self._store: Store
         self._note: Note
         self._record: dict[str, str] = {}
-        self._unsaved: dict[tuple[int, int], Part] = {}
+        self._unsaved: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def __enter__(self) -> Checkpoint:
         return self
@@ -143,15 +136,18 @@ class Checkpoint:
         if not self.resume:
             raise CheckpointError(f"{self.folder}: holds this run already; resume it (--resume), or name another folder")
 
-    def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any) -> list[Part]:
+    def load(self, spans: Sequence[tuple[int, int]], state: Any, blank: Any) -> list[tuple[Any, Any]]:
         """Read the parts that are whole, from the first frame on.
 
         Args:
             spans: First frame and the one after the last, of each part.
             state: A state of the right shapes.
             blank: What is kept of one frame, of the right shapes.
+
+        Returns:
+            Of each part the filter's state after it, None but for the last, and what was kept of its frames.
         """
-        parts: list[Part] = []
+        parts: list[tuple[Any, Any]] = []
         for start, stop in spans:
             remedy = f"frames from number {start} of the run on are computed anew"
             restore = partial(_restored, frames=stop - start, state=state, blank=blank)
@@ -159,29 +155,30 @@ class Checkpoint:
             if part is None:
                 break
             parts.append(part)
-        return [part._replace(state=None) for part in parts[:-1]] + parts[-1:]
+        return [(None, kept) for _, kept in parts[:-1]] + parts[-1:]
 
-    def save(self, start: int, stop: int, part: Part) -> None:
+    def save(self, start: int, stop: int, state: Any, kept: Any) -> None:
         """Write a part, whole or not at all; one that cannot be written is tried again with the next.
 
         Args:
             start: The first frame.
             stop: The one after the last.
-            part: The part.
+            state: The filter's state after the part.
+            kept: What was kept of its frames.
         """
         waiting = bool(self._unsaved)
-        self._unsaved[start, stop] = part
+        self._unsaved[start, stop] = state, kept
         try:
             for span in list(self._unsaved):
-                self._write(span, self._unsaved[span])
+                self._write(span, *self._unsaved[span])
                 del self._unsaved[span]
         except (OSError, PosepplError) as error:
             if not waiting:
                 self._note(f"{error}; the run goes on, its frames from number {start} on are not saved yet")
 
-    def _write(self, span: tuple[int, int], part: Part) -> None:
-        arrays = {f"kept_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(part.kept))}
-        arrays |= {f"state_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(part.state))}
+    def _write(self, span: tuple[int, int], state: Any, kept: Any) -> None:
+        arrays = {f"kept_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(kept))}
+        arrays |= {f"state_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(state))}
         self._store.save(_name(*span), arrays, self._record)
 
 
@@ -198,7 +195,7 @@ def _held(path: Path) -> dict[str, Any] | None:
     return held if isinstance(held, dict) else None
 
 
-def _restored(arrays: Arrays, frames: int, state: Any, blank: Any) -> Part:
+def _restored(arrays: Arrays, frames: int, state: Any, blank: Any) -> tuple[Any, Any]:
     def restore(prefix: str, example: Any, leading: tuple[int, ...]) -> Any:
         leaves, tree = jax.tree.flatten(example)
         found = [arrays[f"{prefix}_{i}"] for i in range(len(leaves))]
@@ -207,7 +204,7 @@ def _restored(arrays: Arrays, frames: int, state: Any, blank: Any) -> Part:
                 raise ValueError(f"an array of {array.dtype}{array.shape} where {leaf.dtype}{(*leading, *leaf.shape)} belongs")
         return jax.tree.unflatten(tree, found)
 
-    return Part(restore("kept", blank, (frames,)), restore("state", state, ()))
+    return restore("state", state, ()), restore("kept", blank, (frames,))
 
 
 def _difference(name: str, held: Any, wanted: Any) -> str:

@@ -18,7 +18,6 @@ import numpy as np
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
-from poseppl.runs.checkpoint import Part
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
@@ -173,18 +172,20 @@ class Calls:
                 self._scan = self._compiled(1, self._scan_data(self.state, 1, 1))
             self._first = compiling.result() if compiling else None
 
-    def advance(self, state: Any, start: int, stop: int) -> Part:
-        """The frames from `start` up to `stop`, from the state after the frame before; the first frame is advanced alone."""
+    def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
+        """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between.
+
+        The first frame is advanced alone.
+        """
         if start == 0 and self._first is not None:
-            return _part(self._first(*self._first_data()), 1)
+            return _on_host(self._first(*self._first_data()), 1)
         state = self._before if start == 0 else state
         kept = []
         for begin in range(start, stop, self._length):
             end = min(begin + self._length, stop)
-            part = _part(self._scan(*self._scan_data(state, begin, end)), end - begin)
-            state = part.state
-            kept.append(part.kept)
-        return Part(jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept), state)
+            state, frames = _on_host(self._scan(*self._scan_data(state, begin, end)), end - begin)
+            kept.append(frames)
+        return state, jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
 
     def _compiled(self, which: int, data: tuple[Any, ...]) -> Any:
         return self._programs[which].lower(*data).compile()
@@ -206,7 +207,7 @@ def _before(filter: Filter, sequence: FrameSequence) -> Any:
     return build(observation, sequence.layout.join(varying, sequence.constant))
 
 
-def _part(result: tuple[Any, Kept], num_frames: int) -> Part:
+def _on_host(result: tuple[Any, Kept], num_frames: int) -> tuple[Any, Kept]:
     """The frames of a call on the host; the state stays where it is."""
     state, kept = result
-    return Part(jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept), state)
+    return state, jax.tree.map(lambda leaf: np.asarray(leaf)[:num_frames], kept)

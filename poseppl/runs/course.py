@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import PosepplError
+from poseppl.files.store import Note
 from poseppl.filters.base import Info
-from poseppl.runs.checkpoint import Part
 from poseppl.runs.compiled_scan import Calls, Kept
 from poseppl.runs.predictive import Prediction
 
 OnFailure = Literal["continue", "stop"]
-Note = Callable[[str], None]
 _COLLAPSED, _MANY = 2, 10
 """A filter of at least so many particles has collapsed where fewer than two are effective."""
 
@@ -91,9 +90,10 @@ class Course:
         self._calls.compile(first=not resumed)
         self._compiled = time.perf_counter()
 
-    def advance(self, stop: int) -> Part:
-        """The frames up to `stop`; those whose state is not finite are computed twice.
+    def advance(self, stop: int) -> tuple[Any, Kept]:
+        """Go on up to `stop`: the filter's state there, and what is kept of the frames.
 
+        Frames whose state is not finite are computed twice.
         The same program gives the same numbers, but for faults of the machine and of XLA, some of whose programs on the CPU
         were seen to differ from call to call (https://github.com/jax-ml/jax/issues/39741). A model that breaks down does so
         again.
@@ -102,26 +102,26 @@ class Course:
             RunError: As :meth:`take`.
         """
         start, numbers = self.stop, self._numbers
-        part = self._calls.advance(self._state, start, stop)
-        if not np.all(part.kept.finite):
-            part = self._calls.advance(self._state, start, stop)
-            if np.all(part.kept.finite):
+        state, kept = self._calls.advance(self._state, start, stop)
+        if not np.all(kept.finite):
+            state, kept = self._calls.advance(self._state, start, stop)
+            if np.all(kept.finite):
                 told = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
                 self._note(f"{told}; going on")
-        self.take(part)
-        return part
+        self.take(state, kept)
+        return state, kept
 
-    def take(self, part: Part) -> None:
-        """Go on from frames that are done.
+    def take(self, state: Any, kept: Kept) -> None:
+        """Go on from frames that are done: the state after them, and what was kept of them.
 
         Raises:
             RunError: The run cannot go on at one of them; it holds the run so far.
         """
-        fault = self._fault(part.kept)
+        fault = self._fault(kept)
         if fault is not None:
             raise self._error(*fault)
-        self._state, self.stop = part.state, self.stop + len(part.kept.finite)
-        self._kept.append(part.kept)
+        self._state, self.stop = state, self.stop + len(kept.finite)
+        self._kept.append(kept)
 
     def finish(self) -> Run:
         """The whole run."""
@@ -145,8 +145,8 @@ class Course:
     def _error(self, good: int, problem: str) -> RunError:
         kept, state = self._kept, self._state
         if good and state is not None:  # the frames before it, for the state after them
-            head = self._calls.advance(state, self.stop, self.stop + good)
-            kept, state = [*kept, head.kept], head.state
+            state, head = self._calls.advance(state, self.stop, self.stop + good)
+            kept = [*kept, head]
         done = None if state is None else self._run(kept, state)
         return RunError(problem, self._numbers[self.stop + good], done)
 

@@ -23,7 +23,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
 from poseppl.program import Observation
 from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.checkpoint import Checkpoint, Part, fingerprint
+from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls
 from poseppl.runs.compiled_scan import Collect as Collect
 from poseppl.runs.compiled_scan import Kept as Kept
@@ -110,25 +110,25 @@ def run_filter(
     started = time.perf_counter()
     calls = Calls(filter, collect, predict, sequence, rng_key)
     course = Course(calls, numbers, on_failure, note, started)
-    saved: list[Part] = []
+    saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
             data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
             checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
             saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank)
-        course.compile(resumed=sum(len(part.kept.finite) for part in saved))
-        for part in saved:
-            course.take(part)
+        course.compile(resumed=sum(len(kept.finite) for _, kept in saved))
+        for state, kept in saved:
+            course.take(state, kept)
             if progress:
-                progress.advance(len(part.kept.finite))
+                progress.advance(len(kept.finite))
         pace = _SAVED if adapts else length
         while course.stop < num_frames:
             start, began = course.stop, time.perf_counter()
-            part = course.advance(min(start + pace, num_frames) if start else 1)
+            state, kept = course.advance(min(start + pace, num_frames) if start else 1)
             if adapts and start and time.perf_counter() - began < _PATIENCE:
                 pace = min(2 * pace, length)
             if checkpoint is not None:
-                checkpoint.save(start, course.stop, part)
+                checkpoint.save(start, course.stop, state, kept)
             if progress:
                 progress.advance(course.stop - start)
     return course.finish()
