@@ -30,14 +30,14 @@ from poseppl.runs.run import Constant, run_filter
 
 LEVELS = (0.5, 0.8, 0.9)
 BOUNDS = sorted({round((1 + sign * level) / 2, 6) for level in LEVELS for sign in (-1, 1)})
-PAPER = HMCSettings(num_updates=32, num_leapfrog=40, burn_in=6)
+PAPER = HMCSettings(num_updates=32, num_leapfrog=40, num_warmup=6)
 
 TRACKERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
     "particle (100,000)": lambda model: particle_filter(model, 100_000),
     "hmc (10 chains, L 40, R 32)": lambda model: hmc_filter(model, 10, PAPER),
     "assumed-density (default)": assumed_density_filter,
     "assumed-density (120 chains, R 60, 80 starts)": lambda model: assumed_density_filter(
-        model, 120, TRACKER._replace(num_updates=60, burn_in=10), num_starts=80
+        model, 120, TRACKER._replace(num_updates=60, num_warmup=10), num_starts=80
     ),
 }
 

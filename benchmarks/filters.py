@@ -23,7 +23,7 @@ from poseppl.filters import Filter, assumed_density_filter, hmc_filter, particle
 from poseppl.kernels import HMCSettings, whitening
 from poseppl.program import CompiledModel, Observation
 
-CHAINS, PAPER = 10, HMCSettings(num_updates=32, num_leapfrog=40, burn_in=6)
+CHAINS, PAPER = 10, HMCSettings(num_updates=32, num_leapfrog=40, num_warmup=6)
 
 FILTERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
     "hmc: 10 chains, L 40, R 32, b 6": lambda model: hmc_filter(model, CHAINS, PAPER),

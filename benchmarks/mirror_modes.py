@@ -58,7 +58,7 @@ FILTERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
     "annealed, N 100, 10 layers": lambda model: annealed_filter(model, 100),
     "DE-MC, likelihood, N 100": lambda model: demc_filter(model, 100),
     "DE-MC, posterior, N 100": lambda model: demc_filter(model, 100, target="posterior"),
-    "HMC, 10 chains": lambda model: hmc_filter(model, 10, HMCSettings(num_updates=32, num_leapfrog=8, burn_in=6)),
+    "HMC, 10 chains": lambda model: hmc_filter(model, 10, HMCSettings(num_updates=32, num_leapfrog=8, num_warmup=6)),
     "assumed density, 1 Gaussian": lambda model: assumed_density_filter(model, num_components=1),
     "assumed density, 2 Gaussians": lambda model: assumed_density_filter(model, num_components=2),
     "assumed density, 3 Gaussians": assumed_density_filter,
@@ -74,11 +74,13 @@ SMOOTHERS: Mapping[str, Callable[[CompiledModel], Smoother]] = {
     "variational, K 50": variational_smoother,
     "variational, factorised": lambda model: variational_smoother(model, factorised=True),
     "Gibbs, not divided": lambda model: gibbs_smoother(
-        model, collapsed=False, num_chains=1, mixture=MixtureSettings(correction="none")
+        model, collapsed=False, num_chains=1, num_draws=1900, num_warmup=100, mixture=MixtureSettings(correction="none")
     ),
-    "Gibbs, density corrected, 1 chain": lambda model: gibbs_smoother(model, num_chains=1),
-    "Gibbs, density corrected, 20 chains": lambda model: gibbs_smoother(model, num_chains=20),
-    "Gibbs on the model, 20 chains": lambda model: gibbs_smoother(model, num_chains=20, target="model"),
+    "Gibbs, density corrected, 1 chain": lambda model: gibbs_smoother(model, num_chains=1, num_draws=1900, num_warmup=100),
+    "Gibbs, density corrected, 20 chains": lambda model: gibbs_smoother(model, num_chains=20, num_draws=95, num_warmup=5),
+    "Gibbs on the model, 20 chains": lambda model: gibbs_smoother(
+        model, num_chains=20, num_draws=95, num_warmup=5, target="model"
+    ),
     "particle Gibbs, ancestor sampling": lambda model: particle_gibbs_smoother(model),
     "particle Gibbs, backward": lambda model: particle_gibbs_smoother(model, method="backward"),
     "trajectory NUTS, 4 chains": lambda model: trajectory_smoother(model),

@@ -58,7 +58,7 @@ def sample_random_walk(step: float, rng_key: jax.Array, members: int, iterations
 def sample_hmc(rng_key: jax.Array, members: int, iterations: int) -> jax.Array:
     """Ten leapfrog steps an update; the step size is fixed at what keeps nine in ten."""
     key_start, key_run = jax.random.split(rng_key)
-    settings = HMCSettings(max(1, iterations // 10), 10, 0, target_rejection=None, jitter=0.5)
+    settings = HMCSettings(max(1, iterations // 10), 10, 0, target_acceptance=None, jitter=0.5)
     return hmc_chains(key_run, starts(key_start, members), mueller_log_density, jnp.log(0.08), settings).draws[:, -1]
 
 

@@ -201,12 +201,14 @@ print(f"log-evidence: particles {evidence.sum():.2f}, exact {exact_evidence.sum(
 # temporal prior is a mixture over the chains' last states. `assumed_density_filter` fits a Gaussian to all draws instead,
 # and is what tracks bodies by default. For this model it is exact but for Monte Carlo error.
 #
-# The step size is in standard deviations of the posterior, and could adapt to a rejection rate. For a round Gaussian in
+# The step size is in standard deviations of the posterior, and could adapt to an acceptance rate. For a round Gaussian in
 # two dimensions that is a trap: hardly anything is ever rejected, the steps grow, and a trajectory comes round to where
 # it began. Fixed at 0.3, three to six steps go about a quarter of the way round, which is the best there is.
 
 # %%
-settings = poseppl.HMCSettings(num_updates=110, burn_in=10, num_leapfrog=6, step_size=0.3, target_rejection=None, jitter=0.5)
+settings = poseppl.HMCSettings(
+    num_updates=110, num_warmup=10, num_leapfrog=6, step_size=0.3, target_acceptance=None, jitter=0.5
+)
 walkers = poseppl.assumed_density_filter(model, num_chains=16, settings=settings, num_starts=4)
 chains = poseppl.infer(model, data, walkers, jax.random.key(1), **about)
 

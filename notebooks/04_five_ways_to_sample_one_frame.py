@@ -71,7 +71,7 @@ five = {
     "annealed": annealed_filter(model, 400, num_layers=10),
     "tempered": tempered_filter(model, 400),
     "DE-MC": demc_filter(model, 100, num_layers=40, target="posterior"),
-    "HMC": hmc_filter(model, 20, HMCSettings(num_updates=60, num_leapfrog=40, burn_in=20, step_size=0.2, jitter=0.5)),
+    "HMC": hmc_filter(model, 20, HMCSettings(num_updates=60, num_leapfrog=40, num_warmup=20, step_size=0.2, jitter=0.5)),
 }
 REPEATS = 20
 

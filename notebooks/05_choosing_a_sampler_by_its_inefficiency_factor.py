@@ -78,10 +78,10 @@ print(", ".join(f"{name} {value}" for name, value in chosen.items()))
 # %% [markdown]
 # ## What to take home
 #
-# Long trajectories pay although each draw costs more, as long as steps are short enough not to be rejected. Rejection
-# climbs suddenly: a fixed step size wants a margin, or adapt it (`rejection=0.15` adapts it in every frame's burn-in). And
-# $\tau$ of a chain that has not found all modes looks splendid: look at $\hat R$ of several chains, at coverage where the
-# truth is known, and compare whole runs with `poseppl compare`.
+# Long trajectories pay although each draw costs more, as long as steps are short enough not to be rejected. Rejection climbs
+# suddenly: a fixed step size wants a margin, or adapt it (`target_acceptance=0.85` adapts it in every frame's warm-up). And
+# $\tau$ of a chain that has not found all modes looks splendid: look at $\hat R$ of several chains, at coverage where the truth
+# is known, and compare whole runs with `poseppl compare`.
 
 # %%
 cost = {leapfrog: np.nanmin([row[5] for row in mixing.rows if row[0] == leapfrog and row[2] <= 0.3]) for leapfrog in (1, 5, 20)}

@@ -102,7 +102,7 @@ FILTERS: list[FilterRow] = [
     FilterRow(
         "hmc",
         hmc_filter,
-        lambda model: hmc_filter(model, 20, HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10)),
+        lambda model: hmc_filter(model, 20, HMCSettings(num_updates=40, num_leapfrog=8, num_warmup=10)),
         consistent=False,
         equal_weights=True,
     ),
@@ -112,7 +112,7 @@ FILTERS: list[FilterRow] = [
         lambda model: hmc_filter(
             model,
             20,
-            HMCSettings(num_updates=40, num_leapfrog=8, burn_in=10, target_rejection=None, jitter=0.5),
+            HMCSettings(num_updates=40, num_leapfrog=8, num_warmup=10, target_acceptance=None, jitter=0.5),
             dense_mass=True,
         ),
         consistent=False,
@@ -295,14 +295,14 @@ SMOOTHERS: list[SmootherRow] = [
     SmootherRow(
         "gibbs",
         gibbs_smoother,
-        lambda model: gibbs_smoother(model, num_components=20, num_draws=200, num_chains=2, burn_in=0.1),
+        lambda model: gibbs_smoother(model, num_components=20, num_chains=2, num_draws=90, num_warmup=10),
         consistent=False,
     ),
     SmootherRow(
         "gibbs-model",
         gibbs_smoother,
         lambda model: gibbs_smoother(
-            model, num_components=20, num_draws=600, num_chains=2, burn_in=0.1, target="model", collapsed=False
+            model, num_components=20, num_chains=2, num_draws=270, num_warmup=30, target="model", collapsed=False
         ),
     ),
     SmootherRow(

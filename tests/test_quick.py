@@ -147,7 +147,7 @@ def test_examples_in_docstrings_are_true(name: str) -> None:
 
 
 TINY = {
-    "assumed-density": ["num_chains=4", "num_updates=12", "num_leapfrog=4", "burn_in=2", "num_starts=4"],
+    "assumed-density": ["num_chains=4", "num_updates=12", "num_leapfrog=4", "num_warmup=2", "num_starts=4"],
     "particle": ["num_particles=100"],
 }
 

@@ -26,7 +26,7 @@ Examples:
       The built-in walk, seen by one camera at 5 m.
   poseppl track 02_01.amc --skeleton 02.asf --frames 0:200:2 --cameras 2
       Every second of the first 200 frames of a recording, seen by two cameras.
-  poseppl track walk.bvh --filter hmc --set num_chains=50 --set num_updates=64 --set burn_in=10
+  poseppl track walk.bvh --filter hmc --set num_chains=50 --set num_updates=64 --set num_warmup=10
       The filter of Choo and Fleet 2001, with more and longer chains.
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.

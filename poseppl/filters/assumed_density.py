@@ -2,7 +2,7 @@
 
 The prior of Choo and Fleet's filter is a mixture over the last state of each of M chains; in 28 dimensions its M narrow bumps
 hold the chains near their ancestors, and the intervals come out too narrow. Here the posterior of the last frame is summarised
-by a small mixture of K Gaussians, fitted to all draws of all chains after burn-in, and the prior is its image under the
+by a small mixture of K Gaussians, fitted to all draws of all chains after the warm-up, and the prior is its image under the
 transition, by its first two moments given each draw; with K = 1:
 
     m = mean of E[x_t | x],    P = cov of E[x_t | x] + mean of Cov[x_t | x],    x over the draws.
@@ -42,7 +42,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, propagate, transition_moments
 
-TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, burn_in=4, step_size=0.4, target_rejection=0.15, jitter=0.5)
+TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, num_warmup=4, step_size=0.4, target_acceptance=0.85, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 _MOVED = 0.9
 """Share of the climbers that set out from draws of the last frame."""
@@ -79,7 +79,7 @@ def assumed_density_filter(
 
     def before(observation: Observation, inputs: Any = None) -> ChainState:
         mean, _ = model.initial_moments(inputs)
-        draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.burn_in, *mean.shape))
+        draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, *mean.shape))
         return chain_state(draws, jnp.log(jnp.asarray(settings.step_size, mean.dtype)), started=False)
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:

@@ -82,7 +82,7 @@ def start_chains(rng_key: jax.Array, modes: Modes, chosen: jax.Array, log_densit
     """Starts (M, d) of chains in their chosen modes (M,).
 
     Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of
-    them lie so far out that a chain would not come back within the burn-in.
+    them lie so far out that a chain would not come back within the warm-up.
     """
     key_noise, key_pick = jax.random.split(rng_key)
     noise = jax.random.normal(key_noise, (len(chosen), CANDIDATES, modes.states.shape[1]), modes.states.dtype)

@@ -48,7 +48,7 @@ class WindowState(NamedTuple):
     """What the next frame needs.
 
     Attributes:
-        particles: Draws of the newest frame after burn-in (M, R - b, d).
+        particles: Draws of the newest frame after the warm-up (M, R - b, d).
         log_weights: Zeros (M, R - b): all draws count alike.
         log_step_size: The adapted log step size.
         trajectories: Draws of the whole window (M, R - b, W, d), the newest frame last; slots that hold no frame yet are noise.
@@ -133,7 +133,7 @@ def window_filter(
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
         empty = empty_window(model, window, inputs)
         mean, covariance = empty.predictions.mean, empty.predictions.covariance
-        nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.burn_in, window, dimension))
+        nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, window, dimension))
         log_step_size = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
         past = WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
         return run(rng_key, past, Gaussian(mean[0], covariance[0]), observation, inputs)

@@ -41,8 +41,8 @@ class DEMCSettings(NamedTuple):
     """Settings of a population.
 
     Attributes:
-        num_updates: R, updates of each member, burn-in included.
-        burn_in: b, updates whose draws are discarded.
+        num_updates: R, updates of each member, warm-up included.
+        num_warmup: b, updates whose draws are discarded.
         noise: c, half-width of the noise in standard deviations of the pool, in [0, 1).
         scale: lambda; None is (1 - c) 2.38 / sqrt(2 d).
         jump: Probability that an update takes lambda = 1, from mode to mode.
@@ -51,7 +51,7 @@ class DEMCSettings(NamedTuple):
     """
 
     num_updates: int = 30
-    burn_in: int = 0
+    num_warmup: int = 0
     noise: float = 0.05
     scale: float | None = None
     jump: float = 0.0
@@ -61,8 +61,8 @@ class DEMCSettings(NamedTuple):
     def check(self) -> DEMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_updates=self.num_updates)
-        if not 0 <= self.burn_in < self.num_updates:
-            raise RangeError("burn_in", self.burn_in, f"0 to num_updates - 1 = {self.num_updates - 1}")
+        if not 0 <= self.num_warmup < self.num_updates:
+            raise RangeError("num_warmup", self.num_warmup, f"0 to num_updates - 1 = {self.num_updates - 1}")
         check_fraction("[0, 1)", noise=self.noise)
         if self.scale is not None and not self.scale > 0:
             raise RangeError("scale", self.scale, "a positive number, or None")
@@ -81,7 +81,7 @@ class DEMCChains(NamedTuple):
     """What N members of R updates returned.
 
     Attributes:
-        draws: Positions after burn-in (N, R - b, d).
+        draws: Positions after the warm-up (N, R - b, d).
         values: Their log-densities (N, R - b).
         acceptance: Mean acceptance probability of the draws that count.
         num_density: Evaluations of the density, int32.
@@ -131,7 +131,7 @@ def demc_chains(
     keys = jax.random.split(rng_key, settings.num_updates)
     start = Members(starts, _values(starts, log_density))
     _, (found, rates) = jax.lax.scan(update, (start, archive), (keys, jnp.arange(settings.num_updates)))
-    kept = slice(settings.burn_in, None)
+    kept = slice(settings.num_warmup, None)
     return DEMCChains(
         draws=jnp.swapaxes(found.positions[kept], 0, 1),
         values=jnp.swapaxes(found.values[kept], 0, 1),

@@ -1,7 +1,7 @@
 """Parallel hybrid Monte Carlo chains on one density, with BlackJAX's kernel (Choo and Fleet 2001, section 6).
 
-All M chains share the step size, which is adapted to a target rejection rate during burn-in and frozen before the draws that
-count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`),
+All M chains share the step size, which is adapted to a target acceptance rate during the warm-up and frozen before the draws
+that count; positions are those of coordinates in which the mass matrix is the identity (see :mod:`poseppl.kernels.laplace`),
 which is the same as the paper's step size per coordinate, Eq. 17.
 """
 
@@ -24,31 +24,32 @@ class HMCSettings(NamedTuple):
     """Settings of a set of chains, in the paper's letters where it has them.
 
     Attributes:
-        num_updates: R, HMC updates of each chain and frame, burn-in included.
+        num_updates: R, HMC updates of each chain and frame, warm-up included.
         num_leapfrog: L, leapfrog steps an update.
-        burn_in: b, updates whose draws are discarded; the step size adapts only during these.
+        num_warmup: b, updates whose draws are discarded; the step size adapts only during these.
         step_size: epsilon, the step size adjustment factor; where it adapts, its value at the first frame.
-        target_rejection: Rejection rate that the step size is adapted to; None keeps it fixed.
+        target_acceptance: Acceptance rate that the step size is adapted to, 1 less the paper's rejection rate; None keeps
+            it fixed.
         jitter: Fraction by which L is shortened at random, the same for all chains of an update: L is uniform on
             [ceil((1 - jitter) L), L]. 0 keeps it fixed.
     """
 
     num_updates: int = 32
     num_leapfrog: int = 40
-    burn_in: int = 6
+    num_warmup: int = 6
     step_size: float = 0.5
-    target_rejection: float | None = 0.15
+    target_acceptance: float | None = 0.85
     jitter: float = 0.0
 
     def check(self) -> HMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(1, num_updates=self.num_updates, num_leapfrog=self.num_leapfrog)
-        if not 0 <= self.burn_in < self.num_updates:
-            raise RangeError("burn_in", self.burn_in, f"0 to num_updates - 1 = {self.num_updates - 1}")
+        if not 0 <= self.num_warmup < self.num_updates:
+            raise RangeError("num_warmup", self.num_warmup, f"0 to num_updates - 1 = {self.num_updates - 1}")
         if not self.step_size > 0:
             raise RangeError("step_size", self.step_size, "a positive number")
-        if self.target_rejection is not None:
-            check_fraction("(0, 1)", target_rejection=self.target_rejection)
+        if self.target_acceptance is not None:
+            check_fraction("(0, 1)", target_acceptance=self.target_acceptance)
         check_fraction("[0, 1)", jitter=self.jitter)
         return self
 
@@ -57,9 +58,9 @@ class Chains(NamedTuple):
     """What M chains of R updates returned.
 
     Attributes:
-        draws: Positions after burn-in, shape (M, R - b, d).
+        draws: Positions after the warm-up, shape (M, R - b, d).
         acceptance: Mean acceptance probability of the draws that count.
-        divergences: How many updates after burn-in diverged, of all chains.
+        divergences: How many updates after the warm-up diverged, of all chains.
         log_step_size: The frozen log step size.
         num_gradient: Evaluations of the density's gradient, all chains together.
     """
@@ -88,7 +89,7 @@ def hmc_chains(
         settings: L, R, b and so on.
 
     Returns:
-        The draws after burn-in and how it went.
+        The draws after the warm-up and how it went.
     """
     num_chains, dimension = starts.shape
     kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
@@ -110,9 +111,9 @@ def hmc_chains(
 
         states, info = jax.vmap(move)(jax.random.split(key_chains, num_chains), states)
         acceptance = jnp.mean(info.acceptance_rate)
-        if settings.target_rejection is not None:
-            error = acceptance - (1.0 - settings.target_rejection)
-            gain = jnp.where(number < settings.burn_in, _GAIN / jnp.sqrt(number + 1.0), 0.0)
+        if settings.target_acceptance is not None:
+            error = acceptance - settings.target_acceptance
+            gain = jnp.where(number < settings.num_warmup, _GAIN / jnp.sqrt(number + 1.0), 0.0)
             log_step_size = log_step_size + (gain * error).astype(log_step_size.dtype)
         return (states, log_step_size), (states.position, acceptance, jnp.sum(info.is_divergent), steps)
 
@@ -121,7 +122,7 @@ def hmc_chains(
     carry, (positions, acceptance, divergent, steps) = jax.lax.scan(
         update, (states, jnp.asarray(log_step_size, starts.dtype)), (keys, jnp.arange(settings.num_updates))
     )
-    kept = slice(settings.burn_in, None)
+    kept = slice(settings.num_warmup, None)
     return Chains(
         draws=jnp.swapaxes(positions[kept], 0, 1),
         acceptance=jnp.mean(acceptance[kept]),

@@ -5,13 +5,13 @@ own name; an argument goes before a field of the same name. All else (arrays, pr
 
 >>> class Chains(NamedTuple):
 ...     num_updates: int = 32
-...     target_rejection: float | None = 0.15
+...     target_acceptance: float | None = 0.85
 >>> def example_filter(model: object, num_chains: int = 10, settings: Chains = Chains(num_updates=24)) -> None:
 ...     '''An example.'''
 >>> {name: setting.default for name, setting in settings_of(example_filter).items()}
-{'num_chains': 10, 'num_updates': 24, 'target_rejection': 0.15}
->>> arguments_of(example_filter, {"num_chains": 50, "target_rejection": None})
-{'num_chains': 50, 'settings': Chains(num_updates=24, target_rejection=None)}
+{'num_chains': 10, 'num_updates': 24, 'target_acceptance': 0.85}
+>>> arguments_of(example_filter, {"num_chains": 50, "target_acceptance": None})
+{'num_chains': 50, 'settings': Chains(num_updates=24, target_acceptance=None)}
 """
 
 from __future__ import annotations

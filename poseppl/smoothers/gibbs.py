@@ -5,10 +5,11 @@ of all frames are drawn in turn from their distributions given the rest,
 
     p(x, s | z) ~ p(x_0) prod_t p(x_t | x_(t-1)) prod_t phi_(t, s_t)(x_t),
 
-for 2,000 rounds, of which the first 5 % are left out. The paper's states are discrete; these stay continuous, and the frame
-moves are those of :mod:`poseppl.smoothers.gibbs_moves`. Given their neighbours, even frames are independent of each other, and
-odd ones too: a round moves all even frames at once, then all odd ones, in several chains side by side. Where transitions are
-linear Gaussian, x may also be drawn as a whole given s (blocked; Carter and Kohn 1994, doi:10.1093/biomet/81.3.541).
+for 2,000 rounds, of which the first 5 % are left out; so do the defaults, in four chains. The paper's states are discrete;
+these stay continuous, and the frame moves are those of :mod:`poseppl.smoothers.gibbs_moves`. Given their neighbours, even
+frames are independent of each other, and odd ones too: a round moves all even frames at once, then all odd ones, in several
+chains side by side. Where transitions are linear Gaussian, x may also be drawn as a whole given s (blocked; Carter and Kohn
+1994, doi:10.1093/biomet/81.3.541).
 
 One chain starts at the most likely particle of every frame (section 5.2), the others at trajectories drawn from the filter. A
 chain moves frame by frame, and does not cross between modes of whole trajectories: these it has from its start.
@@ -25,7 +26,7 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
+from poseppl.checks import RangeError, check_at_least, check_choice
 from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
@@ -56,9 +57,9 @@ def gibbs_smoother(
     model: CompiledModel,
     *,
     num_components: int = 50,
-    num_draws: int = 2000,
-    burn_in: float = 0.05,
     num_chains: int = 4,
+    num_draws: int = 475,
+    num_warmup: int = 25,
     target: Target = "mixture",
     collapsed: bool = True,
     blocked: bool = False,
@@ -70,9 +71,9 @@ def gibbs_smoother(
     Args:
         model: The compiled model, its initial and transition programs with Gaussian moments.
         num_components: K, the most components of a frame's likelihood; goes before the setting in `mixture`.
-        num_draws: Rounds, those of all chains together and burn-in included.
-        burn_in: Fraction of each chain's rounds that is left out.
-        num_chains: M, Markov chains; divides `num_draws`.
+        num_chains: M, Markov chains side by side.
+        num_draws: R, draws of each chain that count, one a round.
+        num_warmup: Rounds of each chain before them.
         target: "mixture", or "model" for moves that are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
@@ -87,15 +88,12 @@ def gibbs_smoother(
         ValueError: A setting out of range; when it is run, `blocked` with a transition that is not linear.
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
-    if num_draws % num_chains:
-        raise RangeError("num_draws", num_draws, f"a multiple of num_chains = {num_chains}")
-    check_fraction("[0, 1)", burn_in=burn_in)
+    check_at_least(0, num_warmup=num_warmup)
     check_choice(Target, target=target)
     if blocked and target == "model":
         raise RangeError("blocked", blocked, "False with target='model': blocked rounds draw from the mixture")
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
-    num_rounds = num_draws // num_chains
-    discarded = int(burn_in * num_rounds)
+    num_rounds = num_warmup + num_draws
 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_fit, key_start, key_chains = jax.random.split(rng_key, 3)
@@ -110,7 +108,7 @@ def gibbs_smoother(
             observations,
             inputs,
             num_rounds,
-            discarded,
+            num_warmup,
             true_likelihood=target == "model",
             collapsed=collapsed,
             blocked=blocked,
@@ -121,7 +119,7 @@ def gibbs_smoother(
             num_frames,
             jax.vmap(effective_draws)(draws),
             acceptance=chains.acceptance,
-            num_transition=float(0 if blocked else 4 * num_draws * num_frames),
+            num_transition=float(0 if blocked else 4 * num_chains * num_rounds * num_frames),
         )
         return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
 
@@ -145,7 +143,7 @@ def gibbs_chains(
     observations: Observation,
     inputs: Any,
     num_rounds: int,
-    burn_in: int = 0,
+    num_warmup: int = 0,
     *,
     true_likelihood: bool = False,
     collapsed: bool = True,
@@ -161,7 +159,7 @@ def gibbs_chains(
         observations: Stacked data with leading T; only `true_likelihood` reads them.
         inputs: Stacked inputs with leading T, or None.
         num_rounds: Rounds of each chain.
-        burn_in: How many of them are left out.
+        num_warmup: How many of them, the first, are left out.
         true_likelihood: Whether moves are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out.
         blocked: Whether a round draws the whole trajectory given the components.
@@ -185,7 +183,7 @@ def gibbs_chains(
         return xs, (xs, acceptance)
 
     _, (draws, acceptance) = jax.lax.scan(advance, starts, jax.random.split(rng_key, num_rounds))
-    return GibbsChains(jnp.swapaxes(draws[burn_in:], 0, 1), jnp.mean(acceptance[burn_in:], 0))
+    return GibbsChains(jnp.swapaxes(draws[num_warmup:], 0, 1), jnp.mean(acceptance[num_warmup:], 0))
 
 
 def _round(

@@ -47,7 +47,7 @@ def test_failures_and_rejection_by_frame() -> None:
     failed[2], acceptance[20:22] = True, 0.3
     texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
     assert texts.startswith("error: Impossible data in frame 12:")
-    assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size or target_rejection" in texts
+    assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size or raise target_acceptance" in texts
     assert "Nothing" not in texts
 
 

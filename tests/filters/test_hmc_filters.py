@@ -17,7 +17,7 @@ from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
 from poseppl.program import Clamped, Observation
 
-SHORT = HMCSettings(num_updates=30, num_leapfrog=8, burn_in=10)
+SHORT = HMCSettings(num_updates=30, num_leapfrog=8, num_warmup=10)
 
 
 def test_mixture_of_more_chains_comes_closer_to_kalman():
@@ -73,9 +73,9 @@ def test_arm_agrees_with_ten_million_particles(name, arm_reference):
     model, observation, inputs = arm_scene()
     mean, standard_error = arm_reference
     if name == "hmc":
-        built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, burn_in=100, jitter=0.5))
+        built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, num_warmup=100, jitter=0.5))
     else:
-        settings = HMCSettings(num_updates=600, num_leapfrog=8, burn_in=100, jitter=0.5)
+        settings = HMCSettings(num_updates=600, num_leapfrog=8, num_warmup=100, jitter=0.5)
         built = assumed_density_filter(model, 40, settings, num_starts=40)
     state, info = jax.jit(built.init)(jax.random.key(2), observation, inputs)
     assert not info.failed
@@ -91,7 +91,7 @@ def test_a_prior_of_other_width_is_noticed_on_the_arm(arm_reference):
     model, observation, inputs = arm_scene()
     mean, standard_error = arm_reference
     wrong = inputs._replace(inputs=inputs.inputs._replace(start_scale=1.5 * inputs.inputs.start_scale))
-    built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, burn_in=100, jitter=0.5))
+    built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, num_warmup=100, jitter=0.5))
     state, _ = jax.jit(built.init)(jax.random.key(2), observation, wrong)
     chains = np.asarray(state.particles, float)
     means = np.concatenate([chains, chains**2], -1).mean(1)

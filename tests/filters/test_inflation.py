@@ -18,7 +18,7 @@ from poseppl.filters import assumed_density, assumed_density_filter, window, win
 from poseppl.kernels import HMCSettings
 
 DIMENSION, NUM_FRAMES = 12, 30
-FEW = HMCSettings(num_updates=8, num_leapfrog=6, burn_in=2, step_size=0.6, target_rejection=None, jitter=0.5)
+FEW = HMCSettings(num_updates=8, num_leapfrog=6, num_warmup=2, step_size=0.6, target_acceptance=None, jitter=0.5)
 
 
 def variance_ratio(build):

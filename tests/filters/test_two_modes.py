@@ -19,7 +19,7 @@ def shares(num_components):
     """Share of the draws above 0 after all frames, one for each seed; that of the exact posterior is a half."""
     model = mirror().compile()
     observations = model.observe({"y": np.full(NUM_FRAMES, LEVEL), "side": np.full(NUM_FRAMES, np.nan)})
-    settings = HMCSettings(num_updates=8, num_leapfrog=4, burn_in=2, step_size=0.5, target_rejection=None)
+    settings = HMCSettings(num_updates=8, num_leapfrog=4, num_warmup=2, step_size=0.5, target_acceptance=None)
     built = assumed_density_filter(model, NUM_CHAINS, settings, num_components=num_components, num_starts=20)
 
     def run(key):

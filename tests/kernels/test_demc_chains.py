@@ -46,7 +46,7 @@ def after_updates(settings, number=NUM, log_density=banana):
     """Members (K, N, d) of many small populations that start as exact draws."""
     key_start, key_run = jax.random.split(jax.random.key(0))
     starts = draw_banana(key_start, (REPLICATES, number))
-    settings = settings._replace(num_updates=UPDATES, burn_in=UPDATES - 1)
+    settings = settings._replace(num_updates=UPDATES, num_warmup=UPDATES - 1)
     run = jax.jit(jax.vmap(lambda key, x: demc_chains(key, x, log_density, settings)))
     return run(jax.random.split(key_run, REPLICATES), starts)
 
@@ -103,14 +103,14 @@ def long_run(settings, number, replicates=30):
 
 
 def test_past_states_converge_with_few_members():
-    settings = DEMCSettings(num_updates=1500, burn_in=500, past_states=True, snooker=0.1)
+    settings = DEMCSettings(num_updates=1500, num_warmup=500, past_states=True, snooker=0.1)
     draws = long_run(settings, 3)
     assert np.abs(z_scores(draws.reshape(30, -1, 2))).max() < 5
 
 
 def test_members_find_the_scale_and_the_correlation():
     """From a population a hundred times too narrow, with the noise that this allows, to the density's own spread."""
-    settings = DEMCSettings(num_updates=400, burn_in=300)
+    settings = DEMCSettings(num_updates=400, num_warmup=300)
     covariance = np.array([[1.0, 0.99 * 50], [0.99 * 50, 50.0**2]])
     precision = jnp.asarray(np.linalg.inv(covariance), jnp.float32)
     starts = 0.01 * jax.random.normal(jax.random.key(0), (60, 2))
@@ -146,7 +146,7 @@ def test_impossible_places_are_never_entered_and_are_left():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"num_updates": 0}, {"burn_in": 30}, {"noise": 1.0}, {"noise": -0.1}, {"scale": 0.0}, {"jump": 1.1}, {"snooker": -0.1}],
+    [{"num_updates": 0}, {"num_warmup": 30}, {"noise": 1.0}, {"noise": -0.1}, {"scale": 0.0}, {"jump": 1.1}, {"snooker": -0.1}],
     ids=str,
 )
 def test_settings_out_of_range_are_refused(wrong):

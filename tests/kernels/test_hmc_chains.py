@@ -10,7 +10,7 @@ import pytest
 from poseppl.kernels import HMCSettings, hmc_chains
 
 CURVE = 0.5
-SETTINGS = HMCSettings(num_updates=2000, num_leapfrog=12, burn_in=200, step_size=0.3, jitter=0.5)
+SETTINGS = HMCSettings(num_updates=2000, num_leapfrog=12, num_warmup=200, step_size=0.3, jitter=0.5)
 
 
 def banana(x: jax.Array) -> jax.Array:
@@ -45,7 +45,7 @@ def test_banana_matches_quadrature():
 
 
 def test_fixed_step_and_length_match_quadrature():
-    fixed = SETTINGS._replace(target_rejection=None, jitter=0.0, num_leapfrog=7)
+    fixed = SETTINGS._replace(target_acceptance=None, jitter=0.0, num_leapfrog=7)
     assert np.abs(z_scores(run(banana, fixed))).max() < 5
 
 
@@ -53,8 +53,8 @@ def test_a_wider_density_is_noticed():
     assert np.abs(z_scores(run(lambda x: 0.8 * banana(x)))).max() > 10
 
 
-def test_step_size_adapts_to_the_rejection_rate():
-    settings = HMCSettings(num_updates=400, num_leapfrog=10, burn_in=200, step_size=0.02, target_rejection=0.15, jitter=0.3)
+def test_step_size_adapts_to_the_acceptance_rate():
+    settings = HMCSettings(num_updates=400, num_leapfrog=10, num_warmup=200, step_size=0.02, target_acceptance=0.85, jitter=0.3)
     starts = jax.random.normal(jax.random.key(3), (10, 28))
     chains = hmc_chains(jax.random.key(4), starts, lambda x: -0.5 * jnp.sum(x * x), jnp.log(0.02), settings)
     assert 0.80 < float(chains.acceptance) < 0.90
@@ -63,16 +63,16 @@ def test_step_size_adapts_to_the_rejection_rate():
 
 
 def test_the_step_size_stays_once_the_draws_count():
-    """Without burn-in it is the one given, however far the acceptance is from its target."""
-    settings = HMCSettings(num_updates=20, num_leapfrog=5, burn_in=0, step_size=0.02, target_rejection=0.9)
+    """Without a warm-up it is the one given, however far the acceptance is from its target."""
+    settings = HMCSettings(num_updates=20, num_leapfrog=5, num_warmup=0, step_size=0.02, target_acceptance=0.1)
     chains = run(banana, settings, num_chains=3)
     assert float(chains.acceptance) > 0.9
     assert float(chains.log_step_size) == np.float32(np.log(0.02))
-    assert float(run(banana, settings._replace(burn_in=5), num_chains=3).log_step_size) > np.log(0.03)
+    assert float(run(banana, settings._replace(num_warmup=5), num_chains=3).log_step_size) > np.log(0.03)
 
 
 def test_number_of_gradients_is_counted():
-    settings = HMCSettings(num_updates=6, num_leapfrog=5, burn_in=2, target_rejection=None)
+    settings = HMCSettings(num_updates=6, num_leapfrog=5, num_warmup=2, target_acceptance=None)
     chains = run(banana, settings, num_chains=3)
     assert int(chains.num_gradient) == 3 * (1 + 6 * 5)
 
@@ -93,11 +93,11 @@ def test_nan_density_is_never_accepted():
     [
         {"num_updates": 0},
         {"num_leapfrog": 0},
-        {"burn_in": 32},
-        {"burn_in": -1},
+        {"num_warmup": 32},
+        {"num_warmup": -1},
         {"step_size": 0.0},
         {"step_size": float("nan")},
-        {"target_rejection": 1.0},
+        {"target_acceptance": 1.0},
         {"jitter": 1.0},
     ],
     ids=str,

@@ -30,7 +30,7 @@ def moments(log_density):
 
 def test_demc_from_one_basin_converges_to_quadrature():
     """At a temperature at which the barriers are passed within the run."""
-    settings = DEMCSettings(num_updates=300, burn_in=100, snooker=0.1)
+    settings = DEMCSettings(num_updates=300, num_warmup=100, snooker=0.1)
 
     def density(x):
         return mueller_log_density(x, TEMPERATURE)

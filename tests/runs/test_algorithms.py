@@ -62,11 +62,15 @@ CASES: list[tuple[str, dict[str, Any], str]] = [
     ("hmc", {"num_chains": True}, "num_chains=True: expected a whole number"),
     ("hmc", {"num_chains": None}, "num_chains=None: expected a whole number"),
     ("hmc", {"num_chains": 2**31}, "expected a whole number"),
-    ("hmc", {"num_updates": 4, "burn_in": "4"}, "burn_in=4: expected 0 to num_updates - 1 = 3"),
+    ("hmc", {"num_updates": 4, "num_warmup": "4"}, "num_warmup=4: expected 0 to num_updates - 1 = 3"),
     ("hmc", {"step_size": float("inf")}, "step_size=inf: expected a number"),
     ("hmc", {"dense_mass": "yes"}, "dense_mass=yes: expected true or false"),
-    ("hmc", {"target_rejection": "much"}, "target_rejection=much: expected a number, or none"),
-    ("hmc", {"draws": 10}, "draws=10: no setting of the filter hmc .expected num_chains, num_updates, num_leapfrog, burn_in"),
+    ("hmc", {"target_acceptance": "much"}, "target_acceptance=much: expected a number, or none"),
+    (
+        "hmc",
+        {"draws": 10},
+        "draws=10: no setting of the filter hmc .expected num_chains, num_updates, num_leapfrog, num_warmup",
+    ),
     ("hmc", {"updates": 10}, "no setting of the filter hmc .expected num_updates.$"),
     ("hmc", {"curvature": 10}, "no setting of the filter hmc"),
     ("particle", {"ess_threshold": 1.5}, r"ess_threshold=1.5: expected a number in \[0, 1\]"),
@@ -83,10 +87,10 @@ def test_what_cannot_be_used_is_told_by_the_arguments_name(name: str, settings: 
 
 
 def test_words_are_read_by_the_annotations():
-    given = {"num_chains": "1_000", "step_size": "1e-1", "dense_mass": "True", "target_rejection": "none", "jitter": 0}
+    given = {"num_chains": "1_000", "step_size": "1e-1", "dense_mass": "True", "target_acceptance": "none", "jitter": 0}
     read = FILTERS["hmc"].complete(given)
     assert read["num_chains"] == 1000 and read["step_size"] == 0.1
-    assert read["dense_mass"] is True and read["target_rejection"] is None and read["jitter"] == 0.0
+    assert read["dense_mass"] is True and read["target_acceptance"] is None and read["jitter"] == 0.0
     assert read["num_updates"] == HMCSettings().num_updates
     assert SMOOTHERS["gibbs"].complete({"correction": "none"})["correction"] == "none"
     assert [setting.kind for setting in settings_of(particle_filter).values()] == [int, Scheme, float]

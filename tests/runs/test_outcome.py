@@ -87,7 +87,7 @@ def keep(model):
 def test_the_result_of_chains() -> None:
     model = linear_gaussian(2).compile()
     data = model.observe({"y": np.zeros((T, 2))})
-    filter = hmc_filter(model, 3, HMCSettings(num_updates=9, num_leapfrog=2, burn_in=1))
+    filter = hmc_filter(model, 3, HMCSettings(num_updates=9, num_leapfrog=2, num_warmup=1))
     run = run_filter(filter, jax.random.key(0), data, collect=keep(model))
     tree = result_of_run(run, model)
     assert tree["posterior/state"].shape == (3, 8, T, 2)

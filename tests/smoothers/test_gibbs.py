@@ -148,7 +148,7 @@ def test_first_chain_starts_at_the_most_likely_particles():
 
 
 def test_draws_of_the_smoother_and_their_pitch():
-    built = gibbs_smoother(POSED.model, num_components=5, num_draws=40, num_chains=2, burn_in=0.25, quantise=0.5)
+    built = gibbs_smoother(POSED.model, num_components=5, num_chains=2, num_draws=15, num_warmup=5, quantise=0.5)
     smoothed = jax.jit(built.smooth)(jax.random.key(0), history_around(3), POSED.observations, POSED.inputs)
     assert built.joint
     draws = np.asarray(smoothed.particles)
@@ -161,7 +161,7 @@ def test_draws_of_the_smoother_and_their_pitch():
 
 def test_blocked_rounds_need_a_linear_transition():
     model = curved_model()
-    built = gibbs_smoother(model, num_draws=8, num_chains=2, blocked=True)
+    built = gibbs_smoother(model, num_chains=2, num_draws=4, num_warmup=0, blocked=True)
     observations = model.observe({"y": np.ones(4)})
     with pytest.raises(ValueError, match="leave out blocked"):
         jax.eval_shape(built.smooth, jax.random.key(0), history_around(4, dimension=1), observations)
@@ -170,9 +170,8 @@ def test_blocked_rounds_need_a_linear_transition():
 @pytest.mark.parametrize(
     ("settings", "match"),
     [
-        ({"num_draws": 10, "num_chains": 4}, "multiple of num_chains"),
         ({"num_draws": 0}, "num_draws is 0"),
-        ({"burn_in": 1.0}, "burn_in is 1.0"),
+        ({"num_warmup": -1}, "num_warmup is -1"),
         ({"target": "likelihood"}, "mixture, model"),
         ({"target": "model", "blocked": True}, "blocked is True"),
         ({"num_components": 0}, "num_components is 0"),

@@ -165,7 +165,7 @@ def test_filters_without_genealogy_are_refused():
     for smoother in (genealogy_smoother(MODEL), fixed_lag_smoother(MODEL)):
         with pytest.raises(ValueError, match="forward_backward_smoother"):
             smoother.smooth(jax.random.key(0), chains, observations, inputs)
-    tracker = fixed_lag(hmc_filter(MODEL, 3, HMCSettings(num_updates=4, num_leapfrog=2, burn_in=1)), 2)
+    tracker = fixed_lag(hmc_filter(MODEL, 3, HMCSettings(num_updates=4, num_leapfrog=2, num_warmup=1)), 2)
     observation, first = frame(observations, 0), frame(inputs, 0)
     state, _ = jax.eval_shape(tracker.init, jax.random.key(0), observation, first)
     with pytest.raises(ValueError, match="one ancestor for each particle"):

@@ -47,8 +47,8 @@ def _trajectories(tree: xr.DataTree) -> int:
 
 
 def _smaller_steps(tree: xr.DataTree) -> str:
-    rate = settings_among(tree, "target_acceptance")
-    return f"raise {rate}" if "--" in rate else f"lower {settings_among(tree, 'step_size', 'target_rejection')}"
+    ways = [f"lower {settings_among(tree, 'step_size')}", f"raise {settings_among(tree, 'target_acceptance')}"]
+    return " or ".join([way for way in ways if "--" in way] or ways)
 
 
 def _percent(share: float) -> str:
@@ -96,7 +96,7 @@ def agreement(tree: xr.DataTree) -> list[Verdict]:
     worst = f"{rhat[frame, dof]:.2f}, {data['dof'].values[dof]} in frame {data['frame'].values[frame]}"
     text = f"R-hat above {RHAT_HIGH} in {_percent(share)} of frames and coordinates, above {RHAT_APART:g} in {_percent(apart)}"
     severity = WARNING if share > RHAT_WARNING else INFO  # never an error: chains that keep to modes may weigh them well
-    more = settings_among(tree, "num_updates", "num_draws", "num_warmup", "burn_in", "num_starts")
+    more = settings_among(tree, "num_updates", "num_draws", "num_warmup", "num_starts")
     return [Verdict(severity, f"{text} (largest {worst}): the chains disagree; raise {more}.")]
 
 

@@ -20,8 +20,15 @@ from poseppl.runs.frame_sequence import frame_inputs
 _SEED = 28
 
 
-_PUBLISHED = {"num_chains": 10, "num_leapfrog": 40, "burn_in": 6, "step_size": 0.25, "target_rejection": None, "jitter": 0.0}
-_DENSE = {"dense_mass": True, "num_leapfrog": 8, "burn_in": 6, "step_size": 0.4, "target_rejection": 0.15, "jitter": 0.5}
+_PUBLISHED = {
+    "num_chains": 10,
+    "num_leapfrog": 40,
+    "num_warmup": 6,
+    "step_size": 0.25,
+    "target_acceptance": None,
+    "jitter": 0.0,
+}
+_DENSE = {"dense_mass": True, "num_leapfrog": 8, "num_warmup": 6, "step_size": 0.4, "target_acceptance": 0.85, "jitter": 0.5}
 CONTESTANTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "particle filter": ("particle", {"num_particles": 108_000}),
     "HMC, as published": ("hmc", {**_PUBLISHED, "num_updates": 32}),

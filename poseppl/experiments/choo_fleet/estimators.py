@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from poseppl.experiments.choo_fleet.systems import BURN_IN, System
+from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, System
 from poseppl.filters import assumed_density_filter, hmc_filter, particle_filter
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel, Observation
 
 _CACHE_FRIENDLY = 16_384
 """Particles that are evaluated at once; more of them leave the processor's caches."""
-_REFERENCE = HMCSettings(num_updates=500, num_leapfrog=8, burn_in=20, step_size=0.4, target_rejection=0.15, jitter=0.5)
+_REFERENCE = HMCSettings(num_updates=500, num_leapfrog=8, num_warmup=20, step_size=0.4, target_acceptance=0.85, jitter=0.5)
 
 
 class Estimates(NamedTuple):
@@ -103,13 +103,13 @@ def block_size(num_particles: int) -> tuple[int, int]:
 
 
 def hmc_estimates(model: CompiledModel, system: System, settings: Sequence[int]) -> Estimate:
-    """Means of the draws of the first R updates of each chain of the HMC filter, for each R of `settings`, less the burn-in."""
+    """Means of the draws of the first R updates of each chain of the HMC filter, for each R of `settings`, less the warm-up."""
     updates, num_settings = jnp.array(settings), len(settings)
     built = hmc_filter(model, system.num_chains, system.hmc(max(settings)))
 
     def estimate(rng_key: jax.Array, observation: Observation, inputs: Any) -> Estimates:
         state, info = built.init(rng_key, observation, inputs)
-        kept = updates - BURN_IN
+        kept = updates - NUM_WARMUP
         means = jnp.cumsum(jnp.mean(state.particles, 0), 0)[kept - 1] / kept[:, None]
         rejection = jnp.full(num_settings, 1 - info.acceptance)
         gradients = system.num_chains * (1 + updates * system.num_leapfrog)

@@ -146,9 +146,9 @@ def _rivals(scale: Scale, system: str) -> dict[str, tuple[str, dict[str, Any]]]:
         "num_chains": row.num_chains,
         "num_updates": PUBLISHED_UPDATES,
         "num_leapfrog": row.num_leapfrog,
-        "burn_in": 6,
+        "num_warmup": 6,
         "step_size": row.step_size,
-        "target_rejection": None,
+        "target_acceptance": None,
         "jitter": 0.0,
     }
     numbers = {"particle filter": (scale.particles or PUBLISHED_PARTICLES)[system]}

@@ -38,7 +38,7 @@ from poseppl.program import Observation
 Floats = NDArray[np.float64]
 UPDATES = (8, 16, 32, 64, 128, 256, 512)
 """R of all rows of Table 1."""
-BURN_IN = 6
+NUM_WARMUP = 6
 RATE = 30.0
 """Frames a second of the sequences, which the paper does not tell."""
 
@@ -66,7 +66,7 @@ class System(NamedTuple):
 
     def hmc(self, num_updates: int) -> HMCSettings:
         """The chains of the paper's row."""
-        return HMCSettings(num_updates, self.num_leapfrog, min(BURN_IN, num_updates - 1), self.step_size, None)
+        return HMCSettings(num_updates, self.num_leapfrog, min(NUM_WARMUP, num_updates - 1), self.step_size, None)
 
 
 _MODELS = "poseppl_models.choo_fleet"

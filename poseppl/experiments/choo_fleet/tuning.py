@@ -15,7 +15,7 @@ import numpy as np
 
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
-from poseppl.experiments.choo_fleet.systems import BURN_IN, SYSTEMS, Recording, observe, pose_frame, single_frames, stage_of
+from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, SYSTEMS, Recording, observe, pose_frame, single_frames, stage_of
 from poseppl.experiments.jobs import Job
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
@@ -64,7 +64,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
 
     Returns:
         For each step size and run: ``rejection`` (step size, run); ``tau`` (step size, run, d), the inefficiency factor of each
-        coordinate after burn-in; ``autocorrelation`` (step size, lag), the mean over coordinates and runs; ``rhat``
+        coordinate after the warm-up; ``autocorrelation`` (step size, lag), the mean over coordinates and runs; ``rhat``
         (step size, update), the largest over coordinates of the chains' R-hat over the 16 updates that end there, the median
         over runs; ``num_gradient`` (step size,) a run.
     """
@@ -96,7 +96,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
 
 def _describe(runs: list[Any]) -> dict[str, Any]:
     """Mixing of runs (chain, update, d) each."""
-    kept = [draws[:, BURN_IN:] for draws in runs]
+    kept = [draws[:, NUM_WARMUP:] for draws in runs]
     lags = min(NUM_LAGS, kept[0].shape[1] - 1)
     stuck = 1.0  # the correlation of a coordinate that never moves
     correlations = [np.nan_to_num(autocorrelation(draws, lags), nan=stuck).mean(1) for draws in kept]
