@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 from timing import arguments, show
 
-from poseppl.motion.tracking import observe_motion, place_cameras, pose_problem, walking_subject
+from poseppl.motion.tracking import make_problem, observe_motion, place_cameras, walking_subject
 from poseppl.motion.tracking.placing import camera_names
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.predictive import predictive_checks
@@ -41,7 +41,7 @@ def main() -> None:
     frames, repetitions = (4, 1) if options.quick else (options.frames, options.runs)
     walk = walking_subject(frames=f"0:{frames}")
     cameras = place_cameras(walk.markers[:, 0], 0.0, count=options.cameras)
-    problem = pose_problem(observe_motion(walk, cameras, camera_names(options.cameras)))
+    problem = make_problem(observe_motion(walk, cameras, camera_names(options.cameras)))
     rows = []
     for name in options.filters.split(","):
         filter, settings = FILTERS[name].build(problem.model, {})

@@ -36,7 +36,7 @@ from poseppl.diagnostics.calibration import between
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.io import read_cameras
-from poseppl.motion.tracking import Problem, Scene, observe_motion, pose_problem, recorded_subject
+from poseppl.motion.tracking import Problem, Scene, make_problem, observe_motion, recorded_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import noise_of
@@ -167,7 +167,7 @@ def watch_keypoints(folder: Path, frames: int, runs: int) -> Watched:
 
 def shared_problem(scene: Scene[PointData], model: CompiledModel | None) -> Problem:
     """The scene's problem, by the model of another scene if there is one: limbs are inputs, so that a program serves all."""
-    problem = pose_problem(scene)
+    problem = make_problem(scene)
     return problem if model is None else problem._replace(model=model)
 
 

@@ -19,7 +19,7 @@ from timing import arguments, interleave, show
 
 from poseppl.cli.console import start_jax
 from poseppl.motion.io import VideoWarning
-from poseppl.motion.tracking import pose_problem
+from poseppl.motion.tracking import make_problem
 from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
 from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.runs.run import frame_inputs
@@ -44,7 +44,7 @@ def main() -> None:
 
 def evaluations(seen: Any, number: int) -> dict[str, Any]:
     """What is timed, by name: functions of no argument."""
-    problem = pose_problem(seen)
+    problem = make_problem(seen)
     model, inputs = problem.model, frame_inputs(problem.inputs, 0)
     observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)
     truth = np.asarray(problem.inputs.start.value)

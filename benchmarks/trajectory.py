@@ -27,7 +27,7 @@ from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
 from poseppl.motion.likelihoods import ProjectedMarkers
-from poseppl.motion.tracking import Problem, observe_motion, pose_problem, walking_subject
+from poseppl.motion.tracking import Problem, make_problem, observe_motion, walking_subject
 from poseppl.runs.frame_sequence import frame_inputs
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import History, collect_history, trajectory_smoother
@@ -52,7 +52,7 @@ class Sampled(NamedTuple):
 def build(num_frames: int) -> Problem:
     """The walk as one camera sees it."""
     scene = observe_motion(walking_subject(frames=f"0:{num_frames}"), paper_camera((0.0, -5000.0, 1000.0)), ["front"])
-    return pose_problem(scene)
+    return make_problem(scene)
 
 
 def compiled(function: Callable[..., Any], *given: Any) -> tuple[Any, float, float, float]:

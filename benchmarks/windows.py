@@ -23,7 +23,7 @@ from timing import arguments, show
 from poseppl.diagnostics.calibration import between
 from poseppl.filters import Filter, assumed_density_filter, kalman_filter, window_filter
 from poseppl.motion.geometry import marker_positions, paper_camera
-from poseppl.motion.tracking import observe_motion, pose_problem, walking_subject
+from poseppl.motion.tracking import make_problem, observe_motion, walking_subject
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import frame_inputs
@@ -44,7 +44,7 @@ def walks(count: int, num_frames: int) -> Sequences:
     """The same walk with different noise."""
     subject = walking_subject(frames=f"0:{num_frames}")
     scenes = [observe_motion(subject, paper_camera((0.0, -5000.0, 1000.0)), ["front"], seed=seed) for seed in range(count)]
-    problems = [pose_problem(scene) for scene in scenes]
+    problems = [make_problem(scene) for scene in scenes]
     observations = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(problem.observations for problem in problems))
     truth = np.stack([np.asarray(scene.markers) for scene in scenes])
     return Sequences(problems[0].model, frame_inputs(problems[0].inputs, 0), observations, truth)

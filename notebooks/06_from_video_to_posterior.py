@@ -37,7 +37,7 @@ from poseppl.motion.io import read_masks
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.rendering import Truth, build_setting, write_scene
 from poseppl.motion.rendering.packages import load_mujoco
-from poseppl.motion.tracking import pose_problem, walking_subject
+from poseppl.motion.tracking import make_problem, walking_subject
 from poseppl.motion.tracking.truth import save_subject_truth
 from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.report import new_picture
@@ -115,7 +115,7 @@ print(f"half of the points are within {np.median(off):.1f} px of the true edge, 
 
 # %%
 params = {**body.params, "sigma_position": 40.0 * 30**0.5}  # the person comes 40 mm further in a frame, 30 times a second
-problem = pose_problem(seen, params)
+problem = make_problem(seen, params)
 tracker, collect = kalman_filter(problem.model), problem.collector(200)
 
 

@@ -23,17 +23,17 @@ TIME_STEP = 0.05
 """Time between two frames; six hours, in Lorenz's reckoning."""
 
 
-def lorenz96_slope(x: Any, forcing: float = 8.0) -> Any:
+def lorenz96_derivative(x: Any, forcing: float = 8.0) -> Any:
     """dx/dt (d,) at x (d,)."""
     return (jnp.roll(x, -1) - jnp.roll(x, 2)) * jnp.roll(x, 1) - x + forcing
 
 
 def lorenz96_step(x: Any, forcing: float = 8.0) -> Any:
     """The state (d,) one frame later, without noise."""
-    a = lorenz96_slope(x, forcing)
-    b = lorenz96_slope(x + TIME_STEP / 2 * a, forcing)
-    c = lorenz96_slope(x + TIME_STEP / 2 * b, forcing)
-    d = lorenz96_slope(x + TIME_STEP * c, forcing)
+    a = lorenz96_derivative(x, forcing)
+    b = lorenz96_derivative(x + TIME_STEP / 2 * a, forcing)
+    c = lorenz96_derivative(x + TIME_STEP / 2 * b, forcing)
+    d = lorenz96_derivative(x + TIME_STEP * c, forcing)
     return x + TIME_STEP / 6 * (a + 2 * b + 2 * c + d)
 
 

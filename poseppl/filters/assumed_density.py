@@ -77,7 +77,7 @@ def assumed_density_filter(
     check_at_least(0, num_mode_steps=num_mode_steps)
     moved = int(_MOVED * (num_starts - 1))
 
-    def before(observation: Observation, inputs: Any = None) -> ChainState:
+    def initial_state(observation: Observation, inputs: Any = None) -> ChainState:
         mean, _ = model.initial_moments(inputs)
         draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, *mean.shape))
         return chain_state(draws, jnp.log(jnp.asarray(settings.step_size, mean.dtype)), started=False)
@@ -119,9 +119,9 @@ def assumed_density_filter(
         return chain_state(draws, chains.log_step_size, log_weights=log_weights), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        return step(rng_key, before(observation, inputs), observation, inputs)
+        return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
-    return Filter(init, step, before=before)
+    return Filter(init, step, initial_state=initial_state)
 
 
 def _prior(

@@ -86,8 +86,8 @@ def filter_info(
     )
 
 
-def stay(state: Any) -> Any:
-    """The state, where it is."""
+def identity(state: Any) -> Any:
+    """The state itself."""
     return state
 
 
@@ -101,8 +101,8 @@ class Filter:
     Attributes:
         init: `(rng_key, observation, inputs) -> (state, info)`, the first frame.
         step: `(rng_key, state, observation, inputs) -> (state, info)`, each later frame.
-        place: `state -> state`, moves a state that comes from elsewhere, such as a file, to the devices where `step` keeps it.
-        before: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it, too;
+        to_devices: `state -> state`, moves a state that comes from elsewhere, such as a file, to where `step` keeps it.
+        initial_state: `(observation, inputs) -> state`, the state before the first frame, of a filter whose `step` takes it;
             nothing but `step` is then compiled.
         closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
         evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
@@ -114,8 +114,8 @@ class Filter:
 
     init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
     step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
-    place: Callable[[Any], Any] = stay
-    before: Callable[[Any, Any], Any] | None = None
+    to_devices: Callable[[Any], Any] = identity
+    initial_state: Callable[[Any, Any], Any] | None = None
     closed_form: bool = False
     evidence: EvidenceError = "runs"
     genealogy: bool = False

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import Method, condition, linearise, propagate
+from poseppl.gaussians.linearisation import Method, condition, linearise, predict
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 
@@ -58,7 +58,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     check_at_least(1, num_particles=num_particles)
     check_choice(Method, linearisation=linearisation)
 
-    def before(observation: Observation, inputs: Any = None) -> KalmanState:
+    def initial_state(observation: Observation, inputs: Any = None) -> KalmanState:
         initial = Gaussian(*model.initial_moments(inputs))
         draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
         return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
@@ -66,9 +66,9 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
         # both are finite at every frame, and with them the gradient of the one that is not chosen
-        initial, moved = Gaussian(*model.initial_moments(inputs)), propagate(state.posterior, linear)
+        initial, moved = Gaussian(*model.initial_moments(inputs)), predict(state.posterior, linear)
         predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
-        posterior, log_evidence, failed = assimilate(model, predicted, observation, inputs, linearisation)
+        posterior, log_evidence, failed = update(model, predicted, observation, inputs, linearisation)
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
         draws = posterior.mean + noise @ jnp.linalg.cholesky(posterior.covariance).T
@@ -77,12 +77,12 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
-        return step(rng_key, before(observation, inputs), observation, inputs)
+        return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
-    return Filter(init, step, before=before, closed_form=True)
+    return Filter(init, step, initial_state=initial_state, closed_form=True)
 
 
-def assimilate(
+def update(
     model: CompiledModel, predicted: Gaussian, observation: Observation, inputs: Any, method: Method
 ) -> tuple[Gaussian, jax.Array, jax.Array]:
     """Condition a prediction on a frame's data.
@@ -92,7 +92,7 @@ def assimilate(
         prediction.
     """
     linear = linearise(
-        lambda x: model.observation_moments(x, inputs), predicted, method, lambda x: model.observation_slope(x, inputs)
+        lambda x: model.observation_moments(x, inputs), predicted, method, lambda x: model.observation_jacobian(x, inputs)
     )
     data, seen = model.flat_observation(observation)
     posterior, log_evidence = condition(predicted, linear, data, seen)

@@ -1,6 +1,6 @@
 r"""Gaussian proposals from a local linearisation of the model by automatic differentiation.
 
-For a state before, x', with E[x_t | x'] = \mu and Cov[x_t | x'] = Q, and the curvature I of -log p(z_t | x) and its slope
+For a state before, x', with E[x_t | x'] = \mu and Cov[x_t | x'] = Q, and the curvature I of -log p(z_t | x) and its gradient
 g = d/dx log p(z_t | x) at \mu, the proposal and the predictive likelihood that goes with it are
 
     q(x_t | x') = N(\mu + C g, C),    C = (Q^-1 + I)^-1,
@@ -68,20 +68,20 @@ def local_proposal(
         inputs: The frame's inputs.
     """
     means = jax.vmap(lambda x: moments(x)[0])(previous)
-    log_likelihood, slopes = jax.vmap(jax.value_and_grad(lambda x: model.log_observation(x, observation, inputs)))(means)
-    usable = jnp.isfinite(log_likelihood) & jnp.all(jnp.isfinite(slopes), 1)
-    slopes = jnp.where(usable[:, None], slopes, 0.0)
+    log_likelihood, gradients = jax.vmap(jax.value_and_grad(lambda x: model.log_observation(x, observation, inputs)))(means)
+    usable = jnp.isfinite(log_likelihood) & jnp.all(jnp.isfinite(gradients), 1)
+    gradients = jnp.where(usable[:, None], gradients, 0.0)
 
     def scale_of(before: jax.Array, at: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         return _scale(moments(before)[1], model.observation_information(at, observation, inputs))
 
     if _is_constant(lambda x: (moments(x)[1], model.observation_information(x, observation, inputs)), means[0]):
         scales, log_det, half_log_ratio = scale_of(previous[0], means[0])
-        shifts = slopes @ (scales @ scales.T)
+        shifts = gradients @ (scales @ scales.T)
     else:
         scales, log_det, half_log_ratio = jax.vmap(scale_of)(previous, means)
-        shifts = jnp.einsum("nij,nj->ni", scales, jnp.einsum("nij,ni->nj", scales, slopes))
-    log_predictive = log_likelihood + 0.5 * jnp.sum(slopes * shifts, 1) - half_log_ratio
+        shifts = jnp.einsum("nij,nj->ni", scales, jnp.einsum("nij,ni->nj", scales, gradients))
+    log_predictive = log_likelihood + 0.5 * jnp.sum(gradients * shifts, 1) - half_log_ratio
     return LocalProposal(means + shifts, scales, _finite(jnp.where(usable, log_predictive, -jnp.inf)), log_det)
 
 

@@ -74,10 +74,10 @@ def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
         state, info = filter.step(rng_key, kept(state), observation, inputs)
         return kept(state), info
 
-    def place(state: Any) -> Any:
+    def to_devices(state: Any) -> Any:
         return jax.device_put(state, shardings(state))
 
-    return dataclasses.replace(filter, init=init, step=step, place=place)
+    return dataclasses.replace(filter, init=init, step=step, to_devices=to_devices)
 
 
 def _find_devices(devices: int | Sequence[jax.Device]) -> list[jax.Device]:

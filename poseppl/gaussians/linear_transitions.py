@@ -29,12 +29,12 @@ class LinearTransitions(NamedTuple):
 
     Attributes:
         means: f, (T, d); the initial mean at the first frame.
-        slopes: F, (T, d, d); 0 at the first frame.
+        jacobians: F, (T, d, d); 0 at the first frame.
         precisions: S, inverse covariances (T, d, d).
     """
 
     means: jax.Array
-    slopes: jax.Array
+    jacobians: jax.Array
     precisions: jax.Array
 
 
@@ -76,8 +76,8 @@ def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
         return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
 
     closed = jax.make_jaxpr(parts)(jnp.zeros(model.dimension))
-    slope, covariance = output_dependence(closed, [frozenset({0})])
-    return Structure(not slope, not covariance)
+    jacobian, covariance = output_dependence(closed, [frozenset({0})])
+    return Structure(not jacobian, not covariance)
 
 
 def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> LinearTransitions:
@@ -102,31 +102,31 @@ def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> 
 
 def transition_around(model: CompiledModel, x: jax.Array, inputs: Any) -> LinearTransitions:
     """Linearise one transition around the state (d,) that it starts from."""
-    mean, slope, covariance = first_order(lambda x: model.transition_moments(x, inputs), x)
-    return LinearTransitions(mean, slope, precision_of(covariance))
+    mean, jacobian, covariance = first_order(lambda x: model.transition_moments(x, inputs), x)
+    return LinearTransitions(mean, jacobian, precision_of(covariance))
 
 
-def transition_curvature(slope: jax.Array, precision: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def transition_curvature(jacobian: jax.Array, precision: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The curvature (-F, 1)^T S (-F, 1) of a linearised transition in (x_(t-1), x_t), which is never negative.
 
     Args:
-        slope: F (d, d).
+        jacobian: F (d, d).
         precision: S (d, d).
 
     Returns:
         The blocks (t-1, t-1), (t, t-1) and (t, t), each (d, d).
     """
-    pulled = precision @ slope
-    return slope.T @ pulled, -pulled, precision
+    pulled = precision @ jacobian
+    return jacobian.T @ pulled, -pulled, precision
 
 
 def quadratic_prior(transitions: LinearTransitions, states: jax.Array) -> tuple[BlockTridiagonal, jax.Array]:
     """J and h (T, d) around the states (T, d) that the transitions were linearised at."""
-    means, slopes, precisions = transitions
+    means, jacobians, precisions = transitions
     force = jnp.einsum("tij,tj->ti", precisions, states - means)
-    before, below, _ = jax.vmap(transition_curvature)(slopes[1:], precisions[1:])
-    slope = (-force).at[:-1].add(jnp.einsum("tji,tj->ti", slopes[1:], force[1:]))
-    return BlockTridiagonal(precisions.at[:-1].add(before), below), slope
+    before, below, _ = jax.vmap(transition_curvature)(jacobians[1:], precisions[1:])
+    gradient = (-force).at[:-1].add(jnp.einsum("tji,tj->ti", jacobians[1:], force[1:]))
+    return BlockTridiagonal(precisions.at[:-1].add(before), below), gradient
 
 
 def marginal_covariances(factor: BlockCholesky) -> Marginals:

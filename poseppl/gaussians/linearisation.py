@@ -31,10 +31,10 @@ Conditional = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
 
 
 class Linear(NamedTuple):
-    """A linear conditional: mean (k,) of y at the mean of x, slope (k, d) and noise covariance (k, k)."""
+    """A linear conditional: mean (k,) of y at the mean of x, jacobian (k, d) and noise covariance (k, k)."""
 
     mean: jax.Array
-    slope: jax.Array
+    jacobian: jax.Array
     noise: jax.Array
 
 
@@ -45,19 +45,19 @@ def first_order(conditional: Conditional, x: jax.Array) -> Linear:
         moments = conditional(x)
         return moments[0], moments
 
-    slope, (value, noise) = jax.jacrev(mean, has_aux=True)(x)
-    return Linear(value, slope, noise)
+    jacobian, (value, noise) = jax.jacrev(mean, has_aux=True)(x)
+    return Linear(value, jacobian, noise)
 
 
 def linearise(
-    conditional: Conditional, x: Gaussian, method: Method, slope_at: Callable[[jax.Array], jax.Array] | None = None
+    conditional: Conditional, x: Gaussian, method: Method, jacobian_at: Callable[[jax.Array], jax.Array] | None = None
 ) -> Linear:
     """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
-        if slope_at is None:
+        if jacobian_at is None:
             return first_order(conditional, x.mean)
         mean, noise = conditional(x.mean)
-        return Linear(mean, slope_at(x.mean), noise)
+        return Linear(mean, jacobian_at(x.mean), noise)
     dimension = x.mean.shape[0]
     kappa = max(0.0, 3.0 - dimension)
     spread = jnp.sqrt(jnp.asarray(dimension + kappa, x.mean.dtype)) * jnp.eye(dimension, dtype=x.mean.dtype)
@@ -68,15 +68,15 @@ def linearise(
     means, noises = jax.vmap(conditional)(x.mean + white @ lower.T)
     mean = weights @ means
     centred = means - mean
-    white_slope = (centred * weights[:, None]).T @ white
-    slope = solve_triangular(lower.T, white_slope.T, lower=False).T
-    noise = (centred * weights[:, None]).T @ centred - white_slope @ white_slope.T + jnp.tensordot(weights, noises, 1)
-    return Linear(mean, slope, noise)
+    white_jacobian = (centred * weights[:, None]).T @ white
+    jacobian = solve_triangular(lower.T, white_jacobian.T, lower=False).T
+    noise = (centred * weights[:, None]).T @ centred - white_jacobian @ white_jacobian.T + jnp.tensordot(weights, noises, 1)
+    return Linear(mean, jacobian, noise)
 
 
-def propagate(x: Gaussian, linear: Linear) -> Gaussian:
+def predict(x: Gaussian, linear: Linear) -> Gaussian:
     """Distribution of y."""
-    return Gaussian(linear.mean, _symmetric(linear.slope @ x.covariance @ linear.slope.T + linear.noise))
+    return Gaussian(linear.mean, _symmetric(linear.jacobian @ x.covariance @ linear.jacobian.T + linear.noise))
 
 
 def condition(x: Gaussian, linear: Linear, y: jax.Array, seen: jax.Array) -> tuple[Gaussian, jax.Array]:
@@ -91,13 +91,13 @@ def condition(x: Gaussian, linear: Linear, y: jax.Array, seen: jax.Array) -> tup
     Returns:
         The posterior, and the log-density of the seen data, a scalar.
     """
-    slope = jnp.where(seen[:, None], linear.slope, 0.0)
+    jacobian = jnp.where(seen[:, None], linear.jacobian, 0.0)
     both = seen[:, None] & seen
     noise = jnp.where(both, linear.noise, jnp.eye(y.shape[0], dtype=y.dtype))
     residual = jnp.where(seen, y - linear.mean, 0.0)
-    factor = cho_factor(slope @ x.covariance @ slope.T + noise, lower=True)
-    gain = cho_solve(factor, slope @ x.covariance).T
-    kept = jnp.eye(x.mean.shape[0], dtype=y.dtype) - gain @ slope
+    factor = cho_factor(jacobian @ x.covariance @ jacobian.T + noise, lower=True)
+    gain = cho_solve(factor, jacobian @ x.covariance).T
+    kept = jnp.eye(x.mean.shape[0], dtype=y.dtype) - gain @ jacobian
     covariance = _symmetric(kept @ x.covariance @ kept.T + gain @ noise @ gain.T)
     log_density = -0.5 * (residual @ cho_solve(factor, residual) + jnp.sum(seen) * jnp.log(2 * jnp.pi))
     log_density = log_density - jnp.sum(jnp.log(jnp.diagonal(factor[0])))

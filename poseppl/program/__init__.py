@@ -31,7 +31,7 @@ from poseppl.program.chart import Site as Site
 from poseppl.program.clamped import Clamped as Clamped
 from poseppl.program.clamped import ClampedModel as ClampedModel
 from poseppl.program.closed_forms import SummedDensity as SummedDensity
-from poseppl.program.closed_forms import WhitenedSlope as WhitenedSlope
+from poseppl.program.closed_forms import WhitenedJacobian as WhitenedJacobian
 from poseppl.program.closed_forms import check_closed_forms as check_closed_forms
 from poseppl.program.compiled import CompiledModel as CompiledModel
 from poseppl.program.model import StateSpaceModel as StateSpaceModel

@@ -24,7 +24,7 @@ class SummedDensity(Protocol):
 
 
 @runtime_checkable
-class WhitenedSlope(Protocol):
+class WhitenedJacobian(Protocol):
     """A Gaussian distribution that knows the derivative of its location, divided by its standard deviation.
 
     Attributes:
@@ -60,8 +60,8 @@ def check_closed_forms(
         ValueError: The two differ, or the distribution knows neither.
     """
     state, distribution = jnp.asarray(state), distribution_of(jnp.asarray(state))
-    sums, knows_slope = isinstance(distribution, SummedDensity), isinstance(distribution, WhitenedSlope)
-    if not (sums or knows_slope):
+    sums, knows_jacobian = isinstance(distribution, SummedDensity), isinstance(distribution, WhitenedJacobian)
+    if not (sums or knows_jacobian):
         raise ValueError(f"{type(distribution).__name__} has neither summed_log_prob nor whitened_jacobian")
     value = jnp.asarray(value)
     mask = jnp.arange(value.size).reshape(value.shape) % 2 == 0
@@ -71,11 +71,11 @@ def check_closed_forms(
         _same("summed_log_prob(value, None)", distribution.summed_log_prob(value, None), jnp.sum(terms), tolerance)
         expected = jnp.sum(jnp.where(events, terms, 0.0))
         _same("summed_log_prob(value, mask)", distribution.summed_log_prob(value, mask), expected, tolerance)
-    if knows_slope:
+    if knows_jacobian:
         scale = jnp.broadcast_to(distribution.scale, distribution.shape())
-        slope = jax.jacrev(lambda x: jnp.ravel(jnp.broadcast_to(distribution_of(x).loc, scale.shape) / scale))(state)
-        _same("whitened_jacobian(None)", distribution.whitened_jacobian(None), slope, tolerance)
-        expected = jnp.where(jnp.ravel(mask)[:, None], slope, 0.0)
+        jacobian = jax.jacrev(lambda x: jnp.ravel(jnp.broadcast_to(distribution_of(x).loc, scale.shape) / scale))(state)
+        _same("whitened_jacobian(None)", distribution.whitened_jacobian(None), jacobian, tolerance)
+        expected = jnp.where(jnp.ravel(mask)[:, None], jacobian, 0.0)
         _same("whitened_jacobian(mask)", distribution.whitened_jacobian(mask), expected, tolerance)
 
 

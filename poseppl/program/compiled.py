@@ -18,8 +18,8 @@ from poseppl.program.moments import (
     flat_observation,
     moments_obstacle,
     observation_information,
+    observation_jacobian,
     observation_moments,
-    observation_slope,
     transition_moments,
 )
 from poseppl.program.observation import Observation, feasible, observe
@@ -222,9 +222,9 @@ class CompiledModel:
         """
         return observation_moments(self.observation_sites, self._feasible_trace(x, inputs))
 
-    def observation_slope(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def observation_jacobian(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Derivative (k, d) by `x` of the mean that :meth:`observation_moments` gives."""
-        return observation_slope(self.observation_sites, lambda state: self._feasible_trace(state, inputs), x)
+        return observation_jacobian(self.observation_sites, lambda state: self._feasible_trace(state, inputs), x)
 
     def _feasible_trace(self, x: jax.Array, inputs: Inputs) -> Any:
         """Trace of the observation program with some data that it could produce."""

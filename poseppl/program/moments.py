@@ -8,7 +8,7 @@ without the terms from a scale that depends on x; [.]_+ clips negative eigenvalu
 it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
 their own reverse rules.
 
-A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedSlope` is asked for R^(-1/2) J.
+A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian` is asked for R^(-1/2) J.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpyro.distributions as dist
 from jax.scipy.linalg import block_diag, solve_triangular
 
 from poseppl.program.chart import Site, is_flat_support
-from poseppl.program.closed_forms import WhitenedSlope
+from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
 
@@ -129,7 +129,7 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
     return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
 
 
-def observation_slope(sites: Mapping[str, Any], trace_of: TraceOf, x: jax.Array) -> jax.Array:
+def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: jax.Array) -> jax.Array:
     """Derivative (k, d) of the mean of the data of a frame, all sites in order; in closed form where it is known.
 
     Args:
@@ -191,7 +191,7 @@ def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: jax.Array) -> 
 
 def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: jax.Array | None, x: jax.Array) -> jax.Array | None:
     """R^(-1/2) J as the site's distribution knows it; None if it does not."""
-    if not isinstance(site["fn"], WhitenedSlope) or site.get("scale") is not None:
+    if not isinstance(site["fn"], WhitenedJacobian) or site.get("scale") is not None:
         return None
     name = site["name"]
     fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(trace_of(state)[name]["fn"].fixed))(x)

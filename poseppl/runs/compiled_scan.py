@@ -111,7 +111,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
             def run(state: Any) -> tuple[Any, Kept]:
                 key_filter, key_collect = frame_keys(rng_key, frame)
                 inputs = layout.join(varying, constant)
-                first = False if filter.before is None else frame == 0
+                first = False if filter.initial_state is None else frame == 0
                 key_check = _prediction_key(rng_key, frame)
                 prediction = predict(key_check, state, first, observation, inputs) if predict else None
                 new, info = filter.step(key_filter, state, observation, inputs)
@@ -164,11 +164,11 @@ class Calls:
         """Compile both programs side by side; that of the first frame only if it is wanted."""
         filter, sequence = self.filter, self._sequence
         with ThreadPoolExecutor(1) as pool:
-            alone = first and filter.before is None
+            alone = first and filter.initial_state is None
             compiling = pool.submit(self._compiled, 0, self._first_data()) if alone else None
-            if first and filter.before is not None:
+            if first and filter.initial_state is not None:
                 self._before = _before(filter, sequence)
-            if sequence.num_frames > 1 or filter.before is not None:
+            if sequence.num_frames > 1 or filter.initial_state is not None:
                 self._scan = self._compiled(1, self._scan_data(self.state, 1, 1))
             self._first = compiling.result() if compiling else None
 
@@ -196,14 +196,14 @@ class Calls:
     def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
-        placed = self.filter.place(state)
+        placed = self.filter.to_devices(state)
         return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
 
 
 def _before(filter: Filter, sequence: FrameSequence) -> Any:
     """The state before the first frame."""
     observation, varying = sequence.frame(0)
-    build: Any = filter.before
+    build: Any = filter.initial_state
     return build(observation, sequence.layout.join(varying, sequence.constant))
 
 

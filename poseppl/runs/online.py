@@ -61,8 +61,8 @@ class Online:
         observation, inputs = self._checked(observation, inputs)
         key, _ = frame_keys(self._rng_key, self.frame)
         state = self.state
-        if state is None and self._filter.before is not None:
-            state = self._filter.before(observation, inputs)
+        if state is None and self._filter.initial_state is not None:
+            state = self._filter.initial_state(observation, inputs)
         for _ in range(2):  # a fault of the machine does not come again
             call = partial(self._init, key) if state is None else partial(self._step, key, state)
             new, info, finite = call(observation, inputs)

@@ -217,15 +217,15 @@ def _round(
 
 def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, origin: jax.Array, xs: jax.Array) -> jax.Array:
     """Draw components given the trajectories (M, T, d), then the trajectories given them."""
-    precision, slope = prior
+    precision, gradient = prior
     place = jnp.arange(xs.shape[1])
 
     def draw(key_components: jax.Array, noise: jax.Array, x: jax.Array) -> jax.Array:
         chosen = jax.random.categorical(key_components, jax.vmap(log_components)(mixture, x))
-        bends = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
-        pull = mixture.slopes[place, chosen] - jnp.einsum("tij,tj->ti", bends, origin - mixture.anchors[place, chosen])
-        factor = block_cholesky(precision._replace(diagonal=precision.diagonal + bends))
-        return origin + solve(factor, slope + pull) + solve_upper(factor, noise)
+        curvatures = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
+        pull = mixture.gradients[place, chosen] - jnp.einsum("tij,tj->ti", curvatures, origin - mixture.anchors[place, chosen])
+        factor = block_cholesky(precision._replace(diagonal=precision.diagonal + curvatures))
+        return origin + solve(factor, gradient + pull) + solve_upper(factor, noise)
 
     key_components, key_noise = jax.random.split(rng_key)
     noise = jax.random.normal(key_noise, xs.shape, xs.dtype)

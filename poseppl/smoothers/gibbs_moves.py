@@ -119,10 +119,12 @@ def prepare_frames(
 
 
 def _scales(precision: jax.Array, frame: Frames, *, linear: bool) -> Scales:
-    bends = precision + frame.mixture.precisions
-    ahead = jnp.einsum("kji,kjl,klm->kim", frame.ahead.slopes, frame.ahead.precisions, frame.ahead.slopes)
-    local = jax.vmap(_scale)(bends + ahead)
-    return Scales(local if linear else jax.vmap(_scale)(bends), local, _scale(precision + ahead[0] if linear else precision))
+    curvatures = precision + frame.mixture.precisions
+    ahead = jnp.einsum("kji,kjl,klm->kim", frame.ahead.jacobians, frame.ahead.precisions, frame.ahead.jacobians)
+    local = jax.vmap(_scale)(curvatures + ahead)
+    return Scales(
+        local if linear else jax.vmap(_scale)(curvatures), local, _scale(precision + ahead[0] if linear else precision)
+    )
 
 
 def _scale(precision: jax.Array) -> jax.Array:
@@ -173,9 +175,9 @@ def _propose(
     key_component, key_kind, key_plain = jax.random.split(rng_key, 3)
     mixture, ahead, linear = frame.mixture, frame.ahead, settings.linear
     scales = frame.scales or _scales(precision, frame, linear=linear)
-    slopes = mixture.slopes - _bend(mixture.precisions, mean - mixture.anchors)
-    residual = after - ahead.means - _bend(ahead.slopes, mean - mixture.anchors[: ahead.means.shape[0]])
-    slopes_ahead = jnp.einsum("kji,kjl,kl->ki", ahead.slopes, ahead.precisions, residual)
+    gradients = mixture.gradients - _matvec(mixture.precisions, mean - mixture.anchors)
+    residual = after - ahead.means - _matvec(ahead.jacobians, mean - mixture.anchors[: ahead.means.shape[0]])
+    gradients_ahead = jnp.einsum("kji,kjl,kl->ki", ahead.jacobians, ahead.precisions, residual)
     local = jnp.asarray(not settings.collapsed)
     if settings.collapsed and not linear:
         local = jax.random.bernoulli(key_kind)
@@ -183,15 +185,15 @@ def _propose(
     looks_ahead = (local & ~plain) | linear
     logits = log_components(mixture, x)
     if settings.collapsed:
-        white = _bend(jnp.swapaxes(scales.joint, 1, 2), slopes + slopes_ahead if linear else slopes)
+        white = _matvec(jnp.swapaxes(scales.joint, 1, 2), gradients + gradients_ahead if linear else gradients)
         volumes = jnp.sum(jnp.log(jnp.diagonal(scales.joint, axis1=1, axis2=2)), -1)
         masses = log_components(mixture, mean) + 0.5 * jnp.sum(white**2, -1) + volumes
         logits = jnp.where(local, logits, masses)
     k = jax.random.categorical(key_component, logits)
-    slope = jnp.where(plain, 0.0, slopes[k]) + jnp.where(looks_ahead, _row(slopes_ahead, k), 0.0)
+    gradient = jnp.where(plain, 0.0, gradients[k]) + jnp.where(looks_ahead, _row(gradients_ahead, k), 0.0)
     scale = jnp.where(local, _row(scales.local, k), _row(scales.joint, k))
     scale = jnp.where(plain, scales.plain, scale)
-    return _Proposal(k, mean + scale @ (scale.T @ slope), scale, looks_ahead, ~plain)
+    return _Proposal(k, mean + scale @ (scale.T @ gradient), scale, looks_ahead, ~plain)
 
 
 def _left_out(
@@ -211,7 +213,7 @@ def _left_out(
         x - mean
     ) @ precision @ (x - mean)
     origin = _row(anchors[: ahead.means.shape[0]], k)
-    residual = after - _row(ahead.means, k) - _row(ahead.slopes, k) @ (x - origin)
+    residual = after - _row(ahead.means, k) - _row(ahead.jacobians, k) @ (x - origin)
     assumed = -0.5 * residual @ _row(ahead.precisions, k) @ residual
     coming = jnp.where(frame.last, 0.0, model.log_transition(after, x, frame.next_inputs))
     total = prior + coming - jnp.where(proposal.looks_ahead, assumed, 0.0)
@@ -222,7 +224,7 @@ def _left_out(
     return total
 
 
-def _bend(matrices: jax.Array, vectors: jax.Array) -> jax.Array:
+def _matvec(matrices: jax.Array, vectors: jax.Array) -> jax.Array:
     """Products (K, d) of matrices (K, d, d) or (1, d, d) with vectors (K, d) or (1, d)."""
     if matrices.shape[0] == 1:
         return vectors @ matrices[0].T

@@ -83,13 +83,13 @@ class LikelihoodMixture(NamedTuple):
     Attributes:
         log_heights: g_k (T, K), -inf where there is no component.
         anchors: a_k (T, K, d).
-        slopes: b_k (T, K, d).
+        gradients: b_k (T, K, d).
         precisions: L_k (T, K, d, d), or (T, 1, d, d) where all components of a frame share it.
     """
 
     log_heights: jax.Array
     anchors: jax.Array
-    slopes: jax.Array
+    gradients: jax.Array
     precisions: jax.Array
 
 
@@ -104,8 +104,8 @@ def mixture_of_gaussians(log_weights: Any, means: Any, covariances: Any) -> Like
 def log_components(mixture: LikelihoodMixture, x: jax.Array) -> jax.Array:
     """Values log phi_k(x) (K,) of one frame's mixture at one state (d,)."""
     offset = x - mixture.anchors
-    bent = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
-    return mixture.log_heights + jnp.sum((mixture.slopes - 0.5 * bent) * offset, -1)
+    scaled = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
+    return mixture.log_heights + jnp.sum((mixture.gradients - 0.5 * scaled) * offset, -1)
 
 
 def fit_likelihood_mixture(
@@ -204,7 +204,7 @@ def _divide(components: GaussianMixture, mean: jax.Array, covariance: jax.Array,
     """Divide Gaussians by N(mean, covariance); `noise` is the relative variance of their variances."""
     whiten = inverse_root(covariance)
     values, vectors = jnp.linalg.eigh(whiten @ components.covariances @ whiten.T)
-    # in units of the prediction and along a component's axes: precision 1 / value - 1, slope the distance from the mean
+    # in units of the prediction and along a component's axes: precision 1 / value - 1, gradient the distance from the mean
     gain = 1.0 / jnp.maximum(values, 1e-6) - 1.0
     shrink = jnp.where(gain > 0, jnp.maximum(1.0 - noise / jnp.where(gain > 0, gain, 1.0) ** 2, 0.0), 0.0)
     gain = shrink * gain
@@ -217,6 +217,8 @@ def _divide(components: GaussianMixture, mean: jax.Array, covariance: jax.Array,
     return LikelihoodMixture(
         log_heights=components.log_weights + 0.5 * jnp.sum(jnp.log1p(gain) + shrink * distance**2, -1),
         anchors=components.means,
-        slopes=jnp.einsum("kij,kj->ki", jnp.broadcast_to(axes, (components.means.shape[0], *whiten.shape)), shrink * distance),
+        gradients=jnp.einsum(
+            "kij,kj->ki", jnp.broadcast_to(axes, (components.means.shape[0], *whiten.shape)), shrink * distance
+        ),
         precisions=jnp.einsum("cij,cj,ckj->cik", axes, gain, axes),
     )

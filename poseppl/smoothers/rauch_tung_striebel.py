@@ -1,6 +1,6 @@
 """The Rauch-Tung-Striebel smoother on a Kalman filter's forward pass (Rauch, Tung and Striebel 1965, doi:10.2514/3.3166).
 
-With the filtered N(m_t, P_t), the transition linearised there with slope A and predicted N(m', P') at t + 1,
+With the filtered N(m_t, P_t), the transition linearised there with Jacobian A and predicted N(m', P') at t + 1,
 
     G = P_t A^T P'^-1,    m^s_t = m_t + G (m^s_(t+1) - m'),    P^s_t = P_t + G (P^s_(t+1) - P') G^T.
 
@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.filters.kalman import assimilate
+from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import Method, linearise, propagate
+from poseppl.gaussians.linearisation import Method, linearise, predict
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -91,14 +91,14 @@ def _forward(
     """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
     first = jax.tree.map(lambda leaf: leaf[0], (observations, inputs))
     predicted = Gaussian(*model.initial_moments(first[1]))
-    filtered = assimilate(model, predicted, first[0], first[1], method)[0]
+    filtered = update(model, predicted, first[0], first[1], method)[0]
 
     def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, Gaussian, jax.Array]]:
         observation, inputs = row
         linear = linearise(lambda x: model.transition_moments(x, inputs), filtered, method)
-        predicted = propagate(filtered, linear)
-        gain = cho_solve(cho_factor(predicted.covariance), linear.slope @ filtered.covariance).T
-        new = assimilate(model, predicted, observation, inputs, method)[0]
+        predicted = predict(filtered, linear)
+        gain = cho_solve(cho_factor(predicted.covariance), linear.jacobian @ filtered.covariance).T
+        new = update(model, predicted, observation, inputs, method)[0]
         return new, (new, predicted, gain)
 
     rows = jax.tree.map(lambda leaf: leaf[1:], (observations, inputs))

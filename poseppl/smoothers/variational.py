@@ -15,15 +15,15 @@ which is KL(q || p(x, s | z)) up to a constant:
     l_tk = log phi_tk(mu_t) - tr(L_tk S_t) / 2.
 
 *q(x) given q(s).* As a function of q(x), F is KL(q(x) || p(x) prod_t exp sum_k r_tk log phi_tk(x_t)) up to a constant. The
-exponent is quadratic: one Gaussian pseudo-observation a frame, of precision L_t = sum_k r_tk L_tk and slope at mu_t
+exponent is quadratic: one Gaussian pseudo-observation a frame, of precision L_t = sum_k r_tk L_tk and gradient at mu_t
 
     c_t = sum_k r_tk (b_tk - L_tk (mu_t - a_tk)).
 
-For linear Gaussian transitions with prior precision J and slope h around mu (:mod:`poseppl.gaussians.linear_transitions`) the
-least F is at the Gaussian of precision J + diag(L_t) and mean mu + (J + diag(L_t))^-1 (h + c): a Rauch-Tung-Striebel smoother
-on the pseudo-observations. If q(x) is to be a product over frames, as in the paper, each factor's least F, the others given,
-has precision J_tt + L_t and mean mu_t + (J_tt + L_t)^-1 (h_t + c_t); frames that are not neighbours do not enter each other's,
-so all even frames are set at once and then all odd ones.
+For linear Gaussian transitions with prior precision J and gradient h around mu (:mod:`poseppl.gaussians.linear_transitions`)
+the least F is at the Gaussian of precision J + diag(L_t) and mean mu + (J + diag(L_t))^-1 (h + c): a Rauch-Tung-Striebel
+smoother on the pseudo-observations. If q(x) is to be a product over frames, as in the paper, each factor's least F, the others
+given, has precision J_tt + L_t and mean mu_t + (J_tt + L_t)^-1 (h_t + c_t); frames that are not neighbours do not enter each
+other's, so all even frames are set at once and then all odd ones.
 
 *Transitions that are not linear.* J and h are those of the transition linearised at mu, and the natural parameters of q(x) go
 a fraction alpha of the way, 1, 1/2, 1/4, ... or none, whichever has the least F. E_q[-log p(x)] is taken by the spherical
@@ -175,15 +175,15 @@ def fit_variational(
     def move(state: _State, chosen: jax.Array, moves: jax.Array) -> tuple[_State, jax.Array]:
         """Update q(x) at the chosen frames, and q(s); where it does not move, only the free energy is computed."""
         q = state.q
-        target, slope = _target(model, mixture, inputs, state)
+        target, gradient = _target(model, mixture, inputs, state)
         if factorised:
             diagonal = jnp.where(chosen[:, None, None], target.diagonal, q.precision.diagonal)
-            target, slope = BlockTridiagonal(diagonal, q.precision.below), jnp.where(chosen[:, None], slope, 0.0)
+            target, gradient = BlockTridiagonal(diagonal, q.precision.below), jnp.where(chosen[:, None], gradient, 0.0)
 
         def towards(fraction: jax.Array) -> tuple[_State, jax.Array]:
             precision = jax.tree.map(lambda old, new: (1 - fraction) * old + fraction * new, q.precision, target)
             factor = block_cholesky(precision)
-            means = q.means + solve(factor, fraction * slope)
+            means = q.means + solve(factor, fraction * gradient)
             energy, shares = _free_energy(model, mixture, inputs, means, factor)
             return _State(_Gaussian(means, precision), shares), energy
 
@@ -219,15 +219,15 @@ def _expected_log_components(mixture: LikelihoodMixture, means: jax.Array, covar
 
 
 def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, state: _State) -> tuple[BlockTridiagonal, jax.Array]:
-    """Precision of the optimal q(x) given q(s), and the slope (T, d) at the means."""
+    """Precision of the optimal q(x) given q(s), and the gradient (T, d) at the means."""
     means, shares = state.q.means, state.shares
     offset = means[:, None] - mixture.anchors
-    bent = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
-    pull = jnp.einsum("tk,tki->ti", shares, mixture.slopes - bent)
+    scaled = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
+    pull = jnp.einsum("tk,tki->ti", shares, mixture.gradients - scaled)
     shared = mixture.precisions.shape[1] == 1
     added = mixture.precisions[:, 0] if shared else jnp.einsum("tk,tkij->tij", shares, mixture.precisions)
-    prior, slope = quadratic_prior(linear_transitions(model, means, inputs), means)
-    return prior._replace(diagonal=prior.diagonal + added), slope + pull
+    prior, gradient = quadratic_prior(linear_transitions(model, means, inputs), means)
+    return prior._replace(diagonal=prior.diagonal + added), gradient + pull
 
 
 def _free_energy(

@@ -12,7 +12,7 @@ from poseppl.experiments.choo_fleet.estimators import block_size, particle_estim
 from poseppl.experiments.choo_fleet.page import page_of
 from poseppl.experiments.choo_fleet.plan import tasks_of
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, observe, pose_frame, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_problem, observe, stage_of
 from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table
@@ -75,7 +75,7 @@ def test_both_filters_agree_with_the_reference(arm_runs):
 def test_blocks_of_particles_are_one_large_filter():
     system = SYSTEMS["arm"]
     stage = stage_of(BUILT_IN, system)
-    problem = pose_frame(stage, 20)
+    problem = frame_problem(stage, 20)
     inputs, observation = frame_inputs(problem.inputs, 0), observe(problem, stage, 20, 0)
     model = model_of(BUILT_IN, "arm")
     found = jax.jit(particle_estimates(model, system, 2))(jax.random.key(3), observation, inputs)

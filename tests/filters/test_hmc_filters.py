@@ -148,7 +148,7 @@ def test_a_broken_state_does_not_begin_anew():
     posed = problem()
     filter = assumed_density_filter(posed.model, 4, SHORT, num_starts=4)
     data = frame(posed.observations, 1), frame(posed.inputs, 1)
-    start = filter.before(*data)
+    start = filter.initial_state(*data)
     step = jax.jit(filter.step)
     first, _ = step(jax.random.key(0), start, *data)
     broken = first._replace(log_step_size=jnp.full((), jnp.nan))

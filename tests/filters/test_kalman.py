@@ -17,7 +17,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaus
 
 from poseppl.filters import kalman_filter
 from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import linearise, propagate
+from poseppl.gaussians.linearisation import linearise, predict
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import rauch_tung_striebel_smoother, smoothed_moments
 
@@ -56,7 +56,7 @@ def test_gradient_by_the_transition_parameters_equals_finite_differences(lineari
 
     def log_evidence(params):
         filter = kalman_filter(model.with_params(params), 3, linearisation=linearisation)
-        state, total = filter.before(frame(data, 0)), 0.0
+        state, total = filter.initial_state(frame(data, 0)), 0.0
         for t in range(len(ys)):
             go = filter.init if t == 0 and first == "init" else partial(filter.step, state=state)
             state, info = go(jax.random.key(t), observation=frame(data, t))
@@ -130,8 +130,8 @@ def test_sigma_points_see_what_a_tangent_does_not():
     def squared(x):
         return x**2, jnp.eye(1)
 
-    assert propagate(start, linearise(squared, start, "first-order")).mean[0] == 0
-    unscented = propagate(start, linearise(squared, start, "unscented"))
+    assert predict(start, linearise(squared, start, "first-order")).mean[0] == 0
+    unscented = predict(start, linearise(squared, start, "unscented"))
     np.testing.assert_allclose(unscented.mean, [4.0], rtol=1e-5)
     np.testing.assert_allclose(unscented.covariance, [[2 * 16.0 + 1.0]], rtol=1e-5)
 

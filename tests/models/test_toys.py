@@ -15,7 +15,7 @@ from poseppl_models.banana import banana
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.growth import growth, growth_mean
 from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
-from poseppl_models.lorenz96 import TIME_STEP, lorenz96, lorenz96_slope, lorenz96_step
+from poseppl_models.lorenz96 import TIME_STEP, lorenz96, lorenz96_derivative, lorenz96_step
 
 from poseppl.filters import particle_filter
 
@@ -112,17 +112,17 @@ def test_growth_filter_against_a_grid():
 
 
 @pytest.mark.parametrize("dimension", [4, 5, 40])
-def test_lorenz96_slope_against_a_loop_over_the_circle(dimension):
+def test_lorenz96_derivative_against_a_loop_over_the_circle(dimension):
     x = np.random.default_rng(dimension).normal(2, 4, dimension)
     d = dimension
     expected = [(x[(i + 1) % d] - x[(i - 2) % d]) * x[(i - 1) % d] - x[i] + 8.0 for i in range(d)]
-    np.testing.assert_allclose(lorenz96_slope(x), expected, rtol=1e-5, atol=1e-4)
-    np.testing.assert_allclose(lorenz96_slope(x, 5.0), np.array(expected) - 3, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(lorenz96_derivative(x), expected, rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(lorenz96_derivative(x, 5.0), np.array(expected) - 3, rtol=1e-5, atol=1e-4)
 
 
 def test_lorenz96_frame_is_a_step_of_the_flow():
     x = np.random.default_rng(0).normal(2, 1, 40)
-    flow = scipy.integrate.solve_ivp(lambda _, x: np.asarray(lorenz96_slope(x)), (0, 0.05), x, rtol=1e-10, atol=1e-10)
+    flow = scipy.integrate.solve_ivp(lambda _, x: np.asarray(lorenz96_derivative(x)), (0, 0.05), x, rtol=1e-10, atol=1e-10)
     with jax.enable_x64(True):
         found = np.asarray(lorenz96_step(x))
     assert TIME_STEP == 0.05

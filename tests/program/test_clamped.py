@@ -96,8 +96,8 @@ def test_draws_are_those_of_their_moments(full, inputs):
 def test_summaries_of_the_data_are_blocks(full, inputs):
     clamped = full.clamp(FREE)
     data = full.observe({"y": np.arange(4.0)})
-    slope = full.observation_slope(FULL_X, inputs.inputs)
-    np.testing.assert_allclose(clamped.observation_slope(X, inputs), slope[:, INDICES], rtol=1e-6)
+    jacobian = full.observation_jacobian(FULL_X, inputs.inputs)
+    np.testing.assert_allclose(clamped.observation_jacobian(X, inputs), jacobian[:, INDICES], rtol=1e-6)
     information = clamped.observation_information(X, data, inputs)
     expected = full.observation_information(FULL_X, data, inputs.inputs)[np.ix_(INDICES, INDICES)]
     np.testing.assert_allclose(information, expected, rtol=1e-6)

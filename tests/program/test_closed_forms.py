@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpyro.distributions as dist
 import pytest
 
-from poseppl.program import SummedDensity, WhitenedSlope, check_closed_forms
+from poseppl.program import SummedDensity, WhitenedJacobian, check_closed_forms
 
 STATE, VALUE = jnp.array([0.3, -0.8]), jnp.array([0.1, 0.2, -1.0, 2.0])
 ROWS = jnp.array([[1.0, 0.0], [0.0, 2.0], [1.0, 1.0], [-1.0, 0.5]])
@@ -35,9 +35,9 @@ class Summed(dist.Normal):
 
 
 def test_the_protocols_are_found_by_their_methods():
-    assert isinstance(Plane(STATE), WhitenedSlope) and not isinstance(Plane(STATE), SummedDensity)
-    assert isinstance(Summed(STATE), SummedDensity) and not isinstance(Summed(STATE), WhitenedSlope)
-    assert not isinstance(dist.Normal(0.0, 1.0), SummedDensity | WhitenedSlope)
+    assert isinstance(Plane(STATE), WhitenedJacobian) and not isinstance(Plane(STATE), SummedDensity)
+    assert isinstance(Summed(STATE), SummedDensity) and not isinstance(Summed(STATE), WhitenedJacobian)
+    assert not isinstance(dist.Normal(0.0, 1.0), SummedDensity | WhitenedJacobian)
 
 
 def test_right_ones_pass():

@@ -96,18 +96,18 @@ def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
     row = jax.jacfwd(location)(X)[0] / 0.5
     np.testing.assert_allclose(found, jnp.outer(row, row), rtol=1e-5)
     assert Known.asked == asked
-    slope = jax.jit(model(observation=program).compile().observation_slope)(X)
+    slope = jax.jit(model(observation=program).compile().observation_jacobian)(X)
     np.testing.assert_allclose(slope, jax.jacfwd(location)(X), rtol=1e-5)
     assert Known.asked == 2 * asked
 
 
-def test_the_slope_is_that_of_all_means_in_order():
+def test_the_jacobian_is_that_of_all_means_in_order():
     def program(params, state, inputs):
         numpyro.sample("many", dist.MultivariateNormal(jnp.stack([curved(state)] * 2), jnp.array(FULL)))
         numpyro.sample("event", dist.Normal(2.0 * curved(state), jnp.exp(state["level"])).to_event(1))
 
     compiled = model(observation=program).compile()
-    slope = jax.jit(compiled.observation_slope)(X)
+    slope = jax.jit(compiled.observation_jacobian)(X)
     np.testing.assert_allclose(slope, np.concatenate([JACOBIAN, JACOBIAN, 2 * JACOBIAN]), rtol=1e-5)
     assert slope.shape[0] == compiled.observation_moments(X)[0].shape[0]
 

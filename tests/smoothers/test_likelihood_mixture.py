@@ -106,24 +106,24 @@ def mixtures(correction, num_replicates=40):
 def information_of_the_data():
     """H^T R^-1 H and H^T R^-1 y of every frame."""
     values, mask = np.asarray(POSED.observations.values["y"], float), np.asarray(POSED.observations.mask["y"])
-    precisions, slopes = [], []
+    precisions, gradients = [], []
     for y, seen in zip(values, mask, strict=True):
         H = POSED.matrices.H[seen]
         gain = H.T @ np.linalg.inv(POSED.matrices.R[np.ix_(seen, seen)])
         precisions.append(gain @ H)
-        slopes.append(gain @ y[seen])
-    return np.array(precisions), np.array(slopes)
+        gradients.append(gain @ y[seen])
+    return np.array(precisions), np.array(gradients)
 
 
 def information_scores(correction):
-    """z-scores of precisions and slopes at 0 against those of the data, at frames with data."""
+    """z-scores of precisions and gradients at 0 against those of the data, at frames with data."""
     fitted = mixtures(correction)
-    bends = np.asarray(fitted.precisions[:, :, 0], float)
-    slopes = np.asarray(fitted.slopes[:, :, 0], float)
-    slopes = slopes + np.einsum("rtij,rtj->rti", bends, np.asarray(fitted.anchors[:, :, 0], float))
+    curvatures = np.asarray(fitted.precisions[:, :, 0], float)
+    gradients = np.asarray(fitted.gradients[:, :, 0], float)
+    gradients = gradients + np.einsum("rtij,rtj->rti", curvatures, np.asarray(fitted.anchors[:, :, 0], float))
     seen = np.arange(5) != MASKED
     scores = []
-    for found, expected in zip((bends, slopes), information_of_the_data(), strict=True):
+    for found, expected in zip((curvatures, gradients), information_of_the_data(), strict=True):
         found, expected = found[:, seen], expected[seen]
         error = found.std(0, ddof=1) / np.sqrt(len(found))
         scores.append(np.abs((found.mean(0) - expected) / error).max())
@@ -154,7 +154,7 @@ def test_weights_over_density_stand_for_the_likelihood():
 def test_frame_without_data_is_flat(correction):
     fitted = mixtures(correction)
     assert (np.asarray(fitted.precisions[:, MASKED]) == 0).all()
-    assert (np.asarray(fitted.slopes[:, MASKED]) == 0).all()
+    assert (np.asarray(fitted.gradients[:, MASKED]) == 0).all()
 
 
 @pytest.mark.parametrize(

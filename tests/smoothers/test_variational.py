@@ -127,8 +127,8 @@ def test_updates_that_overshoot_are_noticed(factorised, monkeypatch):
     honest = variational._target
 
     def too_far(*arguments):
-        target, slope = honest(*arguments)
-        return target, 2.5 * slope
+        target, gradient = honest(*arguments)
+        return target, 2.5 * gradient
 
     monkeypatch.setattr(variational, "_target", too_far)
     with jax.enable_x64(True):

@@ -12,7 +12,7 @@ import numpy as np
 
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import Settings
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, observe, pose_frame, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, frame_problem, observe, stage_of
 from poseppl.experiments.jobs import Job
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.frame_sequence import frame_inputs
@@ -95,7 +95,7 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
         ``mean`` (run, d), ``seconds`` (run,) without compilation, ``num_likelihood`` and ``num_gradient`` (run,).
     """
     stage = stage_of(job.recording, SYSTEMS[job.system])
-    problem = pose_frame(stage, job.frame)
+    problem = frame_problem(stage, job.frame)
     inputs = frame_inputs(problem.inputs, 0)
     function = _compiled(job.recording, job.system, job.filter, job.settings)
     rows = []
@@ -112,7 +112,7 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
 def _compiled(recording: Recording, system: str, filter: str, settings: Settings) -> Any:
     """The filter at one frame, run once so that it is compiled."""
     stage = stage_of(recording, SYSTEMS[system])
-    problem = pose_frame(stage, 1)
+    problem = frame_problem(stage, 1)
     built, _ = FILTERS[filter].build(problem.model, dict(settings))
 
     def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, observe, pose_frame, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, frame_problem, observe, stage_of
 from poseppl.experiments.jobs import Job
 from poseppl.program import CompiledModel
 from poseppl.runs.frame_sequence import frame_inputs
@@ -61,7 +61,7 @@ def estimate_frame(job: FrameRuns) -> dict[str, Any]:
     """
     system = SYSTEMS[job.system]
     stage = stage_of(job.recording, system)
-    problem = pose_frame(stage, job.frame)
+    problem = frame_problem(stage, job.frame)
     inputs = frame_inputs(problem.inputs, 0)
     functions = compiled(job.recording, job.system, job.num_settings, job.num_chains)
     rows: list[dict[str, Any]] = []
@@ -80,7 +80,7 @@ def estimate_frame(job: FrameRuns) -> dict[str, Any]:
 
 def model_of(recording: Recording, system: str) -> CompiledModel:
     """The model of a tracker for the limbs of a recorded person; frames differ in their inputs alone."""
-    return pose_frame(stage_of(recording, SYSTEMS[system]), 1).model
+    return frame_problem(stage_of(recording, SYSTEMS[system]), 1).model
 
 
 @lru_cache(maxsize=16)

@@ -26,7 +26,7 @@ from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, marker_positions, paper_camera, project
 from poseppl.motion.io import read_motion
-from poseppl.motion.tracking import Scene, pose_problem, recorded_subject, walking_subject
+from poseppl.motion.tracking import Scene, make_problem, recorded_subject, walking_subject
 from poseppl.motion.tracking.placing import cameras_around
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem
@@ -193,14 +193,14 @@ def noisy_points(stage: Stage, frames: slice, run: int) -> Floats:
     return np.asarray(stage.points[frames] + stage.noise[..., None] * np.array(noise))
 
 
-def pose_frame(stage: Stage, frame: int) -> Problem:
+def frame_problem(stage: Stage, frame: int) -> Problem:
     """The problem of one frame alone, whose prior is a step of the random walk from the true state of the frame before."""
-    return pose_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=stage.states[frame - 1])
+    return make_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=stage.states[frame - 1])
 
 
 def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
     """The problem of a sequence, whose prior is a step of the random walk from the true state of the frame before."""
-    return pose_problem(_scene(stage, frames, points), start=stage.states[frames.start - 1])
+    return make_problem(_scene(stage, frames, points), start=stage.states[frames.start - 1])
 
 
 def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation:

@@ -11,7 +11,7 @@ import numpy as np
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates
 from poseppl.experiments.choo_fleet.single_frame import model_of
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, observe, pose_frame, single_frames, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, frame_problem, observe, single_frames, stage_of
 from poseppl.experiments.jobs import Job
 from poseppl.program import CompiledModel
 from poseppl.runs.frame_sequence import frame_inputs
@@ -55,7 +55,7 @@ def time_frame(job: FrameTiming) -> dict[str, Any]:
     row = SYSTEMS[job.system]
     stage = stage_of(job.recording, row)
     frame = single_frames(stage)[1]
-    problem = pose_frame(stage, frame)
+    problem = frame_problem(stage, frame)
     arguments = observe(problem, stage, frame, 0), frame_inputs(problem.inputs, 0)
     function = jax.jit(_estimate(model_of(job.recording, job.system), job))
     seconds = [timed(function, jax.random.key(repeat), *arguments)[1] for repeat in range(job.repeats + 1)]

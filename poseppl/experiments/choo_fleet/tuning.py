@@ -15,7 +15,15 @@ import numpy as np
 
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
-from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, SYSTEMS, Recording, observe, pose_frame, single_frames, stage_of
+from poseppl.experiments.choo_fleet.systems import (
+    NUM_WARMUP,
+    SYSTEMS,
+    Recording,
+    frame_problem,
+    observe,
+    single_frames,
+    stage_of,
+)
 from poseppl.experiments.jobs import Job
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
@@ -71,7 +79,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
     row = SYSTEMS[job.system]
     stage = stage_of(job.recording, row)
     frame = single_frames(stage)[0]
-    problem = pose_frame(stage, frame)
+    problem = frame_problem(stage, frame)
     settings = HMCSettings(job.num_updates, job.num_leapfrog, 0, row.step_size, None)
     built = hmc_filter(problem.model, row.num_chains, settings)
     before = jnp.asarray(stage.states[frame - 1][list(stage.body.free_coordinates)], float)

@@ -4,7 +4,7 @@ from poseppl.motion.tracking.metrics import Metrics as Metrics
 from poseppl.motion.tracking.metrics import measure_run as measure_run
 from poseppl.motion.tracking.placing import place_cameras as place_cameras
 from poseppl.motion.tracking.problem import Problem as Problem
-from poseppl.motion.tracking.problem import pose_problem as pose_problem
+from poseppl.motion.tracking.problem import make_problem as make_problem
 from poseppl.motion.tracking.problem import problem_of_result as problem_of_result
 from poseppl.motion.tracking.scene import Scene as Scene
 from poseppl.motion.tracking.scene import observe_motion as observe_motion

@@ -3,7 +3,7 @@
 Example:
     A filter of one's own on a scene::
 
-        problem = pose_problem(scene)
+        problem = make_problem(scene)
         collect = problem.collector(200)
         run = run_filter(hmc_filter(problem.model), key, problem.observations, problem.inputs, collect=collect)
 """
@@ -94,7 +94,7 @@ def with_steps(inputs: Any, step_scale: Any) -> Any:
     return inputs._replace(inputs=changed) if isinstance(inputs, Clamped) else changed
 
 
-def pose_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = None, start: Floats | None = None) -> Problem:
+def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = None, start: Floats | None = None) -> Problem:
     """Pose the problem of a scene.
 
     Args:
@@ -139,7 +139,7 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     if np.isnan(points).all():
         raise InputError(
             "the result holds no points: it comes from silhouettes, and their pictures are not in it",
-            expected="a result of points; in Python, run_smoother on the pose_problem of the scene",
+            expected="a result of points; in Python, run_smoother on the make_problem of the scene",
         )
     return _problem(body, params, PointData(points, inputs["noise"]), walk, inputs.get("states"))
 

@@ -229,7 +229,9 @@ def _residuals(
         return jnp.concatenate([distances * weights(data, len(distances)), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
 
     def derivatives(x: jax.Array, data: _Data) -> jax.Array:
-        slope = model.observation_slope(x, inputs(data))
-        return jnp.concatenate([slope * weights(data, len(slope))[:, None], jnp.diag(jnp.where(free, 1 / _REST_SPREAD, 0.0))])
+        jacobian = model.observation_jacobian(x, inputs(data))
+        return jnp.concatenate(
+            [jacobian * weights(data, len(jacobian))[:, None], jnp.diag(jnp.where(free, 1 / _REST_SPREAD, 0.0))]
+        )
 
     return residuals, derivatives

@@ -16,7 +16,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
-from poseppl.motion.tracking.problem import Problem, pose_problem
+from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
@@ -109,7 +109,7 @@ def track(
     if settings.walk not in ("fixed", "learned"):
         raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
     params = walk_params(scene.body, settings)
-    problem = pose_problem(scene, params)
+    problem = make_problem(scene, params)
     if settings.walk == "learned":
         problem = learn_walk(problem)
     built, options = FILTERS[settings.filter].build(problem.model, settings.options)

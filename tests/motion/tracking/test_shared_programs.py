@@ -12,7 +12,7 @@ from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import look_at, marker_positions
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking import observe_motion, pose_problem
+from poseppl.motion.tracking import make_problem, observe_motion
 
 OTHER = {"thigh": 390.0, "shoulder_forward": 20.0, "hip_forward": -35.0, "shoulder_drop": 0.0}
 
@@ -56,7 +56,7 @@ def test_recordings_of_two_people_share_model_filter_and_collector():
         states = np.tile(np.asarray(body.rest), (3, 1))
         markers = np.stack([np.asarray(marker_positions(body.tree, jax.numpy.asarray(state))) for state in states])
         subject = MovingSubject(body, states, markers, None, np.arange(3), 30.0, "at ease")
-        problems.append(pose_problem(observe_motion(subject, look_at((0, -5000, 1000), (0, 0, 1000)), ["camera"])))
+        problems.append(make_problem(observe_motion(subject, look_at((0, -5000, 1000), (0, 0, 1000)), ["camera"])))
     first, second = problems
     assert first.model is second.model and first.collector(2) is second.collector(2)
     assert assumed_density_filter(first.model) is assumed_density_filter(second.model)

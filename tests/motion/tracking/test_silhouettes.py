@@ -17,7 +17,7 @@ from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking import TrackSettings, pose_problem, track
+from poseppl.motion.tracking import TrackSettings, make_problem, track
 from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 from poseppl.motion.tracking.silhouette_start import seek_silhouette
 from poseppl.runs.results import provenance
@@ -32,7 +32,7 @@ def scene_of(*states, **options):
 
 def program_of(scene):
     """The compiled model, its observation and its inputs at the first frame."""
-    problem = pose_problem(scene)
+    problem = make_problem(scene)
     observation = jax.tree.map(lambda leaf: leaf[0], problem.observations)
     return problem.model, observation, frame_inputs(problem.inputs, 0)
 
@@ -115,16 +115,16 @@ def test_information_is_that_of_the_residuals(edges):
     scene = with_truth(scene_of(truth), truth)
     model, observation, inputs = program_of(with_edges(scene) if edges else scene)
     x = jnp.asarray(truth, float)
-    both = jax.jit(lambda x: (model.observation_slope(x, inputs), model.observation_information(x, observation, inputs)))(x)
-    slope, found = map(np.asarray, both)
+    both = jax.jit(lambda x: (model.observation_jacobian(x, inputs), model.observation_information(x, observation, inputs)))(x)
+    jacobian, found = map(np.asarray, both)
     pull = jax.jit(lambda x, rows: jax.vjp(lambda x: model.observation_moments(x, inputs)[0], x)[1](rows)[0])
-    for rows in np.random.default_rng(0).standard_normal((4, len(slope))).astype(slope.dtype):
+    for rows in np.random.default_rng(0).standard_normal((4, len(jacobian))).astype(jacobian.dtype):
         wanted = np.asarray(pull(x, jnp.asarray(rows)))
         np.testing.assert_allclose(
-            rows @ slope, wanted, rtol=1e-3, atol=1e-5 * np.abs(slope).max() * len(slope) ** 0.5
+            rows @ jacobian, wanted, rtol=1e-3, atol=1e-5 * np.abs(jacobian).max() * len(jacobian) ** 0.5
         )  # float32
-    weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), len(slope) // 2) ** 2
-    expected = slope.T @ (slope * weight[:, None])
+    weight = np.asarray(observation.mask["silhouette"]).ravel() / np.repeat(np.asarray(inputs.noise), len(jacobian) // 2) ** 2
+    expected = jacobian.T @ (jacobian * weight[:, None])
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())  # float32
 
 

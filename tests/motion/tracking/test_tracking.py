@@ -13,7 +13,7 @@ from poseppl.motion.geometry import depth, marker_positions, project
 from poseppl.motion.io import read_cameras, write_cameras, write_observations
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, scene_of_observations, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names, cameras_of_records, records_of_cameras
-from poseppl.motion.tracking.problem import pose_problem, problem_of_result
+from poseppl.motion.tracking.problem import make_problem, problem_of_result
 from poseppl.motion.tracking.scene import observations_of_scene
 from poseppl.motion.tracking.start import seek_start
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
@@ -131,7 +131,7 @@ def test_a_low_confidence_widens_the_noise_and_none_hides_the_point(tmp_path: Pa
 
 def test_the_problem_of_a_result_is_the_one_that_was_posed() -> None:
     scene = observe_motion(WALK, place_cameras(PATH, 0.0), ("camera",))
-    posed = pose_problem(scene)
+    posed = make_problem(scene)
     tree = build_result(
         state=np.zeros((1, 2, 12, 28)),
         names=Names(scene.body.tree.coordinate_names, scene.body.tree.marker_names, scene.camera_names),

@@ -15,9 +15,9 @@ from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import write_observations
 from poseppl.motion.tracking import (
     TrackSettings,
+    make_problem,
     observe_motion,
     place_cameras,
-    pose_problem,
     problem_of_result,
     scene_of_observations,
     track,
@@ -49,15 +49,15 @@ def variance_of_a_second(problem) -> np.ndarray:
 @pytest.mark.parametrize(("rate", "frames"), [(30.0, "0:31"), (60.0, "0:61"), (120.0, "0:121"), (120.0, "0:121:8")])
 def test_the_motion_of_a_second_has_one_variance_at_any_rate(rate: float, frames: str) -> None:
     scene = scene_of(rate, frames)
-    np.testing.assert_allclose(variance_of_a_second(pose_problem(scene)), SIGMA_ANGLE**2, rtol=1e-4)
+    np.testing.assert_allclose(variance_of_a_second(make_problem(scene)), SIGMA_ANGLE**2, rtol=1e-4)
     a_frame = scene._replace(rate=30.0)  # 0.15 radians a frame, whatever the rate
-    wrong = variance_of_a_second(pose_problem(a_frame))
+    wrong = variance_of_a_second(make_problem(a_frame))
     assert (len(scene.frames) == 31) == np.allclose(wrong, SIGMA_ANGLE**2, rtol=1e-4)
 
 
 def test_at_30_hz_the_steps_are_the_published_ones() -> None:
     scene = scene_of(30.0, "0:4", "poseppl_models.choo_fleet:full_body")
-    steps = pose_problem(scene).record()["step_scale"]
+    steps = make_problem(scene).record()["step_scale"]
     np.testing.assert_allclose(steps, np.tile(np.where(np.arange(28) < 3, 15.0, 0.15), (4, 1)), rtol=1e-6)
     assert np.array([SIGMA_POSITION, SIGMA_ANGLE]) == pytest.approx([82.158, 0.82158], rel=1e-4)
 
@@ -68,7 +68,7 @@ def test_steps_over_gaps_are_wider() -> None:
     np.testing.assert_allclose(time_steps([0, 1], None), [1 / 30, 1 / 30])
     scene = scene_of(30.0, "0:4")
     gap = scene._replace(frames=np.array([0, 1, 5, 6]))
-    steps = pose_problem(gap).record()["step_scale"]
+    steps = make_problem(gap).record()["step_scale"]
     np.testing.assert_allclose(steps / steps[0], np.tile([[1], [1], [2], [1]], (1, 4)), rtol=1e-6)
     whole = step_scales(scene.body, {"sigma_position": 10.0, "sigma_angle": 2.0}, [0.25, 1.0])
     np.testing.assert_allclose(whole[:, [0, 2, 3, 27]], [[5, 5, 1, 1], [10, 10, 2, 2]])
@@ -106,7 +106,7 @@ def test_learned_scales_are_those_of_the_motion() -> None:
     markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
     subject = walking_subject(ARM, frames=f"0:{frames}", rate=60.0)._replace(states=states, markers=markers)
     seen = observe_motion(subject, cameras_around(subject, count=2), ("a", "b"), noise=3e-4)
-    learned = learn_walk(pose_problem(seen)).record()["step_scale"] / np.sqrt(seconds)
+    learned = learn_walk(make_problem(seen)).record()["step_scale"] / np.sqrt(seconds)
     # steps that were seen almost without noise: a standard deviation has a relative error of 1 / sqrt(2 n), n steps of a group
     count = np.where(scales == 0.4, 3, 1) * (frames - 1)
     np.testing.assert_allclose(learned / scales, 1.0, atol=float(5 / np.sqrt(2 * count.min())))
@@ -148,7 +148,7 @@ def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="learned")
     tree = track(scene, settings)
     recorded = tree["inputs/step_scale"].values
-    expected = learn_walk(pose_problem(scene)).record()["step_scale"]
+    expected = learn_walk(make_problem(scene)).record()["step_scale"]
     np.testing.assert_allclose(recorded, expected, rtol=1e-5)
     assert np.all(recorded < 0.9 * SIGMA_ANGLE / np.sqrt(120.0))  # a walk's arm swings less than the prior thinks
     np.testing.assert_array_equal(problem_of_result(tree).record()["step_scale"], recorded)
@@ -166,7 +166,7 @@ def test_a_transition_that_is_no_random_walk_is_refused() -> None:
     program = scene.body.program
     body = scene.body._replace(program=StateSpaceModel(program.initial, transition, program.observation))
     with pytest.raises(InputError, match="--walk: the walk of this body cannot be learned: its transition is not the random"):
-        learn_walk(pose_problem(scene._replace(body=body)))
+        learn_walk(make_problem(scene._replace(body=body)))
 
 
 def test_the_rate_of_observations_is_that_of_the_frames_that_are_taken(tmp_path) -> None:
