@@ -1,4 +1,4 @@
-"""Are the trackers honest? Coverage of their intervals and joint error, over sequences that the model itself simulates.
+"""Are the trackers calibrated? Coverage of their intervals and joint error, over sequences that the model itself simulates.
 
     python benchmarks/calibration.py [--quick] [--sequences 24] [--frames 25] [--trackers assumed]
 

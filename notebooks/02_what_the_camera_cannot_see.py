@@ -13,7 +13,7 @@
 # # What the camera cannot see
 #
 # A camera flattens the world: it tells in which direction a joint lies, and not how far away. A single picture of a
-# person is therefore compatible with many poses, and an honest tracker has to say so. It should be sure across the image,
+# person is therefore compatible with many poses, and a calibrated tracker has to say so. It should be sure across the image,
 # unsure along the line of sight, and where two poses look the same it should keep both. Here we look at the posterior of
 # a walking body and see that it does: first one arm in one frame, where everything can be counted; then the whole body
 # over a second of walking; and then we open a second camera, and the doubt is gone.
@@ -142,7 +142,7 @@ picture
 #
 # One thing has to be told. The body's random walk expects 15 mm a frame at 30 Hz, and this person comes 40 mm nearer in
 # every frame, along the very direction that the camera does not see. Left at 15 mm, the tracker believes its prior, lags
-# behind by more than 100 mm, and its 90 % intervals hold three quarters of the truth: intervals are as honest as the
+# behind by more than 100 mm, and its 90 % intervals hold three quarters of the truth: intervals are as good as the
 # prior. Scales are told a root of a second, so that they do not depend on the rate.
 
 # %%
@@ -178,7 +178,7 @@ along, across = spread(seen_by_one)
 print(f"one camera: {np.median(along):.0f} mm along the line of sight, {np.median(across):.0f} mm across, at the median joint")
 
 # %% [markdown]
-# An interval that is wide is honest only if the error is as large. Here is the error in each frame, over the band in
+# An interval that is wide is right only if the error is as large. Here is the error in each frame, over the band in
 # which the posterior itself expects it:
 
 # %%

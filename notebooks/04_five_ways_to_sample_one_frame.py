@@ -124,7 +124,7 @@ figure
 # %% [markdown]
 # ## What to take home
 #
-# In two dimensions any honest method will do, and the cheapest is the simplest. The order turns around as dimensions are
+# In two dimensions any exact method will do, and the cheapest is the simplest. The order turns around as dimensions are
 # added: the share of prior draws on the ridge falls exponentially, while the moves only get a little shorter. Annealing
 # is quick at finding a mode, and its spread says nothing about what the data leave open. And HMC is only as good as its
 # steps: they have to fit the sharpest bend, and the trajectories the whole ridge. Make the ridge three times thinner

@@ -51,7 +51,7 @@ Examples:
 @click.version_option(package_name="poseppl", message="poseppl %(version)s")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
-    """Track people in 2-D images by sequential Bayesian inference, with honest intervals."""
+    """Track people in 2-D images by sequential Bayesian inference, with calibrated intervals."""
 
 
 for command in (

@@ -1,4 +1,4 @@
-"""Whether a posterior is honest: coverage of its intervals, errors of its means, and ranks of the truth among its draws.
+"""Whether a posterior is calibrated: coverage of its intervals, errors of its means, and ranks of the truth among its draws.
 
 The truths of neighbouring frames lie inside or outside of their intervals together, and those of one body do so too, so the
 standard error of a coverage comes from whole sequences where there are several, and from batches of consecutive frames where

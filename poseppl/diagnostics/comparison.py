@@ -22,8 +22,8 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.calibration import coverage
-from poseppl.diagnostics.contest import TIE, contests, is_disqualified
 from poseppl.diagnostics.evidence import evidence_of_run, evidences
+from poseppl.diagnostics.paired_comparison import TIE, compare_quantities, is_miscalibrated
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
@@ -49,8 +49,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
           ``error_over_sd``, harmonic means of ``ess``, ``ess_per_second`` and ``ess_per_evaluation``, the largest ``rhat``,
           and ``coverage`` with ``coverage_se`` by level; the same for all degrees of freedom together with ``_all`` behind
           the name; the median ``tau_median_all``; means ``rejection_all``, ``evaluations_all``, ``joint_error_all`` and
-          ``joint_error_relative_all``; and who is ``disqualified`` from the contests of ESS;
-        * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.contest.contests`;
+          ``joint_error_relative_all``; and who is ``miscalibrated``, and left out of comparisons of ESS;
+        * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
         * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`.
 
@@ -78,7 +78,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLi
         known[name] = provenance(tree)
     figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
     summary = summarise(figures)
-    overall, each = contests(figures, summary["disqualified"].values)
+    overall, each = compare_quantities(figures, summary["miscalibrated"].values)
     groups = {
         "figures": figures,
         "summary": summary,
@@ -120,7 +120,7 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
         data[name] = (("run", "level", "dof"), cells[..., index])
         data[f"{name}_all"] = (("run", "level"), whole[..., index])
     ninety = int(np.argmin(np.abs(levels - 0.9)))
-    data["disqualified"] = (("run",), is_disqualified(whole[:, ninety, 0], whole[:, ninety, 1]))
+    data["miscalibrated"] = (("run",), is_miscalibrated(whole[:, ninety, 0], whole[:, ninety, 1]))
     return xr.Dataset(data, coords={name: figures[name].values for name in ("run", "dof", "level")})
 
 

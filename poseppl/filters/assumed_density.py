@@ -10,7 +10,7 @@ transition, by its first two moments given each draw; with K = 1:
 A frame seen by one camera has many modes (each limb may lean towards the camera or away), and chains seldom cross between them.
 So the chains start in all of them: some draws from the prior, and most from the last frame's own draws after a step of the
 transition, climb to their nearest modes by Gauss-Newton, and each chain starts from the Laplace approximation of one of these.
-Modes get chains by their masses, which climbers that came to the same one share, with as little chance as a number of chains
+Modes get chains by their masses, which starts that came to the same one share, with as little chance as a number of chains
 allows (systematic resampling): a mode that now and then gets no chain is lost. The frame's target N(x; m, P) p(z_t | x) is then
 sampled in coordinates whitened by the curvature of the posterior, averaged over the modes.
 
@@ -37,7 +37,7 @@ from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_imp
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
-from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, propagate, transition_moments
@@ -45,7 +45,7 @@ from poseppl.program.population import log_likelihoods, propagate, transition_mo
 TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, num_warmup=4, step_size=0.4, target_acceptance=0.85, jitter=0.5)
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 _MOVED = 0.9
-"""Share of the climbers that set out from draws of the last frame."""
+"""Share of the starts that set out from draws of the last frame."""
 
 
 @built_once
@@ -86,12 +86,12 @@ def assumed_density_filter(
         first = ~state.started
         prior, log_prior = _prior(model, state, first, inputs, num_components)
         key_climb, key_move, key_start, key_chains = jax.random.split(rng_key, 4)
-        climbers, component = draw_mixture(key_climb, prior, num_starts)
-        climbers = climbers.at[0].set(prior.means[component[0]])
-        others = jnp.where(first, climbers[num_starts - moved :], _move(model, key_move, state.particles, inputs, moved))
-        climbers = climbers.at[num_starts - moved :].set(others)
+        starts, component = draw_mixture(key_climb, prior, num_starts)
+        starts = starts.at[0].set(prior.means[component[0]])
+        others = jnp.where(first, starts[num_starts - moved :], _move(model, key_move, state.particles, inputs, moved))
+        starts = starts.at[num_starts - moved :].set(others)
         prior_curvature = mixture_curvature(prior)
-        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, climbers, observation, inputs)))
+        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
         seen = drop_impossible(model, observation, failed)
 
         def log_density(x: jax.Array) -> jax.Array:
@@ -100,8 +100,8 @@ def assumed_density_filter(
         def curvature(x: jax.Array) -> jax.Array:
             return prior_curvature(x) + model.observation_information(x, seen, inputs)
 
-        found = find_modes(climbers, log_density, curvature, num_mode_steps)
-        modes = found._replace(log_masses=share_masses(found))
+        found = find_modes(starts, log_density, curvature, num_mode_steps)
+        modes = found._replace(log_masses=mode_log_weights(found))
         draws, log_weights, chains = chains_from_modes(
             key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings
         )

@@ -37,7 +37,7 @@ from poseppl.filters.window_target import Window, empty_window, move_on, window_
 from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture
 from poseppl.kernels.hmc import Chains, HMCSettings
-from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, share_masses
+from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -99,14 +99,14 @@ def window_filter(
     ) -> tuple[WindowState, Info]:
         key_climb, key_past, key_start, key_chains, key_even = jax.random.split(rng_key, 5)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
-        climbers, _ = draw_mixture(key_climb, prior, num_starts)
-        climbers = climbers.at[0].set(prediction.mean)
-        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, climbers, observation, inputs)))
+        starts, _ = draw_mixture(key_climb, prior, num_starts)
+        starts = starts.at[0].set(prediction.mean)
+        failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
         seen = _masked(model, drop_impossible(model, observation, failed))
         frames = move_on(past.window, prediction, seen, inputs)
         precision = precision_of(prediction.covariance)
         newest = find_modes(
-            climbers,
+            starts,
             lambda x: model.log_observation(x, seen, inputs) + log_mixture(prior)(x),
             lambda x: precision + model.observation_information(x, seen, inputs),
             num_mode_steps,
@@ -119,7 +119,7 @@ def window_filter(
             lambda x: target.prior_precision + target.information(x),
             num_mode_steps,
         )
-        modes = whole._replace(log_masses=share_masses(whole))
+        modes = whole._replace(log_masses=mode_log_weights(whole))
         draws, log_weights, chains = chains_from_modes(
             key_start, key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
         )

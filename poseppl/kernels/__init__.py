@@ -8,7 +8,7 @@ from poseppl.kernels.hmc import HMCSettings as HMCSettings
 from poseppl.kernels.hmc import hmc_chains as hmc_chains
 from poseppl.kernels.laplace import Whitening as Whitening
 from poseppl.kernels.laplace import find_modes as find_modes
-from poseppl.kernels.laplace import share_masses as share_masses
+from poseppl.kernels.laplace import mode_log_weights as mode_log_weights
 from poseppl.kernels.laplace import whitening as whitening
 from poseppl.kernels.moves import HMC_MOVES as HMC_MOVES
 from poseppl.kernels.moves import RANDOM_WALK_MOVES as RANDOM_WALK_MOVES

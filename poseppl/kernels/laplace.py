@@ -113,11 +113,11 @@ def find_modes(
     return modes
 
 
-def share_masses(modes: Modes) -> jax.Array:
-    """Log-masses (S,) of modes, of which several may be the same one: these share its mass.
+def mode_log_weights(modes: Modes) -> jax.Array:
+    """Log-weights (S,) of modes in a mixture, of which several may be the same one: these share its mass.
 
     Each is the importance weight of its state under the mixture of all S Laplace approximations, log p - log sum_k N(.; k): a
-    mode that n climbers came to has its mass once, and not n times.
+    mode that n starts came to has its mass once, and not n times.
     """
     half_log_det = jnp.sum(jnp.log(jnp.diagonal(modes.scales, axis1=1, axis2=2)), 1)
     offset = modes.states[:, None] - modes.states

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.contest import QUANTITIES, TIE
 from poseppl.diagnostics.evidence import Evidence, evidence_words
+from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
 from poseppl.report.page import DASH, Cell, Rows
 from poseppl.report.tables import flatten
 
@@ -57,8 +57,8 @@ def run_names(tree: xr.DataTree) -> list[str]:
 
 def run_labels(tree: xr.DataTree) -> list[str]:
     """Names of the runs where ESS is shown, with a warning on those whose posterior is wrong."""
-    out = tree["summary"].dataset["disqualified"].values
-    return [f"{name} (disqualified)" if wrong else name for name, wrong in zip(run_names(tree), out, strict=True)]
+    out = tree["summary"].dataset["miscalibrated"].values
+    return [f"{name} (miscalibrated)" if wrong else name for name, wrong in zip(run_names(tree), out, strict=True)]
 
 
 def shown(value: Any, form: str = "") -> str:
@@ -145,7 +145,7 @@ def _outcome(row: xr.Dataset, dots: dict[str, tuple[str, str]]) -> Cell:
     if not winner:
         return Cell(DASH)
     if winner == TIE:
-        return Cell("tie", tuple(dots[name] for name in row["run"].values[row["leads"].values].tolist()))
+        return Cell("tie", tuple(dots[name] for name in row["run"].values[row["not_worse"].values].tolist()))
     others = row["ratio"].drop_sel(run=winner).values
     factor = f" {1 / np.nanmax(others):.2g} ×" if np.isfinite(others).any() else ""
     return Cell(f"{winner}{factor}", (dots[winner],))

@@ -33,7 +33,7 @@ def _variance(tree: xr.DataTree, variance: Array, error: Array, first: list[int]
     """One line a method through its settings, and through its best the line along which variance times time is the same."""
     data, labels, colors = tree["variance"].dataset, run_labels(tree), run_colors(tree["figures"].sizes["run"])
     seconds, seconds_error, seeds = (data[name].values for name in ("seconds", "seconds_se", "replicates"))
-    wrong = tree["summary"].dataset["disqualified"].values[first]
+    wrong = tree["summary"].dataset["miscalibrated"].values[first]
     methods = [str(name) or labels[index] for name, index in zip(data["method"].values, first, strict=True)]
     traces: Traces = []
     for method in dict.fromkeys(methods):
@@ -44,7 +44,7 @@ def _variance(tree: xr.DataTree, variance: Array, error: Array, first: list[int]
         told = [f"{labels[first[i]]}, {f'{seeds[i]} seeds' if seeds[i] > 1 else 'one seed'}" for i in members]
         symbols = ["circle" if seeds[i] > 1 else "circle-open" for i in members]
         bars = {"error_x": _bars(seconds[members], seconds_error[members]), "error_y": _bars(variance[members], error[members])}
-        name = f"{method} (disqualified)" if wrong[members].all() else method
+        name = f"{method} (miscalibrated)" if wrong[members].all() else method
         style = {"mode": mode, "text": told, "line": {"color": color, "width": 1}, "showlegend": True}
         style["marker"] = {"color": color, "size": 11, "line": {"width": 2, "color": color}, "symbol": symbols}
         style["hovertemplate"] = "%{text}<br>%{x:.3g} s a frame, variance %{y:.3g}<extra></extra>"

@@ -12,7 +12,7 @@ from same_data import DOFS, run_on, scene
 
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.batches import CONFIDENCE, log_ratio, mean_interval
-from poseppl.diagnostics.contest import LEAST_COVERAGE, TIE, hold_contest
+from poseppl.diagnostics.paired_comparison import LEAST_COVERAGE, TIE, compare_losses
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.errors import InputError
 
@@ -69,7 +69,7 @@ def test_particles_have_no_rhat_and_closed_forms_no_ess(comparison: xr.DataTree)
     assert figures["kind"].values.tolist() == ["chains", "chains", "weighted particles", "closed form"]
     for name in ("winner", "winner_by_dof"):
         ratio = comparison[name].dataset.sel(run="kalman", quantity=["ess_per_second", "ess_per_evaluation"])
-        assert not ratio["leads"].any() and np.isnan(ratio["ratio"]).all()
+        assert not ratio["not_worse"].any() and np.isnan(ratio["ratio"]).all()
 
 
 def test_a_kalman_filter_without_a_name_is_known_by_its_evaluations() -> None:
@@ -117,7 +117,7 @@ def test_the_smaller_error_wins_in_all_and_in_every_coordinate() -> None:
 def test_equal_runs_tie_and_are_called_so() -> None:
     result = compare({name: run_on(DATA, seed=seed, rho=0.3) for seed, name in enumerate(("a", "b", "c"))})
     assert result["winner"]["winner"].values.tolist() == [TIE, TIE, TIE]
-    assert result["winner"]["leads"].all()
+    assert result["winner"]["not_worse"].all()
 
 
 def test_intervals_of_a_ratio_cover_it_as_often_as_they_say() -> None:
@@ -152,22 +152,22 @@ def test_batches_know_of_correlation_over_frames() -> None:
 def test_runs_without_a_figure_do_not_take_part() -> None:
     losses = np.full((3, 20), 1.0) * np.array([[1.0], [2.0], [0.5]])
     losses[2] = np.nan
-    outcome = hold_contest(losses)
-    assert outcome.leads.tolist() == [True, False, False] and np.isnan(outcome.ratio[2])
+    outcome = compare_losses(losses)
+    assert outcome.not_worse.tolist() == [True, False, False] and np.isnan(outcome.ratio[2])
     np.testing.assert_allclose(outcome.ratio[:2], [1, 0.5])
     losses[1] = np.nan
-    assert not hold_contest(losses).leads.any(), "nobody wins against nobody"
-    assert hold_contest(np.array([[1.0], [5.0]])).leads.all(), "one frame cannot tell"
-    assert hold_contest(np.array([[1.0] * 9, [1.05] * 9]), noise=0.1).leads.all(), "within the noise of timing"
-    assert not hold_contest(np.array([[1.0] * 9, [1.15] * 9]), noise=0.1).leads[1]
+    assert not compare_losses(losses).not_worse.any(), "nobody wins against nobody"
+    assert compare_losses(np.array([[1.0], [5.0]])).not_worse.all(), "one frame cannot tell"
+    assert compare_losses(np.array([[1.0] * 9, [1.05] * 9]), noise=0.1).not_worse.all(), "within the noise of timing"
+    assert not compare_losses(np.array([[1.0] * 9, [1.15] * 9]), noise=0.1).not_worse[1]
 
 
-def test_a_wrong_posterior_is_disqualified_from_contests_of_ess() -> None:
+def test_a_wrong_posterior_is_left_out_of_comparisons_of_ess() -> None:
     result = compare({"wrong": run_on(DATA, shift=5.0, seconds=0.001), "a": run_on(DATA, seed=1), "b": run_on(DATA, rho=0.8)})
-    assert result["summary"]["disqualified"].values.tolist() == [True, False, False]
+    assert result["summary"]["miscalibrated"].values.tolist() == [True, False, False]
     assert result["summary"]["coverage_all"].sel(run="wrong", level=0.9) < LEAST_COVERAGE
     assert result["winner"]["winner"].sel(quantity="ess_per_second").item() == "a"
-    assert not result["winner"]["leads"].sel(quantity="error", run="wrong")
+    assert not result["winner"]["not_worse"].sel(quantity="error", run="wrong")
 
 
 def test_variance_between_seeds_is_that_of_the_mean() -> None:

@@ -1,4 +1,4 @@
-"""Coverage of the trackers on sequences that the model itself simulates: the default one is honest, the paper's is not."""
+"""Coverage of the trackers on sequences that the model itself simulates: the default one is calibrated, the paper's is not."""
 
 from __future__ import annotations
 

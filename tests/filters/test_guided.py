@@ -46,10 +46,10 @@ def test_a_proposal_program_changes_nothing_but_the_variance(auxiliary):
 def test_a_proposal_that_is_not_weighted_is_noticed(monkeypatch):
     import poseppl.filters.guided as guided
 
-    honest = guided.propose_transition
+    original = guided.propose_transition
 
     def forgetful(model, proposal, observation, inputs):
-        made = honest(model, proposal, observation, inputs)
+        made = original(model, proposal, observation, inputs)
         return made._replace(log_density=lambda x, before: model.log_transition(x, before, inputs))
 
     monkeypatch.setattr(guided, "propose_transition", forgetful)

@@ -79,8 +79,8 @@ def test_noise_that_is_not_symmetric_is_noticed(monkeypatch):
 
 
 def test_snooker_without_its_factor_is_noticed(monkeypatch):
-    honest = demc._snooker
-    monkeypatch.setattr(demc, "_snooker", lambda *arguments: (honest(*arguments)[0], 0.0))
+    original = demc._snooker
+    monkeypatch.setattr(demc, "_snooker", lambda *arguments: (original(*arguments)[0], 0.0))
     assert np.abs(z_scores(after_updates(DEMCSettings(snooker=1.0)).draws[:, :, -1])).max() > 10
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
-from poseppl.kernels import find_modes, share_masses, whitening
+from poseppl.kernels import find_modes, mode_log_weights, whitening
 from poseppl.kernels.laplace import Modes
 
 
@@ -70,7 +70,7 @@ def test_climbers_that_came_to_one_mode_share_its_mass():
     starts = jnp.array([[-1.0], [-2.5], [-3.0], [3.0]])
     modes = find_modes(starts, log_density, curvature, 12)
     once = np.asarray(jax.nn.softmax(modes.log_masses[2:]))
-    shared, plain = (np.asarray(jax.nn.softmax(masses)) for masses in (share_masses(modes), modes.log_masses))
+    shared, plain = (np.asarray(jax.nn.softmax(masses)) for masses in (mode_log_weights(modes), modes.log_masses))
     # as far as the climbs converged: in one mode the Gaussians of the three are the same to some 1e-3
     np.testing.assert_allclose([shared[:3].sum(), shared[3]], once, rtol=0.01)
     assert plain[:3].sum() > 1.2 * once[0]
@@ -82,7 +82,7 @@ def test_a_climb_that_broke_down_has_no_mass():
     starts = jnp.array([[-2.0], [2.0]])
     modes = find_modes(starts, log_density, curvature, 2)
     broken = modes._replace(states=modes.states.at[0].set(jnp.nan), log_masses=modes.log_masses.at[0].set(-jnp.inf))
-    shared = np.asarray(share_masses(broken))
+    shared = np.asarray(mode_log_weights(broken))
     assert shared[0] == -np.inf and np.isfinite(shared[1])
 
 
@@ -91,6 +91,6 @@ def test_shared_masses_are_importance_weights_under_the_mixture_of_the_modes():
     states, widths, heights = np.array([[0.0], [1.0]]), np.array([0.2, 1.5]), np.array([0.3, -0.4])
     precisions, scales = (widths**-2.0)[:, None, None], widths[:, None, None]
     masses = heights + np.log(widths) + 0.5 * np.log(2 * np.pi)
-    shared = share_masses(Modes(*(jnp.asarray(part, jnp.float32) for part in (states, precisions, scales, masses))))
+    shared = mode_log_weights(Modes(*(jnp.asarray(part, jnp.float32) for part in (states, precisions, scales, masses))))
     mixture = scipy.stats.norm(states[:, 0], widths).pdf(states).sum(1)
     np.testing.assert_allclose(shared, heights - np.log(mixture), rtol=1e-5)

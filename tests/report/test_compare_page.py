@@ -65,7 +65,7 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
     assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
     tau = _data(page, "charts-data")["heat"][0]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
-    assert tau["data"][3]["name"] == "wrong (disqualified)"
+    assert tau["data"][3]["name"] == "wrong (miscalibrated)"
     told = [note["text"] for note in tau["layout"]["annotations"] if note["xref"] == "x3 domain"]
     assert told == ["●", "kalman", "closed form: no Monte Carlo error"]
     texts = [found.text for found in findings(comparison)]

@@ -124,10 +124,10 @@ def free_energy_by_hand(posed, fitted, covariances, factorised):
 @pytest.mark.parametrize("factorised", [False, True])
 def test_updates_that_overshoot_are_noticed(factorised, monkeypatch):
     """Means that go 2.5 times as far as they should end farther from the best ones than they were."""
-    honest = variational._target
+    original = variational._target
 
     def too_far(*arguments):
-        target, gradient = honest(*arguments)
+        target, gradient = original(*arguments)
         return target, 2.5 * gradient
 
     monkeypatch.setattr(variational, "_target", too_far)

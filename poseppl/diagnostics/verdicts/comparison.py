@@ -7,15 +7,15 @@ import json
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.contest import TIE
 from poseppl.diagnostics.evidence import NONE, Evidence, evidence_words
+from poseppl.diagnostics.paired_comparison import TIE
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
 
 LEVEL = 0.9
 MAX_NAMED = 8
-_WRONG = Verdict(ERROR, "A wrong posterior, disqualified where effective draws are counted; 90 % intervals cover so little")
+_WRONG = Verdict(ERROR, "A wrong posterior, left out where effective draws are counted; 90 % intervals cover so little")
 _NARROW = Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth")
 _WIDE = Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth")
 _CALIBRATED = Verdict(INFO, "90 % intervals are calibrated")
@@ -97,7 +97,7 @@ def _winners(tree: xr.DataTree) -> list[Verdict]:
     texts = []
     for quantity, best in _BEST.items():
         row = data.sel(quantity=quantity)
-        winner, leaders = str(row["winner"].item()), row["run"].values[row["leads"].values].tolist()
+        winner, leaders = str(row["winner"].item()), row["run"].values[row["not_worse"].values].tolist()
         if not winner:
             continue
         if winner == TIE:
@@ -150,7 +150,7 @@ def _coverage(tree: xr.DataTree) -> list[Verdict]:
     """The runs by what their 90 % intervals are worth, one finding a kind."""
     summary = tree["summary"].dataset.sel(level=LEVEL, method="nearest")
     kinds: dict[Verdict, list[str]] = {kind: [] for kind in (_WRONG, *_KINDS.values())}
-    columns = (summary[name].values for name in ("run", "coverage_all", "coverage_se_all", "disqualified"))
+    columns = (summary[name].values for name in ("run", "coverage_all", "coverage_se_all", "miscalibrated"))
     for name, share, error, out in zip(*columns, strict=True):
         text = f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)"
         if out:

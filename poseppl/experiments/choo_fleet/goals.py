@@ -74,12 +74,12 @@ def _goal(what: str, best: Mapping[str, Any], ours: str, ratio: float) -> Goal:
 
 def _calibrated(table: Table, recording: str) -> Goal:
     rows = [row for row in _records(table) if row["recording"] == recording]
-    honest = [row for row in rows if all(low <= row[name] <= high for name, (low, high) in BANDS.items())]
+    calibrated = [row for row in rows if all(low <= row[name] <= high for name, (low, high) in BANDS.items())]
     what = f"{RATE:.0f} frames a second, 90 % intervals covering 87 to 93 % and 50 % ones 46 to 54 %: {recording}"
-    if not honest:
+    if not calibrated:
         nearest = min(rows, key=lambda row: abs(row["markers_in_90"] - 0.9) + abs(row["markers_in_50"] - 0.5))
         return Goal(what, f"no method is calibrated; the nearest is {_told(nearest)}", "not reached")
-    best = max(honest, key=lambda row: row["frames_per_second"])
+    best = max(calibrated, key=lambda row: row["frames_per_second"])
     return Goal(what, _told(best), "reached" if best["frames_per_second"] >= RATE else "not reached")
 
 

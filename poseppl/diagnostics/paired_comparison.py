@@ -5,14 +5,13 @@ seconds / ESS and ``ess_per_evaluation`` by evaluations / ESS, the cost of one e
 in ESS, so that its average is); ``error`` is the distance of a coordinate's mean from the truth. For all coordinates together
 that is the mean joint error in mm; without markers the mean over coordinates of the error over that of all runs.
 
-The run of the least mean loss leads. Every other run is held against it on the same frames
+The run of the smallest mean loss is the best. Every other run is held against it on the same frames
 (:func:`poseppl.diagnostics.batches.log_ratio`): one whose ratio lies outside of its 95 % interval about 1 has lost; the others
-lead with it. A single leader has won; several are a tie. Runs without a figure do not take part, frames without it for a run
-that does are left out for all, and with fewer than two runs there is no contest. The time of a run is one measurement, whose
-own noise the frames do not show: for ``ess_per_second`` the ends of the interval are 10 % further off. A single frame cannot
-tell: all who take part in it tie.
-
-A run whose 90 % intervals cover less than 75 % of the truth by more than two standard errors is disqualified from the contests
+are not worse. The best has won if it is alone; several are a tie. Runs without a figure do not take part, frames without it for
+a run that does are left out for all, and with fewer than two runs there is no comparison. The time of a run is one measurement,
+whose own noise the frames do not show: for ``ess_per_second`` the ends of the interval are 10 % further off. A single frame
+cannot tell: all who take part in it tie.
+A run whose 90 % intervals cover less than 75 % of the truth by more than two standard errors is left out of the comparisons
 of ESS: draws of a wrong posterior are worth nothing, however many.
 """
 
@@ -31,45 +30,45 @@ from poseppl.diagnostics.batches import log_ratio
 QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
 TIE = "tie"
 LEAST_COVERAGE = 0.75
-"""Of 90 % intervals, below which a run is disqualified from contests of ESS."""
+"""Of 90 % intervals, below which a run is left out of comparisons of ESS."""
 TIMING_NOISE = 0.1
 """Relative error of a time, by which the same run differs from one call to the next on a busy machine."""
 _LEAST_SHARE = 0.5
 """Of the frames that a run needs a figure for, to take part."""
 
 
-class Contest(NamedTuple):
+class PairedComparison(NamedTuple):
     """The outcome for one quantity.
 
     Attributes:
-        leads: (run,) whether a run is not worse than the best.
+        not_worse: (run,) whether a run is not worse than the best.
         ratio: (run,) the loss of the best over that of each run: 1 for the best, below 1 for the others; NaN for runs that do
             not take part.
         low: (run,) lower end of its 95 % interval.
         high: (run,) upper end.
     """
 
-    leads: NDArray[np.bool_]
+    not_worse: NDArray[np.bool_]
     ratio: Floats
     low: Floats
     high: Floats
 
 
-def hold_contest(losses: Floats, noise: float = 0.0) -> Contest:
-    """Find the leaders.
+def compare_losses(losses: Floats, noise: float = 0.0) -> PairedComparison:
+    """Find the runs that are not worse than the best.
 
     Args:
         losses: (run, frame), positive; NaN where a run has none.
         noise: Relative error that all frames of a run share.
 
     Returns:
-        The outcome; nobody leads where fewer than two runs take part.
+        The outcome; nobody is not worse where fewer than two runs take part.
     """
     count, frames = losses.shape
     finite = np.isfinite(losses) & (losses > 0)
     takes_part = finite.sum(axis=1) >= _LEAST_SHARE * frames
     common = finite[takes_part].all(axis=0)
-    outcome = Contest(np.zeros(count, bool), *(np.full(count, np.nan) for _ in range(3)))
+    outcome = PairedComparison(np.zeros(count, bool), *(np.full(count, np.nan) for _ in range(3)))
     if takes_part.sum() < 2 or not common.any():
         return outcome
     usable = losses[:, common]
@@ -81,36 +80,36 @@ def hold_contest(losses: Floats, noise: float = 0.0) -> Contest:
             reach = 0.0
         ends = np.exp([found.estimate, found.estimate - reach, min(found.estimate + reach, 700.0)])
         outcome.ratio[run], outcome.low[run], outcome.high[run] = ends
-        outcome.leads[run] = found.estimate + reach >= 0
+        outcome.not_worse[run] = found.estimate + reach >= 0
     return outcome
 
 
-def is_disqualified(coverage: Floats, standard_error: Floats) -> NDArray[np.bool_]:
+def is_miscalibrated(coverage: Floats, standard_error: Floats) -> NDArray[np.bool_]:
     """Whether 90 % intervals cover too little of the truth, (run,) each; False where the truth is not known."""
     return np.asarray(coverage + 2 * standard_error < LEAST_COVERAGE)
 
 
-def contests(figures: xr.Dataset, disqualified: NDArray[np.bool_]) -> tuple[xr.Dataset, xr.Dataset]:
-    """Hold the contests for every quantity.
+def compare_quantities(figures: xr.Dataset, miscalibrated: NDArray[np.bool_]) -> tuple[xr.Dataset, xr.Dataset]:
+    """Compare the runs by every quantity.
 
     Args:
         figures: The figures of all runs, with a dimension ``run``.
-        disqualified: (run,) who does not take part where it is about ESS.
+        miscalibrated: (run,) who does not take part where it is about ESS.
 
     Returns:
         Two datasets over ``quantity``, the first for all degrees of freedom together, the second for each ``dof``: ``winner``
-        (the name of a run, "tie", or empty without a contest), and ``leads``, ``ratio``, ``ratio_low`` and ``ratio_high``
-        (quantity, ..., run) of :class:`Contest`.
+        (the name of a run, "tie", or empty without a comparison), and ``not_worse``, ``ratio``, ``ratio_low`` and
+        ``ratio_high`` (quantity, ..., run) of :class:`PairedComparison`.
     """
     names = [str(name) for name in figures["run"].values]
     together, each = [], []
     for quantity in QUANTITIES:
         losses = _losses(figures, quantity)
         if quantity != "error":
-            losses = np.where(disqualified[:, None, None], np.nan, losses)
+            losses = np.where(miscalibrated[:, None, None], np.nan, losses)
         noise = TIMING_NOISE if quantity == "ess_per_second" else 0.0
-        together.append(hold_contest(_of_all(figures, quantity, losses), noise))
-        each.append([hold_contest(losses[:, :, dof], noise) for dof in range(losses.shape[2])])
+        together.append(compare_losses(_of_all(figures, quantity, losses), noise))
+        each.append([compare_losses(losses[:, :, dof], noise) for dof in range(losses.shape[2])])
     coords = {"quantity": list(QUANTITIES), "run": names}
     overall = _dataset(np.array(together, float), names, ("quantity",), coords)
     return overall, _dataset(np.array(each, float), names, ("quantity", "dof"), coords | {"dof": figures["dof"].values})
@@ -136,10 +135,10 @@ def _of_all(figures: xr.Dataset, quantity: str, losses: Floats) -> Floats:
 def _dataset(outcomes: Floats, names: list[str], dims: tuple[str, ...], coords: Mapping[str, object]) -> xr.Dataset:
     """Lay (..., field, run) out by field."""
     stacked = np.moveaxis(outcomes, -2, 0)
-    leads = stacked[0] > 0
-    number = leads.sum(axis=-1)
-    single = np.array(names, dtype=object)[leads.argmax(axis=-1)]
+    not_worse = stacked[0] > 0
+    number = not_worse.sum(axis=-1)
+    single = np.array(names, dtype=object)[not_worse.argmax(axis=-1)]
     winner = np.where(number == 1, single, np.where(number > 1, TIE, "")).astype(str)
-    data = {"winner": (dims, winner), "leads": ((*dims, "run"), leads)}
+    data = {"winner": (dims, winner), "not_worse": ((*dims, "run"), not_worse)}
     fields = zip(("ratio", "ratio_low", "ratio_high"), stacked[1:], strict=True)
     return xr.Dataset(data | {name: ((*dims, "run"), values) for name, values in fields}, coords=coords)
