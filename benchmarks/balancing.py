@@ -72,13 +72,13 @@ def main() -> None:
     start_jax()
     folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
-    records, masks, hidden = read_masks(folder, count)
+    records, masks, occlusion = read_masks(folder, count)
     reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []
     looks = (view for view in VIEWS if str(len(view)) in options.cameras.split(","))
     if options.videos:
         scenes = (seen_in_videos(folder, records, view, count) for view in looks)
     else:
-        scenes = (scene_of(records, masks, hidden, view) for view in looks)
+        scenes = (scene_of(records, masks, occlusion, view) for view in looks)
     results = [load_result(options.result)] if options.result else runs(scenes, options.filters.split(","), options.runs)
     for tree in results:
         rows.append(measured(tree, reference, records, masks))
@@ -117,7 +117,7 @@ def measured(tree: xr.DataTree, reference: dict[str, Any], records: list[CameraR
 
 def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, Any], dict[str, Any]]:
     """Half-size cameras, their masks (T, H, W), and what is unknown."""
-    records, masks, hidden = [], {}, {}
+    records, masks, occlusion = [], {}, {}
     for number, record in enumerate(read_cameras(folder / "calibration" / "Calib_qualisys.toml"), start=1):
         with np.load(folder / "silhouettes" / f"cam{number:02d}_masks_half.npz") as stored:
             width = int(stored["shape"][-1])
@@ -128,17 +128,19 @@ def read_masks(folder: Path, count: int) -> tuple[list[CameraRecord], dict[str, 
         records.append(record._replace(matrix=matrix, size=masks[record.name].shape[:0:-1]))
         unknown = folder / "silhouettes" / f"cam{number:02d}_unknown_half.png"
         if unknown.is_file():
-            hidden[record.name] = read_image(unknown)[..., 0]
-    return records, masks, hidden
+            occlusion[record.name] = read_image(unknown)[..., 0]
+    return records, masks, occlusion
 
 
-def scene_of(records: list[CameraRecord], masks: Any, hidden: Any, view: tuple[int, ...]) -> Scene[SilhouetteData]:
+def scene_of(records: list[CameraRecord], masks: Any, occlusion: Any, view: tuple[int, ...]) -> Scene[SilhouetteData]:
     """The published masks of some cameras."""
     standard = full_body().lengths
     body = full_body({name: value * STATURE / 1750.0 for name, value in standard.items()})
     chosen = [records[camera] for camera in view]
-    seen = silhouette_scene(body, chosen, {record.name: masks[record.name] for record in chosen}, hidden=hidden, rate=RATE)
-    return seen._replace(data=seen.data._replace(faces=records[VIEWS[view]].name))
+    seen = silhouette_scene(
+        body, chosen, {record.name: masks[record.name] for record in chosen}, occlusion=occlusion, rate=RATE
+    )
+    return seen._replace(data=seen.data._replace(facing=records[VIEWS[view]].name))
 
 
 def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, ...], count: int) -> Scene[SilhouetteData]:
@@ -146,8 +148,8 @@ def seen_in_videos(folder: Path, records: list[CameraRecord], view: tuple[int, .
     named = [(records[camera].name, f"cam{camera + 1:02d}") for camera in view]
     videos = [f"{name}={folder / 'videos' / file}.mp4" for name, file in named]
     plates = [f"{name}={folder / 'silhouettes' / file}_background_half.png" for name, file in named]
-    sources = sources_of_files(videos, folder / "calibration" / "Calib_qualisys.toml", empty=plates)
-    return see_silhouettes(sources, stature=STATURE, faces=records[VIEWS[view]].name, stop=count)
+    sources = sources_of_files(videos, folder / "calibration" / "Calib_qualisys.toml", plates=plates)
+    return see_silhouettes(sources, stature=STATURE, facing=records[VIEWS[view]].name, stop=count)
 
 
 def read_triangulation(path: Path, count: int) -> dict[str, Any]:

@@ -65,9 +65,9 @@ def see(place: Path, frames: int) -> Seen:
     sources, settings = sources_of_scene(place), FeatureSettings(flow=None)
     views = []
     for video in sources.videos:
-        plate = next(iter(sources.empty[video.camera].images()))
-        hidden = sources.hidden[video.camera]
-        views.append(video_features(video, settings, plate=plate, unknown=hidden, stop=frames, bad_mask="unknown"))
+        plate = next(iter(sources.plates[video.camera].images()))
+        occlusion = sources.occlusion[video.camera]
+        views.append(video_features(video, settings, plate=plate, unknown=occlusion, stop=frames, bad_mask="unknown"))
     rows, usable, first = [], [], []
     for features in zip(*views, strict=True):
         rows.append(jax.tree.map(np.asarray, two_way_of_features(features, stride=STRIDE)))

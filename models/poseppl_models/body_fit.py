@@ -119,13 +119,13 @@ def _solver(body: ConeBody, index: NDArray[np.int_]) -> Callable[[Floats, Floats
         to_before, to_rest = (jnp.where(free, 0.0, change) for change in (x - before, x - body.rest))
         return jnp.concatenate([apart.ravel(), _PULLS[0] * to_before, _PULLS[1] * to_rest])
 
-    value, slope = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+    value, jacobian = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
 
     def solve(target: Floats, guess: Floats, before: Floats) -> tuple[Floats, float]:
         found = least_squares(
             lambda x: np.asarray(value(x, target, before), np.float64),
             np.clip(guess, low + 1e-6, high - 1e-6),
-            jac=lambda x: np.asarray(slope(x, target, before), np.float64),
+            jac=lambda x: np.asarray(jacobian(x, target, before), np.float64),
             bounds=(low, high),
             x_scale=scale,
             ftol=1e-5,

@@ -30,7 +30,7 @@ Examples:
       The filter of Choo and Fleet 2001, with more and longer chains.
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.
-  poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --empty cam1=a.png cam2=b.png
+  poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
       Saved as it goes; the same command with --resume continues it after a crash.
@@ -135,7 +135,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     from poseppl.cli.subject import stem_of
 
     _check_usage(recording, observations, options)
-    words = [str(word).rpartition("=")[2] for name in ("video", "empty", "hidden", "masks") for word in options[name]]
+    words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
     tables = [options[name] for name in ("skeleton", "names", "lengths", "camera", "calibration")]

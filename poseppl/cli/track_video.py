@@ -12,8 +12,8 @@ import click
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
-MANY = ("--video", "--empty", "--hidden", "--masks")
-_ONLY = ("calibration", "empty", "hidden", "masks", "faces", "silhouette_noise", "refine", "edges")
+MANY = ("--video", "--background", "--occlusion", "--masks")
+_ONLY = ("calibration", "background", "occlusion", "masks", "facing", "silhouette_noise", "refine", "edges")
 
 
 class ManyFiles(CommandWithSettings):
@@ -48,19 +48,19 @@ def video_options(command: Any) -> Any:
         ),
         click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
         click.option(
-            "--empty",
+            "--background",
             metavar="FILE...",
             multiple=True,
             type=click.Path(),
-            help="--video: pictures or clips of the empty scene, named as the cameras or NAME=FILE. [default: the background "
-            "is learned from the videos]",
+            help="--video: background plates, pictures or clips of the empty scene, named as the cameras or NAME=FILE. "
+            "[default: the background is learned from the videos]",
         ),
         click.option(
-            "--hidden",
+            "--occlusion",
             metavar="FILE...",
             multiple=True,
             type=click.Path(),
-            help="--video: pictures, white where furniture stands before the person, named alike.",
+            help="--video: occlusion masks, white where furniture stands before the person, named alike.",
         ),
         click.option(
             "--masks",
@@ -78,7 +78,7 @@ def video_options(command: Any) -> Any:
             "scene's truth]",
         ),
         click.option(
-            "--faces",
+            "--facing",
             metavar="NAME",
             help="--video: the camera that the person faces at first, roughly; front and back look alike. [default: where "
             "the person goes]",
@@ -151,7 +151,7 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
             lengths=options["lengths"],
             settings=settings,
             background=BackgroundSettings(refine=bool(options["refine"])),
-            faces=options["faces"],
+            facing=options["facing"],
             start=start,
             stop=stop,
             on_failure=options["on_failure"],
@@ -170,14 +170,14 @@ def open_sources(options: dict[str, Any]) -> Any:
 
     words = options["video"]
     if len(words) == 1 and "=" not in words[0] and not is_video(words[0]):
-        for name in ("calibration", "empty", "hidden", "masks"):
+        for name in ("calibration", "background", "occlusion", "masks"):
             if options[name]:
                 raise InputError(f"{words[0]} has its own", field=f"--{name}", expected="no such option with a scene's folder")
         return sources_of_scene(words[0])
     if options["calibration"] is None:
         raise InputError("no calibration", field="--calibration", expected="a TOML file of the videos' cameras")
     return sources_of_files(
-        words, options["calibration"], empty=options["empty"], hidden=options["hidden"], masks=options["masks"]
+        words, options["calibration"], plates=options["background"], occlusion=options["occlusion"], masks=options["masks"]
     )
 
 

@@ -60,7 +60,7 @@ def videos(room):
 
 
 def empty(room):
-    return ["--empty", *(f"{record.name}={room / record.name}_empty.png" for record in RECORDS)]
+    return ["--background", *(f"{record.name}={room / record.name}_empty.png" for record in RECORDS)]
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_two_videos_are_tracked_and_drawn_over(room, tracked):
 def test_the_result_tells_how_silhouettes_were_found(tracked):
     found = provenance(load_result(tracked / "seen.nc"))["silhouettes"]
     assert found["noise"] == 80.0 and found["edges"] is False and found["background"]["refine"] is False
-    assert found["empty"] == ["left", "right"] and found["masks"] == [] and found["faces"] is None
+    assert found["plates"] == ["left", "right"] and found["masks"] == [] and found["facing"] is None
 
 
 @pytest.mark.parametrize(
@@ -96,15 +96,15 @@ def test_the_result_tells_how_silhouettes_were_found(tracked):
         (lambda room: ["--video", room / "left.mp4"], "--calibration.*no calibration"),
         (lambda room: ["--video", f"middle={room}/left.mp4", *videos(room)[3:]], "'middle' has no calibration"),
         (lambda room: ["--video", room / "absent.mp4", *videos(room)[3:]], "absent.mp4"),
-        (lambda room: [*videos(room), "--empty", f"middle={room}/left_empty.png"], "no video of .*'middle'.*left, right"),
+        (lambda room: [*videos(room), "--background", f"middle={room}/left_empty.png"], "no video of .*'middle'.*left, right"),
         (lambda room: [*videos(room), *empty(room), "--stature", "20"], "--stature.*500 to 2500"),
         (lambda room: [*videos(room), *empty(room), "--frames", "1:2:3"], "--frames.*A:B"),
-        (lambda room: [*videos(room), "--empty", f"left={room}/square.png"], "camera left.*90 x 90 pixels.*240 x 180"),
+        (lambda room: [*videos(room), "--background", f"left={room}/square.png"], "camera left.*90 x 90 pixels.*240 x 180"),
         (lambda room: [*videos(room), "--masks", f"middle={room}/left.mp4"], "--masks.*no video of .*'middle'.*left, right"),
         (lambda room: [*videos(room), "--masks", f"left={room}/square.png"], "camera left: the mask has 90 x 90 pixels"),
         (lambda room: ["--video", room / "scene", "--masks", room / "left.mp4"], "--masks.*has its own.*no such option"),
         (lambda room: [*videos(room), "--cameras", "2"], "--cameras does not go with --video"),
-        (lambda room: [*videos(room), *empty(room), "--faces", "middle"], "--faces.*no camera 'middle'.*left, right"),
+        (lambda room: [*videos(room), *empty(room), "--facing", "middle"], "--facing.*no camera 'middle'.*left, right"),
         (lambda room: ["--stature", "1700"], "--stature goes with --video"),
     ],
 )

@@ -36,7 +36,9 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
     named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on the whole"
     worst = f", and below {OVERLAP_FRAME:g} in {where(tree, frames)}" if frames.any() else ""
     text = f"Body and silhouettes overlap too little ({named}; 1 is perfect{worst})"
-    advice = "others or furniture in the masks (--masks, --hidden, --empty), a wrong start (--faces) or size (--stature)"
+    advice = (
+        "others or furniture in the masks (--masks, --occlusion, --background), a wrong start (--facing) or size (--stature)"
+    )
     severity = ERROR if np.nanmin(means) < OVERLAP_ERROR or frames.mean() > 0.1 else WARNING
     return [Verdict(severity, f"{text}: {advice}.")]
 

@@ -35,7 +35,7 @@ class SilhouetteData(NamedTuple):
         person: The masks at the maps' size (T, C, H, W): 1 on the person, 0 beside, -1 where nobody would be seen.
         noise: Standard deviation of distances at the body, mm.
         edges: Distances to the nearest edge of the images (T, C, H, W), px of the image; None if edges do not count.
-        faces: Name of the camera that the person faces at first, if somebody told.
+        facing: Name of the camera that the person faces at first, if somebody told.
         found: With what settings the silhouettes were found, by name, for the record.
     """
 
@@ -47,7 +47,7 @@ class SilhouetteData(NamedTuple):
     person: NDArray[np.int8]
     noise: float
     edges: NDArray[np.float32] | None = None
-    faces: str | None = None
+    facing: str | None = None
     found: Mapping[str, Any] | None = None
 
     @property

@@ -62,7 +62,7 @@ class SilhouetteFrame(NamedTuple):
 
 def silhouette_frame(
     mask: NDArray[Any],
-    hidden: Mask | None,
+    occlusion: Mask | None,
     record: CameraRecord,
     number: int,
     settings: SilhouetteSettings,
@@ -72,7 +72,7 @@ def silhouette_frame(
 
     Args:
         mask: (H, W), not 0 on the person.
-        hidden: (H, W), not 0 where a person would not be seen; None if there is no such place.
+        occlusion: (H, W), not 0 where a person would not be seen; None if there is no such place.
         record: The calibrated camera.
         number: Of the frame, for messages.
         settings: The settings.
@@ -82,7 +82,7 @@ def silhouette_frame(
         InputError: A mask is of another size than the camera's pictures, or what `on_failure` stops at.
     """
     width, height = record.size
-    for what, array in (("mask", mask), ("mask of what is hidden", hidden)):
+    for what, array in (("mask", mask), ("occlusion mask", occlusion)):
         if array is not None and array.shape != (height, width):
             problem = f"the {what} has {array.shape[-1]} x {array.shape[0]} pixels"
             raise InputError(problem, field=f"camera {record.name}, frame {number}", expected=f"{width} x {height}")
@@ -95,8 +95,8 @@ def silhouette_frame(
             raise
         warnings.warn(f"{error}; the camera does not count in this frame", VideoWarning, stacklevel=3)
         usable = False
-    contour, on_outline = contour_points(person, settings.num_points, hidden)
-    blind = np.zeros_like(person) if hidden is None else (hidden != 0).astype(np.uint8)
+    contour, on_outline = contour_points(person, settings.num_points, occlusion)
+    blind = np.zeros_like(person) if occlusion is None else (occlusion != 0).astype(np.uint8)
     scale = map_scale(record, settings)
     size = (round(width * scale), round(height * scale))
     small, blind, seen = (_reduced(each, size) for each in (person | blind, blind, person & ~blind))

@@ -40,7 +40,7 @@ def silhouette_scene(
     records: Sequence[CameraRecord],
     masks: Mapping[str, NDArray[Any]],
     *,
-    hidden: Mapping[str, Mask] | None = None,
+    occlusion: Mapping[str, Mask] | None = None,
     settings: SilhouetteSettings | None = None,
     rate: float | None = None,
     source: str = "masks",
@@ -51,7 +51,7 @@ def silhouette_scene(
         body: The body, whose program sees silhouettes.
         records: C calibrated cameras.
         masks: Of each camera by its name, (T, H, W), not 0 on the person.
-        hidden: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be
+        occlusion: Of each camera by its name, (H, W), not 0 where a person would not be seen: behind furniture. Cameras may be
             left out.
         settings: The settings.
         rate: Frames a second.
@@ -71,7 +71,7 @@ def silhouette_scene(
     records = [fit_size(record, np.shape(masks[record.name])[:0:-1]) for record in records]
     frames = [
         [
-            silhouette_frame(np.asarray(masks[record.name][number]), (hidden or {}).get(record.name), record, number, chosen)
+            silhouette_frame(np.asarray(masks[record.name][number]), (occlusion or {}).get(record.name), record, number, chosen)
             for record in records
         ]
         for number in range(min(lengths.values()))
@@ -86,7 +86,7 @@ def scene_of_videos(
     backgrounds: Mapping[str, Background],
     *,
     masks: Mapping[str, Video] | None = None,
-    hidden: Mapping[str, Mask] | None = None,
+    occlusion: Mapping[str, Mask] | None = None,
     settings: SilhouetteSettings | None = None,
     start: int = 0,
     stop: int | None = None,
@@ -101,7 +101,7 @@ def scene_of_videos(
         videos: Their videos, by name.
         backgrounds: By name, of the cameras without masks.
         masks: For some cameras, by their names, masks as videos, white on the person; of any size in the camera's proportion.
-        hidden: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
+        occlusion: As :func:`silhouette_scene` takes it; pixels that the background cannot tell are added to it.
         settings: The settings.
         start: The first frame.
         stop: The frame after the last; None for all.
@@ -121,7 +121,7 @@ def scene_of_videos(
     for number, images in _readable([*videos, *given.values()], start, stop, on_failure):
         row = []
         for record in records:
-            blind = (hidden or {}).get(record.name)
+            blind = (occlusion or {}).get(record.name)
             found = _foreground(images, record, backgrounds, given.get(record.name), blind)
             unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
             seen = silhouette_frame(found.foreground, unknown, record, number, chosen, on_failure)
@@ -140,11 +140,11 @@ def _foreground(
     record: CameraRecord,
     backgrounds: Mapping[str, Background],
     masks: Video | None,
-    hidden: Mask | None,
+    occlusion: Mask | None,
 ) -> Foreground:
     """What a camera's mask marks; without masks, what differs from the background."""
     if masks is None:
-        return backgrounds[record.name].subtract(images[record.name], hidden=hidden)
+        return backgrounds[record.name].subtract(images[record.name], occlusion=occlusion)
     mask = resized(images[masks.camera][..., 0], record.size, "mask", record.name) > 127
     return Foreground(mask.astype(np.uint8), np.zeros(mask.shape, np.uint8))
 

@@ -36,14 +36,14 @@ _FRAMES, _EVERY = 4, 10
 """How many frames decide which way the person faces, and how far apart they are."""
 
 
-def check_faces(name: str, cameras: Sequence[str]) -> None:
+def check_facing(name: str, cameras: Sequence[str]) -> None:
     """Check that there is the camera which the person is told to face.
 
     Raises:
         InputError: There is none of this name.
     """
     if name not in cameras:
-        raise InputError(f"there is no camera {name!r}", field="--faces", expected=some(cameras))
+        raise InputError(f"there is no camera {name!r}", field="--facing", expected=some(cameras))
 
 
 def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -> Floats:
@@ -91,10 +91,10 @@ def _unit(vector: Floats) -> Floats:
 
 def _faced(scene: Scene[SilhouetteData]) -> Floats | None:
     """Place on the ground (2,) of the camera that the person faces, mm, if it was told."""
-    name, names = scene.data.faces, scene.camera_names
+    name, names = scene.data.facing, scene.camera_names
     if name is None:
         return None
-    check_faces(name, names)
+    check_facing(name, names)
     return np.asarray(scene.cameras.centre, np.float64)[names.index(name), :2]
 
 

@@ -22,7 +22,7 @@ from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.silhouette_data import Floats, SilhouetteData
 from poseppl.motion.tracking.silhouette_frame import OnFailure, SilhouetteSettings
 from poseppl.motion.tracking.silhouette_scene import check_names, scene_of_videos
-from poseppl.motion.tracking.silhouette_start import check_faces
+from poseppl.motion.tracking.silhouette_start import check_facing
 from poseppl.motion.vision import Background, BackgroundSettings, learn_background
 
 DEFAULT_MODEL = "poseppl_models.silhouettes:full_body"
@@ -45,17 +45,17 @@ class VideoSources(NamedTuple):
     Attributes:
         records: Calibrated cameras.
         videos: Their videos.
-        empty: For some cameras, pictures of the scene without a person, from which the background is learned; for the others it
-            is learned from the video itself.
-        hidden: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
+        plates: For some cameras, the background plate: pictures of the scene without a person, from which the background is
+            learned; for the others it is learned from the video itself.
+        occlusion: For some cameras, a mask (H, W) that is not 0 where furniture hides what is behind it.
         masks: For some cameras, masks of the person as videos, in place of a background.
         truth: The truth, where it is known.
     """
 
     records: tuple[CameraRecord, ...]
     videos: tuple[Video, ...]
-    empty: Mapping[str, Video]
-    hidden: Mapping[str, Image]
+    plates: Mapping[str, Video]
+    occlusion: Mapping[str, Image]
     masks: Mapping[str, Video]
     truth: SceneTruth | None = None
 
@@ -64,8 +64,8 @@ def sources_of_files(
     videos: Sequence[str | PathLike[str]],
     calibration: str | PathLike[str],
     *,
-    empty: Sequence[str | PathLike[str]] = (),
-    hidden: Sequence[str | PathLike[str]] = (),
+    plates: Sequence[str | PathLike[str]] = (),
+    occlusion: Sequence[str | PathLike[str]] = (),
     masks: Sequence[str | PathLike[str]] = (),
 ) -> VideoSources:
     """Open videos and what goes with them.
@@ -73,8 +73,8 @@ def sources_of_files(
     Args:
         videos: Each ``FILE``, whose name without suffix is the camera's, or ``NAME=FILE``; a folder of images is a video.
         calibration: Cameras as TOML; those without a video are left out.
-        empty: Pictures or clips of the empty scene, named alike.
-        hidden: Pictures that are white where furniture hides a person, named alike.
+        plates: Pictures or clips of the empty scene, named alike.
+        occlusion: Pictures that are white where furniture hides a person, named alike.
         masks: Masks of the person, white on them, as :func:`~poseppl.motion.io.open_masks` opens them, named alike.
 
     Raises:
@@ -90,14 +90,14 @@ def sources_of_files(
         raise InputError(problem, file=str(calibration), field="--video", expected=f"{some(known)}; or NAME=FILE")
     kept = tuple(record for record in records if record.name in names)
     order = {record.name: number for number, record in enumerate(kept)}
-    beside = {name: open_video(path, name) for name, path in map(_named, empty)}
-    dark = {name: read_image(path, name)[..., 0] for name, path in map(_named, hidden)}
+    backgrounds = {name: open_video(path, name) for name, path in map(_named, plates)}
+    occlusions = {name: read_image(path, name)[..., 0] for name, path in map(_named, occlusion)}
     given = {name: open_masks(path, f"{name} (masks)") for name, path in map(_named, masks)}
-    for option, named in (("--empty", beside), ("--hidden", dark), ("--masks", given)):
+    for option, named in (("--background", backgrounds), ("--occlusion", occlusions), ("--masks", given)):
         for name in named:
             if name not in order:
                 raise InputError(f"no video of the camera {name!r}", field=option, expected=f"{some(order)}; or NAME=FILE")
-    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), beside, dark, given)
+    return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), backgrounds, occlusions, given)
 
 
 def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -> VideoSources:
@@ -120,10 +120,10 @@ def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -
             expected = "the name of a file in the scene's folder"
             raise InputError(f"a camera called {record.name[:80]!r}", file=place / "Calib.toml", expected=expected)
     videos = tuple(open_video(place / f"{record.name}.mp4", record.name) for record in records)
-    empty = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
-    hidden = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
+    plates = {record.name: open_video(place / f"{record.name}_background.png", record.name) for record in records}
+    occlusion = {record.name: read_image(place / f"{record.name}_occluder.png", record.name)[..., 0] for record in records}
     truth = read_scene_truth(place / "truth.nc") if (place / "truth.nc").is_file() else None
-    return VideoSources(records, videos, empty, hidden, {}, truth)
+    return VideoSources(records, videos, plates, occlusion, {}, truth)
 
 
 def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
@@ -154,7 +154,7 @@ def see_silhouettes(
     lengths: str | PathLike[str] | None = None,
     settings: SilhouetteSettings | None = None,
     background: BackgroundSettings | None = None,
-    faces: str | None = None,
+    facing: str | None = None,
     start: int = 0,
     stop: int | None = None,
     on_failure: OnFailure = "continue",
@@ -170,7 +170,7 @@ def see_silhouettes(
         lengths: A TOML file of segment lengths, mm, that are known.
         settings: Of the silhouettes.
         background: How the foreground is found.
-        faces: Name of the camera that the person faces at first, if known.
+        facing: Name of the camera that the person faces at first, if known.
         start: The first frame.
         stop: The frame after the last; None for all.
         on_failure: As :func:`~poseppl.motion.tracking.silhouette_scene.scene_of_videos` takes it.
@@ -182,52 +182,52 @@ def see_silhouettes(
             camera of the name that the person faces.
     """
     truth = sources.truth
-    if faces is not None:
-        check_faces(faces, [record.name for record in sources.records])
+    if facing is not None:
+        check_facing(facing, [record.name for record in sources.records])
     body = load_builder(model)(subject_lengths(model, stature, lengths, _known_lengths(model, truth)))
     backgrounds = {
-        video.camera: _background(video, sources.empty.get(video.camera), background)
+        video.camera: _background(video, sources.plates.get(video.camera), background)
         for video in sources.videos
         if video.camera not in sources.masks
     }
     sizes = {video.camera: video.size for video in sources.videos}
-    hidden = {name: resized(mask, sizes[name], "picture of what is hidden", name) for name, mask in sources.hidden.items()}
+    occlusion = {name: resized(mask, sizes[name], "occlusion mask", name) for name, mask in sources.occlusion.items()}
     scene = scene_of_videos(
         body,
         sources.records,
         sources.videos,
         backgrounds,
         masks=sources.masks,
-        hidden=hidden,
+        occlusion=occlusion,
         settings=settings,
         start=start,
         stop=stop,
         on_failure=on_failure,
         advance=advance,
     )
-    found = {**(scene.data.found or {}), **_found(sources, background, faces)}
-    scene = scene._replace(data=scene.data._replace(faces=faces, found=found))
+    found = {**(scene.data.found or {}), **_found(sources, background, facing)}
+    scene = scene._replace(data=scene.data._replace(facing=facing, found=found))
     if truth is None:
         return scene
     part = slice(start, start + len(scene.frames))
     return scene._replace(states=truth.states[part], markers=truth.markers[part])
 
 
-def _found(sources: VideoSources, background: BackgroundSettings | None, faces: str | None) -> dict[str, Any]:
+def _found(sources: VideoSources, background: BackgroundSettings | None, facing: str | None) -> dict[str, Any]:
     """Where the silhouettes come from: cameras with masks or pictures of the empty scene, and how the others are found."""
-    given = {"masks": sorted(sources.masks), "empty": sorted(sources.empty), "hidden": sorted(sources.hidden)}
+    given = {"masks": sorted(sources.masks), "plates": sorted(sources.plates), "occlusion": sorted(sources.occlusion)}
     settings = (background or BackgroundSettings())._asdict()
-    return {**given, "faces": faces, "background": settings if len(sources.masks) < len(sources.records) else None}
+    return {**given, "facing": facing, "background": settings if len(sources.masks) < len(sources.records) else None}
 
 
 def _known_lengths(model: str, truth: SceneTruth | None) -> Mapping[str, float] | None:
     return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
 
 
-def _background(video: Video, empty: Video | None, settings: BackgroundSettings | None) -> Background:
-    if empty is None:
+def _background(video: Video, plate: Video | None, settings: BackgroundSettings | None) -> Background:
+    if plate is None:
         return learn_background(video.images(), settings)
-    pictures = [resized(picture, video.size, "picture of the empty scene", video.camera) for picture in empty.images()]
+    pictures = [resized(picture, video.size, "picture of the empty scene", video.camera) for picture in plate.images()]
     return learn_background(pictures, settings)
 
 

@@ -116,13 +116,13 @@ class Background(NamedTuple):
     settings: BackgroundSettings
     size: tuple[int, int]
 
-    def subtract(self, image: Image, unknown: Mask | None = None, hidden: Mask | None = None) -> Foreground:
+    def subtract(self, image: Image, unknown: Mask | None = None, occlusion: Mask | None = None) -> Foreground:
         """Find the foreground of a frame.
 
         Args:
             image: (H, W, 3) RGB or (H, W) gray.
             unknown: (H, W), not 0 at pixels that give no evidence; None for none.
-            hidden: (H, W), not 0 where furniture may stand before a person; None for nowhere.
+            occlusion: (H, W), not 0 where furniture may stand before a person; None for nowhere.
 
         Returns:
             The foreground, cleaned.
@@ -131,7 +131,7 @@ class Background(NamedTuple):
             InputError: The image or the mask has another size than the background.
         """
         rgb = _rgb(image)
-        for name, array in (("image", rgb), ("mask of unknown pixels", unknown), ("mask of what is hidden", hidden)):
+        for name, array in (("image", rgb), ("mask of unknown pixels", unknown), ("occlusion mask", occlusion)):
             if array is not None and array.shape[1::-1] != self.size:
                 problem = f"the {name} has {array.shape[1]} x {array.shape[0]} pixels"
                 raise InputError(problem, expected=f"{self.size[0]} x {self.size[1]}, as the background")
@@ -142,7 +142,9 @@ class Background(NamedTuple):
             found |= shadow
         mask = _cleaned((found & ~blind).astype(np.uint8), self.settings)
         if self.settings.reach:
-            mask = keep_together(mask, self.settings.reach, blind if hidden is None else blind | (np.asarray(hidden) != 0))
+            mask = keep_together(
+                mask, self.settings.reach, blind if occlusion is None else blind | (np.asarray(occlusion) != 0)
+            )
         if self.settings.refine:
             mask = refine_mask(rgb, self.mixture.getBackgroundImage(), mask, self.settings.noise)
         mask = mask * ~blind

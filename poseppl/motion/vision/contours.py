@@ -82,18 +82,18 @@ def _evenly_spaced(points: Contour) -> Contour:
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def contour_points(mask: Mask, count: int, hidden: Mask | None = None, *, least_area: int = 30) -> tuple[Contour, Mask]:
+def contour_points(mask: Mask, count: int, occlusion: Mask | None = None, *, least_area: int = 30) -> tuple[Contour, Mask]:
     """Take points at even distances along all outlines of a silhouette, those of its holes included.
 
     Args:
         mask: (H, W), not 0 inside.
         count: How many points.
-        hidden: (H, W), not 0 where nothing is known, as behind furniture. Points beside it are no part of the outline.
+        occlusion: (H, W), not 0 where nothing is known, as behind furniture. Points beside it are no part of the outline.
         least_area: Regions and holes of fewer pixels are left out.
 
     Returns:
         (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of
-        the image, and beside what is hidden, are not; none is, where there is no outline.
+        the image, and beside an occlusion, are not; none is, where there is no outline.
     """
     cv2 = opencv()
     inside = (np.asarray(mask) != 0).astype(np.uint8)
@@ -106,7 +106,7 @@ def contour_points(mask: Mask, count: int, hidden: Mask | None = None, *, least_
     height, width = inside.shape
     column, row = points.T.astype(int)
     seen = (column > 0) & (column < width - 1) & (row > 0) & (row < height - 1)
-    if hidden is not None:
-        near = cv2.dilate((np.asarray(hidden) != 0).astype(np.uint8), np.ones((5, 5), np.uint8))
+    if occlusion is not None:
+        near = cv2.dilate((np.asarray(occlusion) != 0).astype(np.uint8), np.ones((5, 5), np.uint8))
         seen &= near[row, column] == 0
     return points, seen.astype(np.uint8)

@@ -33,9 +33,9 @@ def test_a_body_overlaps_with_its_own_silhouettes_and_less_the_farther_it_is():
 
 def test_what_is_hidden_does_not_count_and_who_is_not_seen_has_no_overlap():
     state = pose()
-    hidden = np.zeros(SIZE[::-1], np.uint8)
-    hidden[100:] = 1
-    scene = scene_of([state, state], hidden={"left": hidden})
+    occlusion = np.zeros(SIZE[::-1], np.uint8)
+    occlusion[100:] = 1
+    scene = scene_of([state, state], occlusion={"left": occlusion})
     scene = scene._replace(data=scene.data._replace(usable=np.array([[True, True], [True, False]])))
     shares = overlap(scene, np.stack([state, state]))
     assert (shares[0] > 0.95).all() and np.isnan(shares[1, 1])

@@ -186,7 +186,7 @@ def test_hidden_pixels_are_no_evidence():
     rows = np.flatnonzero(masks["left"][0].any(1))
     table[int(rows.mean()) :] = 1  # hides all below the middle
     masks["left"][0][table != 0] = 0
-    scene = with_truth(silhouette_scene(body(), RECORDS, masks, hidden={"left": table}), truth)
+    scene = with_truth(silhouette_scene(body(), RECORDS, masks, occlusion={"left": table}), truth)
     contour, counts = scene.data.contour[0, 0], scene.data.on_outline[0, 0]
     assert counts.any() and not counts.all()
     assert (contour[counts, 1] < int(rows.mean()) - 2).all()
@@ -217,12 +217,12 @@ def test_the_start_faces_the_camera_that_was_told():
     scene = scene_of(pose(4))
     tree = body().tree
     for name, number in (("left", 0), ("right", 1)):
-        start = seek_silhouette(with_data(scene, faces=name), body().params)
+        start = seek_silhouette(with_data(scene, facing=name), body().params)
         heading = start[tree.coordinates.index((tree.joint_names[0], "Z"))]
         towards = np.asarray(scene.cameras.centre)[number, :2] - start[:2]
         assert np.array([-np.sin(heading), np.cos(heading)]) @ towards > 0
     with pytest.raises(InputError, match="no camera 'middle'.*left, right"):
-        seek_silhouette(with_data(scene, faces="middle"), body().params)
+        seek_silhouette(with_data(scene, facing="middle"), body().params)
 
 
 def test_cameras_must_match():
