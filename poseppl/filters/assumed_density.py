@@ -35,7 +35,8 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
-from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
+from poseppl.gaussians.chain_mixture import fit_mixture
+from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture, mixture_curvature
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
 from poseppl.program import CompiledModel, Observation

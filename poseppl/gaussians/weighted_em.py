@@ -16,11 +16,12 @@ number of points in all. With one component this changes nothing: it is the weig
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
-from poseppl.gaussians.gaussian import inverse_root
-from poseppl.gaussians.mixture import GaussianMixture
+from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
 from poseppl.particles.weights import weighted_covariance
 
 _KEPT = 1e-6
@@ -72,19 +73,35 @@ def fit_free(
 ) -> GaussianMixture:
     """Fit weights, means and covariances; arguments as in :func:`fit_fixed`, and the least variances (d,)."""
     common = weighted_covariance(points, jnp.log(weights)) + jnp.diag(floor)
+    covariances = jnp.broadcast_to(common, (seeds.shape[0], *common.shape))
+    start = GaussianMixture(_start(weights, seeds, alive), points[seeds], covariances)
+    return fit_from(start, points, weights, common, num_steps, floor)
+
+
+def fit_from(
+    start: GaussianMixture, points: jax.Array, weights: jax.Array, common: jax.Array, num_steps: int, floor: Any = 0.0
+) -> GaussianMixture:
+    """Fit weights, means and covariances of a mixture that is there.
+
+    Args:
+        start: The mixture.
+        points: Shape (N, d).
+        weights: Normalised (N,).
+        common: The covariance (d, d) that those of few points are shrunk to.
+        num_steps: Rounds.
+        floor: Variances (d,) that are added to all covariances.
+    """
     ridge = points.shape[1] * jnp.sum(weights**2)
-    start = GaussianMixture(
-        _start(weights, seeds, alive), points[seeds], jnp.broadcast_to(common, (seeds.shape[0], *common.shape))
-    )
+    least = jnp.diag(jnp.broadcast_to(jnp.asarray(floor, points.dtype), points.shape[1:]))
 
     def update(state: GaussianMixture, _: None) -> tuple[GaussianMixture, None]:
-        logits = jax.vmap(lambda w, m, c: w + _log_normal(points, m, c), out_axes=1)(*state)
+        logits = jax.vmap(log_mixture_terms(state))(points)
         share = weights[:, None] * jax.nn.softmax(logits, axis=1)
         log_weights, means = _update_means(weights, logits, points, state.means)
         offset = points - means[:, None]
         scatter = jnp.einsum("nk,kni,knj->kij", share, offset, offset)
         mass = jnp.exp(log_weights)[:, None, None]
-        covariances = (scatter + jnp.diag(floor) * mass + ridge * common) / (mass + ridge)
+        covariances = (scatter + least * mass + ridge * common) / (mass + ridge)
         return GaussianMixture(log_weights, means, covariances), None
 
     fitted, _ = jax.lax.scan(update, start, None, length=num_steps)
@@ -105,10 +122,3 @@ def _update_means(weights: jax.Array, logits: jax.Array, points: jax.Array, mean
     kept = _KEPT / weights.shape[0]
     means = jnp.where(mass[:, None] > kept, moved / jnp.maximum(mass, kept)[:, None], means)
     return jnp.log(mass / jnp.sum(mass)), means
-
-
-def _log_normal(points: jax.Array, mean: jax.Array, covariance: jax.Array) -> jax.Array:
-    """Log-densities (N,) up to the constant that all components share."""
-    whiten = inverse_root(covariance)
-    white = (points - mean) @ whiten.T
-    return -0.5 * jnp.sum(white**2, 1) + jnp.sum(jnp.log(jnp.diagonal(whiten)))

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.stats
 
-from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, fit_mixture, log_mixture, mixture_curvature
+from poseppl.gaussians.chain_mixture import fit_mixture
+from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture, mixture_curvature
 
 WEIGHTS = np.array([0.7, 0.3])
 MEANS = np.array([[0.0, 1.0], [6.0, -2.0]])

@@ -1,0 +1,77 @@
+"""A small mixture of Gaussians fitted to the draws of Markov chains."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
+from poseppl.gaussians.weighted_em import fit_from
+
+_EM_STEPS = 10
+
+
+class Fitted(NamedTuple):
+    """A mixture fitted to draws.
+
+    Attributes:
+        mixture: The mixture.
+        residuals: Each draw less the mean of the component that it comes from, in the shape of the draws.
+    """
+
+    mixture: GaussianMixture
+    residuals: jax.Array
+
+
+def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array | None = None) -> Fitted:
+    """Fit K Gaussians to draws of M chains by expectation maximisation.
+
+    Chains seldom cross from one mode of a posterior to another, so modes show as chains whose means lie far apart in units of
+    the covariance within chains, in any number of dimensions. Components start at the means of K chains, each of which is the
+    farthest from those before it. A component of few draws has no covariance of its own: each is shrunk towards that within
+    chains by one pseudo-draw a dimension.
+
+    Args:
+        chains: Draws (M, R, d).
+        num_components: K, at most M are used; one is the sample mean and covariance.
+        log_weights: Of the chains (M,); None: all weigh the same.
+    """
+    draws = chains.reshape(-1, chains.shape[-1])
+    number, dimension = draws.shape
+    of_chains = jnp.zeros(len(chains), draws.dtype) if log_weights is None else log_weights
+    weights = jnp.repeat(jax.nn.softmax(of_chains) / chains.shape[1], chains.shape[1])
+    mean = weights @ draws
+    covariance = (weights[:, None] * (draws - mean)).T @ (draws - mean) * (number / max(number - 1, 1))
+    if min(num_components, chains.shape[0]) == 1:
+        return Fitted(GaussianMixture(jnp.zeros(1, draws.dtype), mean[None], covariance[None]), chains - mean)
+    ridge = dimension / number
+    centres = jnp.mean(chains, 1)
+    inside = (chains - centres[:, None]).reshape(-1, dimension)
+    within = (inside.T @ inside / number + ridge * covariance) / (1 + ridge)
+    seeds = centres[_far_apart(centres, within, min(num_components, chains.shape[0]))]
+    start = GaussianMixture(
+        jnp.full(len(seeds), -jnp.log(float(len(seeds))), draws.dtype),
+        seeds,
+        jnp.broadcast_to(within, (len(seeds), dimension, dimension)),
+    )
+    mixture = fit_from(start, draws, weights, within, _EM_STEPS)
+    shares = jax.nn.softmax(jax.vmap(log_mixture_terms(mixture))(draws), axis=1)
+    return Fitted(mixture, chains - (shares @ mixture.means).reshape(chains.shape))
+
+
+def _far_apart(points: jax.Array, covariance: jax.Array, number: int) -> jax.Array:
+    """Indices of points (M, d): the one farthest from the mean, and then each the farthest from those before it."""
+    precision = jnp.linalg.inv(covariance)
+
+    def distance(centre: jax.Array) -> jax.Array:
+        offset = points - centre
+        return jnp.einsum("ni,ij,nj->n", offset, precision, offset)
+
+    chosen = [jnp.argmax(distance(jnp.mean(points, 0)))]
+    nearest = distance(points[chosen[0]])
+    for _ in range(number - 1):
+        chosen.append(jnp.argmax(nearest))
+        nearest = jnp.minimum(nearest, distance(points[chosen[-1]]))
+    return jnp.stack(chosen)
