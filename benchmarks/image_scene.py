@@ -67,11 +67,11 @@ def see(place: Path, frames: int) -> Seen:
     for video in sources.videos:
         plate = next(iter(sources.plates[video.camera].images()))
         occlusion = sources.occlusion[video.camera]
-        views.append(video_features(video, settings, plate=plate, unknown=occlusion, stop=frames, bad_mask="unknown"))
+        views.append(video_features(video, settings, plate=plate, ignore=occlusion, stop=frames, bad_mask="ignore"))
     rows, usable, first = [], [], []
     for features in zip(*views, strict=True):
         rows.append(jax.tree.map(np.asarray, two_way_of_features(features, stride=STRIDE)))
-        usable.append([not each.unknown.all() for each in features])
+        usable.append([not each.ignore.all() for each in features])
         first.append(features[0])
     names = load_builder(DEFAULT_MODEL)(None).tree.marker_names
     markers = virtual_markers(names, sources.truth.markers)

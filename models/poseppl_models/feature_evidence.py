@@ -30,7 +30,7 @@ def two_way_of_features(features: Sequence[FrameFeatures], *, stride: int = 4) -
     """
     near = np.stack([each.edge_proximity for each in features]).astype(np.float64)
     shown, edges, known = (
-        np.stack(maps) for maps in zip(*((f.foreground, f.edges, f.unknown == 0) for f in features), strict=True)
+        np.stack(maps) for maps in zip(*((f.foreground, f.edges, f.ignore == 0) for f in features), strict=True)
     )
     return two_way_evidence(shown, edges, known, stride=stride, edge_error=(1 - near) ** 2)
 
@@ -39,7 +39,7 @@ def colours_at(
     body: ConeBody, state: Any, cameras: Cameras, features: Sequence[FrameFeatures], images: Sequence[Images]
 ) -> Images:
     """Colours (C, P, bins) of a body's parts in a frame whose pose (d,) is known, from images (H, W, 3)."""
-    known = np.stack([each.unknown == 0 for each in features])
+    known = np.stack([each.ignore == 0 for each in features])
     bins = pad_bins(np.stack([colour_bins(image) for image in images]), known)
     return part_colours(body, state, cameras, bins, ColourSettings().bins)
 
@@ -55,6 +55,6 @@ def du_guan_of_features(
         colours: What is sought (C, P, bins), of :func:`colours_at`.
         stride: Pixels between points of the grid.
     """
-    shown, known = (np.stack(maps) for maps in zip(*((f.foreground, f.unknown == 0) for f in features), strict=True))
+    shown, known = (np.stack(maps) for maps in zip(*((f.foreground, f.ignore == 0) for f in features), strict=True))
     bins = np.stack([colour_bins(image) for image in images])
     return du_guan_evidence(shown, known, bins, colours, np.ones(colours.shape[:2]), stride=stride)

@@ -123,8 +123,8 @@ def scene_of_videos(
         for record in records:
             blind = (occlusion or {}).get(record.name)
             found = _foreground(images, record, backgrounds, given.get(record.name), blind)
-            unknown = found.unknown if blind is None else found.unknown | (blind != 0).astype(np.uint8)
-            seen = silhouette_frame(found.foreground, unknown, record, number, chosen, on_failure)
+            ignore = found.ignore if blind is None else found.ignore | (blind != 0).astype(np.uint8)
+            seen = silhouette_frame(found.foreground, ignore, record, number, chosen, on_failure)
             edges = edge_map(images[record.name], found.foreground, map_scale(record, chosen)) if chosen.edges else None
             row.append(seen._replace(edges=edges))
         frames.append(row)

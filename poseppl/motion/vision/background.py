@@ -5,7 +5,7 @@ Grimson that Peursum et al. (2008, section 5) and Darby et al. (2008, section 6.
 empty clip, from the clip itself, or from a single picture of the empty scene (a plate): a plate is a clip of one frame.
 
     background = learn_background(video.images(), settings)
-    foreground, unknown = background.subtract(image)
+    foreground, ignore = background.subtract(image)
 
 All frames of a clip count alike: they are learned in a mixed order and the mixture is then frozen, so that a frame's foreground
 depends on nothing but the frame, and a person who stands still at the end does not fade away. A clip that contains the person
@@ -60,7 +60,7 @@ class BackgroundSettings(NamedTuple):
     components: int = 5
     background_share: float = 0.3
     shadow: float = 0.6
-    shadows: Literal["background", "foreground", "unknown"] = "background"
+    shadows: Literal["background", "foreground", "ignore"] = "background"
     opening: int = 3
     closing: int = 7
     least_area: int = 400
@@ -86,8 +86,8 @@ class BackgroundSettings(NamedTuple):
         check_at_least(0.1, threshold=self.threshold, noise=self.noise)
         check_fraction("(0, 1]", background_share=self.background_share, shadow=self.shadow)
         check_fraction("[0, 1]", learning_rate=self.learning_rate)
-        if self.shadows not in ("background", "foreground", "unknown"):
-            raise ValueError(f"shadows is {self.shadows!r}. Expected 'background', 'foreground' or 'unknown'.")
+        if self.shadows not in ("background", "foreground", "ignore"):
+            raise ValueError(f"shadows is {self.shadows!r}. Expected 'background', 'foreground' or 'ignore'.")
         return self
 
 
@@ -96,11 +96,11 @@ class Foreground(NamedTuple):
 
     Attributes:
         foreground: (H, W) uint8, 1 for foreground and 0 elsewhere.
-        unknown: (H, W) uint8, 1 where there is no evidence; ``foreground`` is 0 there.
+        ignore: (H, W) uint8, 1 where there is no evidence; ``foreground`` is 0 there.
     """
 
     foreground: Mask
-    unknown: Mask
+    ignore: Mask
 
 
 class Background(NamedTuple):
@@ -116,12 +116,12 @@ class Background(NamedTuple):
     settings: BackgroundSettings
     size: tuple[int, int]
 
-    def subtract(self, image: Image, unknown: Mask | None = None, occlusion: Mask | None = None) -> Foreground:
+    def subtract(self, image: Image, ignore: Mask | None = None, occlusion: Mask | None = None) -> Foreground:
         """Find the foreground of a frame.
 
         Args:
             image: (H, W, 3) RGB or (H, W) gray.
-            unknown: (H, W), not 0 at pixels that give no evidence; None for none.
+            ignore: (H, W), not 0 at pixels that give no evidence; None for none.
             occlusion: (H, W), not 0 where furniture may stand before a person; None for nowhere.
 
         Returns:
@@ -131,13 +131,13 @@ class Background(NamedTuple):
             InputError: The image or the mask has another size than the background.
         """
         rgb = _rgb(image)
-        for name, array in (("image", rgb), ("mask of unknown pixels", unknown), ("occlusion mask", occlusion)):
+        for name, array in (("image", rgb), ("ignore mask", ignore), ("occlusion mask", occlusion)):
             if array is not None and array.shape[1::-1] != self.size:
                 problem = f"the {name} has {array.shape[1]} x {array.shape[0]} pixels"
                 raise InputError(problem, expected=f"{self.size[0]} x {self.size[1]}, as the background")
         labels = self.mixture.apply(rgb, None, self.settings.learning_rate)
         shadow, found = labels == 127, labels == 255
-        blind = np.zeros(found.shape, bool) if unknown is None else np.asarray(unknown) != 0
+        blind = np.zeros(found.shape, bool) if ignore is None else np.asarray(ignore) != 0
         if self.settings.shadows == "foreground":
             found |= shadow
         mask = _cleaned((found & ~blind).astype(np.uint8), self.settings)
@@ -148,7 +148,7 @@ class Background(NamedTuple):
         if self.settings.refine:
             mask = refine_mask(rgb, self.mixture.getBackgroundImage(), mask, self.settings.noise)
         mask = mask * ~blind
-        if self.settings.shadows == "unknown":
+        if self.settings.shadows == "ignore":
             blind = blind | (shadow & (mask == 0))
         return Foreground(mask.astype(np.uint8), blind.astype(np.uint8))
 

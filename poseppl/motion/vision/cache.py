@@ -1,6 +1,6 @@
 """Features of a whole video, each frame's computed once and kept in a folder.
 
-A frame's file is ``FOLDER/KEY/000012.npz``; KEY is a hash of the video's content, the plate, the mask of unknown pixels, the
+A frame's file is ``FOLDER/KEY/000012.npz``; KEY is a hash of the video's content, the plate, the ignore mask, the
 settings and OpenCV's version: whatever changes one of them finds another folder.
 """
 
@@ -19,7 +19,7 @@ from poseppl.motion.vision.background import Background, learn_background
 from poseppl.motion.vision.features import BadMask, FeatureSettings, FrameFeatures, extract, scale_image
 from poseppl.motion.vision.masks import Mask
 
-VERSION = 2
+VERSION = 3
 """Counted up when the same settings come to mean other features."""
 
 
@@ -29,7 +29,7 @@ def video_features(
     *,
     folder: str | PathLike[str] | None = None,
     plate: Image | None = None,
-    unknown: Mask | None = None,
+    ignore: Mask | None = None,
     start: int = 0,
     stop: int | None = None,
     bad_mask: BadMask = "raise",
@@ -42,7 +42,7 @@ def video_features(
         settings: The settings; None for the default ones.
         folder: Where features are kept, made if need be; None keeps nothing.
         plate: (H, W, 3) picture of the empty scene, of the video's size; None learns the background from the whole video.
-        unknown: (H, W) of the video's size, not 0 at pixels that give no evidence; None for none.
+        ignore: (H, W) of the video's size, not 0 at pixels that give no evidence; None for none.
         start: The first frame.
         stop: The frame after the last; None for all.
         bad_mask: What to do with a foreground that is (nearly) empty or full, as in ``extract``.
@@ -59,7 +59,7 @@ def video_features(
     chosen = (settings or FeatureSettings()).check()
     if chosen.background.learning_rate > 0:
         raise ValueError("background.learning_rate is above 0. Expected 0 where features are taken of a video; use extract.")
-    key = None if folder is None else feature_key(video, chosen, plate, unknown, bad_mask)
+    key = None if folder is None else feature_key(video, chosen, plate, ignore, bad_mask)
     store = None if folder is None else Store(Path(folder) / str(key), "features", note, compressed=True)
     background: Background | None = None
     frames = _Frames(video)
@@ -81,7 +81,7 @@ def video_features(
                 background,
                 chosen,
                 previous=before,
-                unknown=unknown,
+                ignore=ignore,
                 camera=video.camera,
                 frame=frame,
                 bad_mask=bad_mask,
@@ -93,7 +93,7 @@ def video_features(
 
 
 def feature_key(
-    video: Video, settings: FeatureSettings, plate: Image | None, unknown: Mask | None, bad_mask: BadMask = "raise"
+    video: Video, settings: FeatureSettings, plate: Image | None, ignore: Mask | None, bad_mask: BadMask = "raise"
 ) -> str:
     """Hash all that a video's features depend on.
 
@@ -101,7 +101,7 @@ def feature_key(
         video: The video; its content is hashed, not its name.
         settings: The settings.
         plate: The picture of the empty scene, if there is one.
-        unknown: The mask of unknown pixels, if there is one.
+        ignore: The ignore mask, if there is one.
         bad_mask: What is done with an empty or a full foreground.
 
     Returns:
@@ -114,7 +114,7 @@ def feature_key(
         "settings": repr(settings),
         "bad_mask": bad_mask,
     }
-    return key_of(made_of, [plate, unknown])
+    return key_of(made_of, [plate, ignore])
 
 
 def restored_features(arrays: Arrays, settings: FeatureSettings) -> FrameFeatures:

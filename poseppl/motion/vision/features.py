@@ -25,7 +25,7 @@ from poseppl.motion.vision.flow import Flow, FlowSettings, foreground_flow
 from poseppl.motion.vision.maps import edge_distance, silhouette_distance
 from poseppl.motion.vision.masks import Mask, check_mask
 
-BadMask = Literal["raise", "unknown"]
+BadMask = Literal["raise", "ignore"]
 
 
 class FeatureSettings(NamedTuple):
@@ -73,7 +73,7 @@ class FrameFeatures(NamedTuple):
 
     Attributes:
         foreground: (H, W) uint8, 1 at the person.
-        unknown: (H, W) uint8, 1 where there is no evidence.
+        ignore: (H, W) uint8, 1 where there is no evidence.
         edges: (H, W) uint8, 1 at an edge.
         edge_proximity: (H, W) float32 in [0, 1].
         edge_distance: (H, W) float32 px to the nearest edge, truncated.
@@ -86,7 +86,7 @@ class FrameFeatures(NamedTuple):
     """
 
     foreground: Mask
-    unknown: Mask
+    ignore: Mask
     edges: Mask
     edge_proximity: Map
     edge_distance: Map
@@ -103,7 +103,7 @@ def extract(
     settings: FeatureSettings | None = None,
     *,
     previous: Image | None = None,
-    unknown: Mask | None = None,
+    ignore: Mask | None = None,
     camera: str = "camera",
     frame: int = 0,
     bad_mask: BadMask = "raise",
@@ -115,11 +115,11 @@ def extract(
         background: The background of the images scaled by ``settings.scale``.
         settings: The settings; None for the default ones.
         previous: The frame before, as recorded; None for none, and then there is no flow.
-        unknown: (H, W) as recorded, not 0 at pixels that give no evidence; None for none.
+        ignore: (H, W) as recorded, not 0 at pixels that give no evidence; None for none.
         camera: The camera, for messages.
         frame: The frame number, for messages.
-        bad_mask: What to do with a foreground that is (nearly) empty or full: "raise", or "unknown", which takes the whole
-            image as unknown, without foreground.
+        bad_mask: What to do with a foreground that is (nearly) empty or full: "raise", or "ignore", which takes the whole
+            image as ignored, without foreground.
 
     Returns:
         The features.
@@ -130,23 +130,23 @@ def extract(
     """
     chosen = (settings or FeatureSettings()).check()
     scaled = scale_image(image, chosen.scale, camera, frame)
-    blind = None if unknown is None else scale_mask(unknown, scaled)
-    foreground, not_known = background.subtract(scaled, blind)
+    blind = None if ignore is None else scale_mask(ignore, scaled)
+    foreground, ignored = background.subtract(scaled, blind)
     try:
         check_mask(foreground, camera, frame)
     except InputError:
         if bad_mask == "raise":
             raise
-        foreground, not_known = np.zeros_like(foreground), np.ones_like(foreground)
+        foreground, ignored = np.zeros_like(foreground), np.ones_like(foreground)
     edges = find_edges(scaled, chosen.edges, foreground)
-    edges[not_known != 0] = 0
+    edges[ignored != 0] = 0
     flow, outliers = np.zeros((0, 0, 2), np.float32), np.zeros((0, 0), np.uint8)
     if previous is not None and chosen.flow is not None:
         before = scale_image(previous, chosen.scale, camera, frame - 1)
         flow, outliers = foreground_flow(before, scaled, foreground, chosen.flow)
     return FrameFeatures(
         foreground=foreground,
-        unknown=not_known,
+        ignore=ignored,
         edges=edges,
         edge_proximity=edge_proximity(edges, chosen.edges.sigma),
         edge_distance=edge_distance(edges, chosen.truncation),

@@ -67,7 +67,7 @@ def keep_together(mask: Mask, reach: float, passable: Mask | None = None) -> Mas
 def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:
     """Refuse a foreground mask that says nothing: nobody in it, or everything.
 
-    A caller may catch the error and go on with that camera as unknown in this frame.
+    A caller may catch the error and go on with that camera as ignored in this frame.
 
     Args:
         mask: (H, W), not 0 at the foreground.

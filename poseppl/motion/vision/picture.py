@@ -25,14 +25,14 @@ def features_picture(image: Image, features: FrameFeatures) -> Image:
         features: The features.
 
     Returns:
-        (height, width, 3) RGB. Foreground is white, unknown pixels orange; distances run from dark to bright; flow shows its
+        (height, width, 3) RGB. Foreground is white, ignored pixels orange; distances run from dark to bright; flow shows its
         direction as hue and its length as brightness, outliers red.
     """
     cv2 = opencv()
     height, width = features.foreground.shape
     shown = cv2.resize(scale_image(image, 1.0), (width, height), interpolation=cv2.INTER_AREA)
     foreground = _gray(255 * features.foreground)
-    foreground[features.unknown != 0] = (255, 150, 0)
+    foreground[features.ignore != 0] = (255, 150, 0)
     tiles: list[tuple[str, Image]] = [
         ("frame", shown),
         ("foreground", foreground),

@@ -46,10 +46,10 @@ def test_a_moving_block(kind):
     }
     background = backgrounds[kind]()
     for number in (0, 17, 59):
-        found, unknown = background.subtract(frames[number])
+        found, ignore = background.subtract(frames[number])
         # Opening and closing round the block's four corners: some 20 px of 1000.
         assert overlap(found, with_person(5 + 2 * number)[1]) > 0.96
-        assert found.dtype == np.uint8 and set(np.unique(found)) == {0, 1} and not unknown.any()
+        assert found.dtype == np.uint8 and set(np.unique(found)) == {0, 1} and not ignore.any()
     assert not background.subtract(noisy(SCENE, 999)).foreground.any()
 
 
@@ -72,21 +72,21 @@ def test_shadows():
     shadow[30:80, 80:110] = 1
     image[shadow == 1] = (0.75 * image[shadow == 1]).astype(np.uint8)
     inner = np.s_[35:75, 85:105]
-    for kind, share in (("background", (0, 0)), ("foreground", (1, 0)), ("unknown", (0, 1))):
+    for kind, share in (("background", (0, 0)), ("foreground", (1, 0)), ("ignore", (0, 1))):
         # A foreground shadow has holes where 0.75 of a dark patch is still within the threshold; the rest is found.
-        found, unknown = background_from_plate(SCENE, PLAIN._replace(shadows=kind)).subtract(image)
+        found, ignore = background_from_plate(SCENE, PLAIN._replace(shadows=kind)).subtract(image)
         assert found[inner].mean() == pytest.approx(share[0], abs=0.2)
-        assert unknown[inner].mean() == pytest.approx(share[1], abs=0.2)
-        assert found[35:75, 42:58].all() and not np.any(found & unknown)
+        assert ignore[inner].mean() == pytest.approx(share[1], abs=0.2)
+        assert found[35:75, 42:58].all() and not np.any(found & ignore)
     off = background_from_plate(SCENE, PLAIN._replace(shadow=1.0)).subtract(image).foreground
     assert off[inner].mean() > 0.8
 
 
-def test_unknown_pixels_are_no_foreground():
+def test_ignored_pixels_are_no_foreground():
     image, mask = with_person(40)
-    unknown = np.zeros_like(mask)
-    unknown[:, :50] = 255
-    found, blind = background_from_plate(SCENE, PLAIN).subtract(image, unknown)
+    ignore = np.zeros_like(mask)
+    ignore[:, :50] = 255
+    found, blind = background_from_plate(SCENE, PLAIN).subtract(image, ignore)
     assert not found[:, :50].any() and blind[:, :50].all() and not blind[:, 50:].any()
     assert overlap(found[:, 50:], mask[:, 50:]) > 0.95
 
@@ -153,7 +153,7 @@ def test_bad_input():
     background = background_from_plate(SCENE)
     with pytest.raises(InputError, match="the image has 30 x 20 pixels .expected 160 x 120"):
         background.subtract(np.zeros((20, 30, 3), np.uint8))
-    with pytest.raises(InputError, match="the mask of unknown pixels has"):
+    with pytest.raises(InputError, match="the ignore mask has"):
         background.subtract(SCENE, np.zeros((20, 30), np.uint8))
     for wrong in ({"threshold": 0}, {"shadow": 0}, {"shadows": "dark"}, {"opening": -1}, {"learned_frames": 0}):
         with pytest.raises(ValueError, match=next(iter(wrong))):

@@ -60,7 +60,7 @@ def test_the_features_of_a_frame():
     assert features.histogram[8 * 10 + 9] > 0.9 and features.histogram.sum() == pytest.approx(1)
     assert np.isfinite(features.descriptors).all() and len(features.descriptors) == 20
     np.testing.assert_allclose(np.median(features.flow[block], axis=(0, 1)), [2, 0], atol=0.35)
-    assert features.flow_outliers[block].mean() < 0.2 and not features.unknown.any()
+    assert features.flow_outliers[block].mean() < 0.2 and not features.ignore.any()
 
 
 def test_features_do_not_depend_on_where_memory_lies():
@@ -82,11 +82,11 @@ def test_parts_that_are_left_out():
         assert features.flow.shape == (0, 0, 2) and features.flow_outliers.shape == (0, 0)
 
 
-def test_unknown_pixels_have_no_edges():
-    unknown = np.zeros((120, 160), np.uint8)
-    unknown[:55] = 1
-    features = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, unknown=unknown)
-    assert not features.edges[:55].any() and features.edges[60:].any() and features.unknown[:55].all()
+def test_ignored_pixels_have_no_edges():
+    ignore = np.zeros((120, 160), np.uint8)
+    ignore[:55] = 1
+    features = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, ignore=ignore)
+    assert not features.edges[:55].any() and features.edges[60:].any() and features.ignore[:55].all()
 
 
 @pytest.mark.parametrize("flood", ["nobody", "everything"])
@@ -95,8 +95,8 @@ def test_a_frame_without_evidence(flood):
     background = background_from_plate(PLATE, SETTINGS.background)
     with pytest.raises(InputError, match="camera left, frame 7: the foreground mask is all (black|white)"):
         extract(image, background, SETTINGS, camera="left", frame=7)
-    features = extract(image, background, SETTINGS, camera="left", frame=7, previous=frame(1), bad_mask="unknown")
-    assert features.unknown.all() and not features.foreground.any() and not features.edges.any()
+    features = extract(image, background, SETTINGS, camera="left", frame=7, previous=frame(1), bad_mask="ignore")
+    assert features.ignore.all() and not features.foreground.any() and not features.edges.any()
     assert not features.histogram.any() and np.isnan(features.descriptors).all()
     assert np.all(features.edge_distance == 50) and np.all(features.silhouette_distance == 50)
 
@@ -104,13 +104,13 @@ def test_a_frame_without_evidence(flood):
 def test_scaled_features():
     settings = SETTINGS._replace(scale=0.5)
     background = background_from_plate(scale_image(PLATE, 0.5), settings.background)
-    unknown = np.zeros((120, 160), np.uint8)
-    unknown[100, 101] = 1
-    features = extract(frame(5), background, settings, previous=frame(4), unknown=unknown)
+    ignore = np.zeros((120, 160), np.uint8)
+    ignore[100, 101] = 1
+    features = extract(frame(5), background, settings, previous=frame(4), ignore=ignore)
     assert features.foreground.shape == (60, 80) and features.foreground[17:38, 17:23].all()
-    assert features.unknown.sum() == 1 and features.unknown[50, 50] == 1
+    assert features.ignore.sum() == 1 and features.ignore[50, 50] == 1
     assert np.median(features.flow[18:37, 17:23, 0]) == pytest.approx(1, abs=0.35)
-    assert scale_mask(unknown[::2], np.zeros((30, 80, 3), np.uint8)).shape == (30, 80)
+    assert scale_mask(ignore[::2], np.zeros((30, 80, 3), np.uint8)).shape == (30, 80)
 
 
 def test_features_are_kept(tmp_path, monkeypatch):
@@ -162,7 +162,7 @@ def test_what_changes_the_key():
         feature_key(other, SETTINGS, None, None),
         feature_key(video, SETTINGS, PLATE, None),
         feature_key(video, SETTINGS, None, PLATE[..., 0]),
-        feature_key(video, SETTINGS, None, None, "unknown"),
+        feature_key(video, SETTINGS, None, None, "ignore"),
         feature_key(video, SETTINGS._replace(edges=EdgeSettings(sigma=4.0)), None, None),
     }
     assert len(keys) == 6
@@ -209,9 +209,9 @@ def test_bad_settings(wrong):
 
 def test_the_picture(tmp_path):
     background = background_from_plate(PLATE, SETTINGS.background)
-    unknown = np.zeros((120, 160), np.uint8)
-    unknown[:20] = 1
-    features = extract(frame(5), background, SETTINGS, previous=frame(4), unknown=unknown)
+    ignore = np.zeros((120, 160), np.uint8)
+    ignore[:20] = 1
+    features = extract(frame(5), background, SETTINGS, previous=frame(4), ignore=ignore)
     picture = features_picture(frame(5), features)
     assert picture.shape == (2 * (120 + 22), 4 * 160, 3)
     np.testing.assert_array_equal(picture[22:142, :160], frame(5))
