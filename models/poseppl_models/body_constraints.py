@@ -1,4 +1,4 @@
-"""What a body cannot do, as log-factors of its programs: bend beyond its joints' limits, run a limb through another.
+"""Constraints of a body, as log-factors of its programs: its joints have limits, and no limb runs through another.
 
 Hard ones are -inf for particle filters (Darby et al. 2008, section 6.1: "zero weighting"); smooth ones are for methods with
 gradients (Sminchisescu and Triggs 2001, section 3.2, has limits and repulsion of parts). The temperature of a smooth one is

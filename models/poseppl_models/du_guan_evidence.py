@@ -1,4 +1,4 @@
-"""What the likelihood of Du and Guan takes from the images of a frame, and the colours of a body at a known pose."""
+"""Evidence that the likelihood of Du and Guan takes from the images of a frame, and the colours of a body at a known pose."""
 
 from __future__ import annotations
 

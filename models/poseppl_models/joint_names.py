@@ -1,4 +1,4 @@
-"""What recordings call the places of our markers, the most fitting name first; ``A+B`` is the mean of several points.
+"""Names of our markers' places in recordings, the most fitting name first; ``A+B`` is the mean of several points.
 
 An ASF bone stands for its far end: CMU's ``lradius`` is the upper two thirds of the forearm and ``lwrist``, which only twists
 about the same line, the rest. BVH joints stand for their own place; in CMU's BVH conversions ``Spine1`` and ``Neck``

@@ -1,4 +1,4 @@
-"""What likelihoods that compare both ways take from the images of a frame: from masks and edges to arrays of fixed sizes."""
+"""Evidence of likelihoods that compare both ways, from the images of a frame: from masks and edges to arrays of fixed sizes."""
 
 from __future__ import annotations
 

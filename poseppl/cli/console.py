@@ -1,4 +1,4 @@
-"""What a user sees while a command runs: progress and notes on stderr, tables on stdout."""
+"""Console of a running command: progress and notes on stderr, tables on stdout."""
 
 from __future__ import annotations
 

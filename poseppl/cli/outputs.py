@@ -1,4 +1,4 @@
-"""What a run on the command line writes: the result first, wherever there is room for it, and then its pictures."""
+"""Outputs of a run on the command line: the result first, wherever there is room for it, and then its pictures."""
 
 from __future__ import annotations
 

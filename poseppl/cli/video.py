@@ -1,4 +1,4 @@
-"""What `poseppl simulate --video` does."""
+"""Implementation of `poseppl simulate --video`."""
 
 from __future__ import annotations
 

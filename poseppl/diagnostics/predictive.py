@@ -1,4 +1,4 @@
-r"""What predictive checks say of a filter: how much larger its errors are than it claims, judged without a truth.
+r"""Predictive checks of a filter: how much larger its errors are than it claims, judged without a truth.
 
 An innovation z = y - E[y | past] has the error e of the predicted state in it and the noise of the data. The filter claims that
 e has the variance P (``state_variance``) and the noise R (``noise_variance``); let rho be the true variance of e over P, and
@@ -45,7 +45,7 @@ _LEAST = 1e-6
 
 
 class PredictiveFigures(NamedTuple):
-    """What a sequence says.
+    """Figures of a sequence.
 
     Attributes:
         inflation: rho, the variance of the state's errors over the claimed one; 1 is right.

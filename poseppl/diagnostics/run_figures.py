@@ -65,7 +65,7 @@ def figures_of_run(tree: xr.DataTree) -> xr.Dataset:
 
 
 def kind_of_run(tree: xr.DataTree) -> str:
-    """What the draws of a result are: "chains", "weighted particles", or of a "closed form".
+    """Kind of a result's draws: "chains", "weighted particles", or of a "closed form".
 
     A result that does not say so itself is of a closed form if its filter took one evaluation of the likelihood a frame.
     """

@@ -21,7 +21,7 @@ _TOLERANCE = 1e-5
 
 
 class Data(NamedTuple):
-    """What runs must share.
+    """Data that runs must share.
 
     Attributes:
         frames: Frame numbers (frame,).

@@ -1,4 +1,4 @@
-"""What of a result is drawn: which frames, which draws, which coordinates, as plain arrays."""
+"""Selection of what is drawn of a result: which frames, which draws, which coordinates, as plain arrays."""
 
 from __future__ import annotations
 

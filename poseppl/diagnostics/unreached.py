@@ -33,7 +33,7 @@ HARDLY = 0.1
 
 
 class UnreachedFigures(NamedTuple):
-    """What a sequence says of the coordinates that its data hardly reach.
+    """Figures of the coordinates that a sequence's data hardly reach.
 
     Attributes:
         coordinates: Which they are, booleans (d,).

@@ -1,4 +1,4 @@
-"""What a folder of tables holds, and how each table was made: CSV files and one record of them, tables.json.
+"""Tables of a folder, and how each was made: CSV files and one record of them, tables.json.
 
 A call that makes some of the tables keeps the others, so that a page made from the folder tells all of them, each with its own
 number of runs, recordings, date and versions.

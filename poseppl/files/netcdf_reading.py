@@ -21,7 +21,7 @@ from poseppl.errors import InputError
 from poseppl.files.bounded_reading import check_file
 
 MAX_BYTES = 4 * 2**30
-"""What a file may hold when unpacked, unless the environment variable POSEPPL_MAX_GIB says otherwise."""
+"""Bound on what a file holds when unpacked, unless the environment variable POSEPPL_MAX_GIB says otherwise."""
 MAX_GROUPS = 100
 MAX_DEPTH = 8
 MAX_OBJECTS = 5_000

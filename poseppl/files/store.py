@@ -31,7 +31,7 @@ from poseppl.files.atomic_writing import atomic_path, remove_strays
 Arrays = dict[str, NDArray[Any]]
 Note = Callable[[str], None]
 Record = Mapping[str, Any]
-"""What JSON can hold."""
+"""Values that JSON can hold."""
 _RECORD = "__record__"
 
 

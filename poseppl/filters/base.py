@@ -1,4 +1,4 @@
-"""What every filter is: a pair of pure functions, and one shape of diagnosis.
+"""The interface of every filter: a pair of pure functions, and one shape of diagnosis.
 
     init(rng_key, observation, inputs) -> (state, info)             the first frame
     step(rng_key, state, observation, inputs) -> (state, info)      each later frame
@@ -22,7 +22,7 @@ from poseppl.program import CompiledModel
 
 
 class FilterState(Protocol):
-    """What every filter's state has."""
+    """Particles and weights, which every filter's state has."""
 
     @property
     def particles(self) -> jax.Array:
@@ -123,5 +123,5 @@ class Filter:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What a result tells of the filter, for those who judge it."""
+        """Attributes of a result that tell of the filter, for those who judge it."""
         return {"closed form": self.closed_form, "evidence": self.evidence}

@@ -1,4 +1,4 @@
-"""What the filters that run Markov chains within each frame share."""
+"""State and effective draws of the filters that run Markov chains within each frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LogDensity = Callable[[jax.Array], jax.Array]
 
 
 class ChainState(NamedTuple):
-    """What the next frame needs.
+    """State of a filter that runs Markov chains: what the next frame needs.
 
     Attributes:
         particles: Draws after the warm-up (M, R - b, d).

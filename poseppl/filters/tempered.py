@@ -56,7 +56,7 @@ class TemperedState(NamedTuple):
 
 
 class _Prior(NamedTuple):
-    """What a frame's particles are cooled from.
+    """The prior that a frame's particles are cooled from.
 
     Attributes:
         draw: `rng_key -> particles`, N draws (N, d).

@@ -65,7 +65,7 @@ class Tempering(NamedTuple):
 
 
 class Tempered(NamedTuple):
-    """What a run returns.
+    """Result of a tempering run.
 
     Attributes:
         particles: Equally weighted draws of the posterior (N, d), or of the prior where failed.

@@ -45,7 +45,7 @@ from poseppl.program.population import log_likelihoods, log_transition_matrix, t
 
 
 class WindowState(NamedTuple):
-    """What the next frame needs.
+    """State of the window filter: what the next frame needs.
 
     Attributes:
         particles: Draws of the newest frame after the warm-up (M, R - b, d).

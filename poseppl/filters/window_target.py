@@ -26,7 +26,7 @@ from poseppl.program.population import log_initials
 
 
 class Window(NamedTuple):
-    """What is known of the W frames in a window, the newest last.
+    """The W frames in a window, the newest last.
 
     Attributes:
         predictions: Of each frame, given the data of the frames before it alone: means (W, d) and covariances (W, d, d).

@@ -49,7 +49,7 @@ class ChainSettings(NamedTuple):
 
 
 class AdaptedChain(NamedTuple):
-    """What a chain returned.
+    """Result of a chain.
 
     Attributes:
         draws: Positions after the warm-up (R, n).

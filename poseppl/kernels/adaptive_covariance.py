@@ -24,7 +24,7 @@ _SMALLEST = 1e-30
 
 
 class AdaptiveCovariance(NamedTuple):
-    """What is known of the target.
+    """Learned mean and covariance of the target.
 
     Attributes:
         mean: m (p,).

@@ -78,7 +78,7 @@ class Members(NamedTuple):
 
 
 class DEMCChains(NamedTuple):
-    """What N members of R updates returned.
+    """Result of N members of R updates.
 
     Attributes:
         draws: Positions after the warm-up (N, R - b, d).

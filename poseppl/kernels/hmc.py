@@ -55,7 +55,7 @@ class HMCSettings(NamedTuple):
 
 
 class Chains(NamedTuple):
-    """What M chains of R updates returned.
+    """Result of M chains of R updates.
 
     Attributes:
         draws: Positions after the warm-up, shape (M, R - b, d).

@@ -91,7 +91,7 @@ def evaluate(positions: jax.Array, contexts: Any, log_density: ConditionalDensit
 
 
 class Moved(NamedTuple):
-    """What K updates of M members returned.
+    """Result of K updates of M members.
 
     Attributes:
         positions: After each update (K, M, d).

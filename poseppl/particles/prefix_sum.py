@@ -28,7 +28,7 @@ class Split(NamedTuple):
 
 
 def unit(dtype: np.dtype[Any]) -> float:
-    """What a fraction of 1 stands for: the largest power of 2 of which sums of a row are exact, inverted."""
+    """Value of a fraction of 1: the largest power of 2 of which sums of a row are exact, inverted."""
     return float(2.0 ** (3 - np.finfo(dtype).nmant))
 
 
@@ -54,7 +54,7 @@ def running_sum(x: jax.Array) -> jax.Array:
 
 
 def running_split_sum(x: Split) -> Split:
-    """The same of split numbers; fractions of the sums lie in [0, 1)."""
+    """Running sums of split numbers; fractions of the sums lie in [0, 1)."""
     if x.whole.shape[0] <= _ROW:
         return _carry(x.whole @ _triangle(x.whole), x.fraction @ _triangle(x.fraction))
     within = _carry(*_product(jnp.stack([_rows(x.whole), _rows(x.fraction)])))

@@ -1,4 +1,4 @@
-"""What a distribution may know of itself in closed form; an observation program that samples from it is then faster.
+"""Closed forms that a distribution may have; an observation program that samples from it is then faster.
 
 Both are optional, and found by their methods' names: a distribution need not inherit anything. They say the same as the
 distribution's `log_prob`, `loc` and `scale` do, in another way, and :func:`check_closed_forms` holds them against each other.

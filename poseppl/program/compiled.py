@@ -79,7 +79,7 @@ class CompiledModel:
         return self.params
 
     def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
-        """What a program is called with, at a flat state (d,) if it takes one."""
+        """Arguments of a program, at a flat state (d,) if it takes one."""
         check_inputs(self.input_shapes, inputs)
         return self._bound(), *(() if x is None else (chart.to_sites(self.sites, x),)), inputs
 

@@ -1,4 +1,4 @@
-"""What goes wrong inside a user's program, and with its inputs, said in terms of the model."""
+"""Explanation of errors inside a user's program, and in its inputs, in terms of the model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 _NAMED = 6
 """Arrays whose shapes a message tells."""
 _CONFUSED = (TypeError, ValueError, AttributeError, IndexError)
-"""What programs raise that get something else than they expect."""
+"""Errors of programs that get something else than they expect."""
 
 
 def suggestion(name: str, candidates: Iterable[str]) -> str:
@@ -67,7 +67,7 @@ def _first_line(error: Exception) -> str:
 
 
 def _cure(state: Iterable[str], arguments: tuple[Any, ...]) -> str:
-    """What to look at when a program fails."""
+    """Advice on what to look at when a program fails."""
     if not arguments:
         return "It gets no arguments."
     params, *rest = arguments

@@ -21,7 +21,7 @@ from poseppl.program.explanation import explained, suggestion
 
 
 class Declared(NamedTuple):
-    """What one program says about one sample site; `support` is None where it depends on arguments or draws."""
+    """Declaration of one sample site by one program; `support` is None where it depends on arguments or draws."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]

@@ -44,7 +44,7 @@ class Algorithm(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """What it is, a sentence."""
+        """Its summary, a sentence."""
         return summary_of(self.builder)
 
     @property

@@ -1,4 +1,4 @@
-"""What is kept of a run: collectors, which the driver calls with every frame.
+"""Collectors of what is kept of a run, which the driver calls with every frame.
 
 Kept are a thinning of the draws and, made over all of them, their mean, standard deviation and quantiles; so the memory of a
 long run is bounded by the thinning, and its intervals do not depend on it. Extras (such as the markers of a body) are functions
@@ -31,7 +31,7 @@ _NUM_QUANTILE_DRAWS = 2000
 
 
 class Draws(NamedTuple):
-    """What is kept of a frame.
+    """Draws kept of a frame.
 
     Attributes:
         state: Draws (chains, draws, d).

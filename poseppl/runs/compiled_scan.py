@@ -30,11 +30,11 @@ _LONG, _SHORT = 64, 8
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2
-"""What the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
+"""Number that the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
 
 
 class Kept(NamedTuple):
-    """What is kept of a frame; of a sequence, with a leading T.
+    """Draws and diagnosis kept of a frame; of a sequence, with a leading T.
 
     Attributes:
         outputs: What `collect` returned.

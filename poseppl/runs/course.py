@@ -35,7 +35,7 @@ class RunError(PosepplError):
 
 
 class Run(NamedTuple):
-    """What a run returns, as NumPy arrays.
+    """Result of a run, as NumPy arrays.
 
     Attributes:
         outputs: What `collect` kept, with a leading T.
@@ -173,7 +173,7 @@ def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
 
 
 def not_finite_message(frame: int) -> str:
-    """What is said of a frame after which nothing can be trusted."""
+    """Message of a frame after which nothing can be trusted."""
     return (
         f"frame {frame}: the filter's state is not finite; its model or settings break down there, and nothing after it could "
         "be trusted (try a smaller step size, or check the model's densities)"

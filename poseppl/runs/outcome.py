@@ -66,7 +66,7 @@ def result_of_run(
 
 
 def provenance_of_run(run: Run) -> dict[str, Any]:
-    """What is told of a run as a whole."""
+    """Provenance of a run as a whole."""
     seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
     return {**run.method, **seconds, "frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
 
@@ -121,7 +121,7 @@ def result_of_smoothing(
 
 
 def provenance_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
-    """What is told of a smoothing as a whole."""
+    """Provenance of a smoothing as a whole."""
     seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
     return {**run.method, **seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
 

@@ -20,7 +20,7 @@ _DEPTH = 4
 
 
 class _Owner:
-    """What filters are compared under, as collectors are under their filter."""
+    """Owner that filters are compared under, as collectors are under their filter."""
 
 
 _ANY = _Owner()

@@ -1,4 +1,4 @@
-"""What a run returns: an xarray DataTree with named coordinates, which ArviZ's functions take as it is.
+"""Result of a run: an xarray DataTree with named coordinates, which ArviZ's functions take as it is.
 
 =================  =============================================================================================
 group              variables
@@ -72,7 +72,7 @@ class Names(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What is known to be true: ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm, each None if unknown."""
+    """Known truth: ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm, each None if unknown."""
 
     state: ArrayLike | None = None
     markers: ArrayLike | None = None

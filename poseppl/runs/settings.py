@@ -62,7 +62,7 @@ class Setting(NamedTuple):
 
     @property
     def expected(self) -> str:
-        """What it may be, in words."""
+        """Values that it may have, in words."""
         words = _WORDS.get(self.kind) or f"one of {', '.join(get_args(self.kind))}"
         return f"{words}, or none" if self.optional else words
 
@@ -158,7 +158,7 @@ def _kind(hint: Any) -> tuple[Any, bool]:
 
 
 def _texts(documented: Any) -> dict[str, str]:
-    """What a docstring says of each argument or attribute."""
+    """Texts of a docstring on each argument or attribute."""
     section = re.search(r"^(?:Args|Attributes):\n((?: {4}.*\n?)+)", getdoc(documented) or "", re.MULTILINE)
     items = re.split(r"^ {4}(?=\w+: )", section[1], flags=re.MULTILINE)[1:] if section else []
     return {name: _plain(text) for name, text in (item.split(": ", 1) for item in items)}

@@ -33,7 +33,7 @@ class SmoothingError(PosepplError):
 
 
 class SmoothingRun(NamedTuple):
-    """What a smoothing returns, as NumPy arrays.
+    """Result of a smoothing, as NumPy arrays.
 
     Attributes:
         outputs: What `collect` kept of each frame, with a leading T.

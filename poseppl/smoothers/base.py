@@ -1,4 +1,4 @@
-"""What every smoother is: one pure function from a filter's history to the smoothed states.
+"""The interface of every smoother: one pure function from a filter's history to the smoothed states.
 
     smooth(rng_key, history, observations, inputs) -> smoothed
 
@@ -22,7 +22,7 @@ from poseppl.program import CompiledModel, Observation
 
 
 class History(NamedTuple):
-    """What a filter leaves for a smoother, with a leading axis of T frames.
+    """Output of a filter that a smoother needs, with a leading axis of T frames.
 
     Attributes:
         particles: Flat states (T, N, d); the draws of all chains for a filter of chains.
@@ -90,7 +90,7 @@ class Smoother:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What a result tells of the smoother, for those who judge it."""
+        """Attributes of a result that tell of the smoother, for those who judge it."""
         return {"closed form": self.closed_form}
 
 

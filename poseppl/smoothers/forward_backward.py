@@ -76,7 +76,7 @@ def _support(
     inputs: Any,
     tile: int | None,
 ) -> jax.Array:
-    """What each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j."""
+    """Weight that each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j."""
     num_later, num_earlier = later.shape[0], earlier.shape[0]
     rows = tile_rows(tile, num_later, num_earlier)
 

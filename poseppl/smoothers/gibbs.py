@@ -46,7 +46,7 @@ Target = Literal["mixture", "model"]
 
 
 class GibbsChains(NamedTuple):
-    """What M chains of R rounds returned: ``draws`` (M, R, T, d), and the mean ``acceptance`` at each frame (T,)."""
+    """Result of M chains of R rounds: ``draws`` (M, R, T, d), and the mean ``acceptance`` at each frame (T,)."""
 
     draws: jax.Array
     acceptance: jax.Array

@@ -53,7 +53,7 @@ class Scales(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """What the moves of T frames need besides the states; functions of one frame take a row of it.
+    """Constants of the moves of T frames; functions of one frame take a row of it.
 
     Attributes:
         mixture: Of the likelihood.

@@ -32,7 +32,7 @@ def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, i
 
 
 def filter_history(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> History:
-    """What a filter leaves for a smoother."""
+    """Run a filter, and keep the history that a smoother needs."""
     history: History = scan_filter(
         filter, rng_key, observations, inputs, lambda state, info: collect_history(rng_key, state, info, None)
     )

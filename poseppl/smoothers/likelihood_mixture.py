@@ -150,7 +150,7 @@ def fit_likelihood_mixture(
 
 
 class _Frame(NamedTuple):
-    """What the fit of a frame takes: particles (N, d), log-weights (N,), the prediction's moments, whether it has data."""
+    """Data of the fit of a frame: particles (N, d), log-weights (N,), the prediction's moments, whether it has data."""
 
     rng_key: jax.Array
     particles: jax.Array

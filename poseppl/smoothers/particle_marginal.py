@@ -36,7 +36,7 @@ _PRIOR_DRAWS = 64
 
 
 class ParticleMarginal(NamedTuple):
-    """What PMMH returns.
+    """Result of PMMH.
 
     Attributes:
         params: Draws by name (M, R, ...), constrained.

@@ -1,4 +1,4 @@
-"""What a filter's history predicted for each frame, before that frame's data: moments, and the density itself.
+"""Predictions of a filter's history for each frame, before that frame's data: moments, and the density itself.
 
 For a history of weighted particles (x_j, w_j) at the frame before,
 

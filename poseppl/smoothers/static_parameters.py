@@ -45,7 +45,7 @@ _MAX_DOUBLINGS = 6
 
 
 class ParticleGibbs(NamedTuple):
-    """What particle Gibbs returns; the draws of one index belong together.
+    """Result of particle Gibbs; the draws of one index belong together.
 
     Attributes:
         params: Draws by name (M, R, ...), constrained.
@@ -63,7 +63,7 @@ class ParticleGibbs(NamedTuple):
 
 
 class _Setting(NamedTuple):
-    """What stays the same from sweep to sweep."""
+    """Constants of all sweeps."""
 
     model: CompiledModel
     chart: ParameterChart

@@ -19,7 +19,7 @@ MAX_NAMED = 4
 DIVERGENT, DIVERGENT_ERROR = 0.01, 0.05
 """Shares of all trajectories that diverge, above which their verdict is a warning, an error."""
 DIVERGENT_FRAME = 0.1
-"""The same of a single frame, for a warning."""
+"""Share of a single frame's trajectories that diverge, above which there is a warning."""
 
 
 def divergences(tree: xr.DataTree) -> list[Verdict]:

@@ -27,7 +27,7 @@ _SITES = {"coverage": "coordinates", "coverage_markers": "joints"}
 
 
 def calibration(share: float, standard_error: float) -> Calibration:
-    """What a share of the truth inside 90 % intervals says.
+    """Judge a share of the truth inside 90 % intervals.
 
     Args:
         share: The share.

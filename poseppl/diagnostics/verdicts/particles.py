@@ -13,7 +13,7 @@ LOW_SHARE = 0.1
 
 
 def degeneracy(tree: xr.DataTree) -> list[Verdict]:
-    """What weighted particles suffer from."""
+    """Degeneracy of weighted particles."""
     if not is_weighted(tree):
         return []
     number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")

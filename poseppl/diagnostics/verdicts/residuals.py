@@ -31,7 +31,7 @@ SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
 SCALE_LOW = 0.7
 CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
-"""The same of one camera, which stands out."""
+"""Scales of one camera that stands out, above which its verdict is a warning, an error."""
 STANDS_OUT = 1.05
 """Factor by which the scale of a camera that stands out exceeds that of all points."""
 MARKER_HIGH = 2.0

@@ -10,7 +10,7 @@ from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
 """Intersection over union of body and silhouettes, mean over a camera's frames: below it there is a warning, an error."""
 OVERLAP_FRAME = 0.4
-"""The same of a single frame, mean of its cameras."""
+"""Intersection over union of a single frame, mean of its cameras, below which there is a warning."""
 JUMP = 0.5
 """How far a silhouette's centre moves from a frame to the next, in units of the root of its area, before it is told; a person's
 silhouette is some 0.75 m across by this measure. At least as far as `PACE` allows."""

@@ -9,7 +9,7 @@ import jax
 
 
 def timed(function: Any, *arguments: Any) -> tuple[Any, float]:
-    """What a function returns, on the host, and the seconds until it was there."""
+    """Call a function: its result, on the host, and the seconds until it was there."""
     ready: Any = jax.block_until_ready
     began = time.perf_counter()
     result = ready(function(*arguments))

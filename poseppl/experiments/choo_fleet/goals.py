@@ -1,4 +1,4 @@
-"""What the library set out to reach beyond the paper, and whether the contest's tables show it."""
+"""Goals of the library beyond the paper, and whether the contest's tables show it."""
 
 from __future__ import annotations
 

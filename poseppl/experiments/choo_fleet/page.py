@@ -72,7 +72,7 @@ def page_of(folder: Path) -> str:
 
 
 def _runs(kept: Mapping[str, Kept]) -> list[str]:
-    """What each table was made from."""
+    """Provenance of each table."""
     rows = [(f"[{name}]({name}.csv)", *made[:3], made.versions, made.note) for name, (_, made) in kept.items()]
     commands = dict.fromkeys(made.command for _, made in kept.values())
     again = "\n".join(f"    {command}" for command in commands)

@@ -13,7 +13,7 @@ from poseppl.experiments.tables import Table
 
 
 def sequence_tables(jobs: Sequence[SequenceRuns], results: Results) -> list[Table]:
-    """What Figs. 4 and 5 draw, frame by frame, and their summary."""
+    """Tables of Figs. 4 and 5, frame by frame, and their summary."""
     rows = []
     for (tracker, _, method), whole in _grouped(jobs, results).items():
         for frame in range(whole["error"].shape[1]):

@@ -1,4 +1,4 @@
-"""What Choo and Fleet 2001 ran: three trackers with the settings of Table 1, and the recordings that they are run on.
+"""Systems of Choo and Fleet 2001: three trackers with the settings of Table 1, and the recordings that they are run on.
 
 The published step sizes (10.3, 4.0 and 3.0) belong to estimates of the curvature in Eq. 17 that the paper does not give: with
 our Gauss-Newton curvature no epsilon above 2 is stable. Ours are fixed, as theirs are, and such that with the paper's L the

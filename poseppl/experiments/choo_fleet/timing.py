@@ -1,4 +1,4 @@
-"""What the estimates of section 7.3 cost: seconds of each method at each setting, where it yields that setting alone."""
+"""Cost of the estimates of section 7.3: seconds of each method at each setting, where it yields that setting alone."""
 
 from __future__ import annotations
 

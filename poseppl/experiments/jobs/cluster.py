@@ -116,7 +116,7 @@ class Tasks:
         return outcome
 
     def _outcome(self, future: Any) -> Outcome | None:
-        """What became of a job; None when its process died."""
+        """Outcome of a job; None when its process died."""
         key = self._futures[future]
         try:
             outcome: Outcome = future.result()

@@ -21,7 +21,7 @@ Function = Callable[[Any], Mapping[str, Any]]
 
 
 class Outcome(NamedTuple):
-    """What became of one job.
+    """Outcome of one job.
 
     Attributes:
         key: The job's.

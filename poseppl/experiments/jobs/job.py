@@ -1,4 +1,4 @@
-"""What is to be computed, as plain values, and the key that tells one job from another.
+"""A computation to be done, as plain values, and the key that tells one job from another.
 
 >>> from dataclasses import dataclass
 >>> @dataclass(frozen=True)

@@ -43,7 +43,7 @@ _FAR = 1e6
 
 
 class Shapes(NamedTuple):
-    """What the parts look like in the images, batch last.
+    """Shapes of the parts in the images, batch last.
 
     Attributes:
         normals: Outward unit normals of the quadrilaterals' sides (C, P, 4, 2, N).

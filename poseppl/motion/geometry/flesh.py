@@ -124,7 +124,7 @@ class Rider(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Its name."""
 
     @property
     def joint(self) -> str:

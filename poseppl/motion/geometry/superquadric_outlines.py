@@ -39,7 +39,7 @@ _FILL = 1 / 24
 _CREASE = 4.0
 """Second differences of so many times a circle's, squared, are creases, where nothing is missing."""
 _FLAT = 1e-6
-"""What is added to the smaller spread of a piece, as a fraction of its spread: one seen as a line would have no directions."""
+"""Amount added to the smaller spread of a piece, as a fraction of its spread: one seen as a line would have no directions."""
 _TINY = 1e-12
 _SHORT = 1e-4
 """Sides shorter than this, as a fraction of the spread, have the direction for which their ends were sought."""

@@ -32,7 +32,7 @@ class Parameter(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """What the header and the parameters say.
+    """Layout that the header and the parameters tell.
 
     Attributes:
         parameters: (group, name) in upper case to the parameter.

@@ -21,7 +21,7 @@ _FORMATS = ",".join(
 
 
 class VideoFacts(NamedTuple):
-    """What a video file says of itself.
+    """Facts that a video file tells of itself.
 
     Attributes:
         size: Width and height in pixels, as decoded (a rotation in the header is applied).

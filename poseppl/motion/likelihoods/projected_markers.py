@@ -49,7 +49,7 @@ class ProjectedMarkers(dist.Normal):  # type: ignore[misc]
 
     @property
     def fixed(self) -> tuple[KinematicTree, Cameras]:
-        """What :meth:`whitened_jacobian` takes to be constant."""
+        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.tree, self.cameras
 
     def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:

@@ -53,7 +53,7 @@ _SOFT = 0.15
 
 
 class SilhouetteSeen(NamedTuple):
-    """What was seen in a frame.
+    """Observed silhouettes of a frame.
 
     Attributes:
         contour: Points of the contour (C, K, 2), px.
@@ -83,7 +83,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
     """
 
     is_predictive = False
-    """What was seen is among the arguments: a draw is of no image."""
+    """The observed silhouettes are among the arguments: a draw is of no image."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
 
     @property
     def fixed(self) -> tuple[Any, ...]:
-        """What :meth:`whitened_jacobian` takes to be constant."""
+        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.tree, self.flesh, self.cameras, self.seen, self.noise
 
     def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:

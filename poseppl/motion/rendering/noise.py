@@ -1,4 +1,4 @@
-"""What a camera's sensor does to a picture: a gain of its own for each colour, light that flickers, and noise.
+"""Sensor of a camera: a gain of its own for each colour, light that flickers, and noise.
 
     light = gain_c * flicker_t * picture,    seen = light + level * sqrt(1/2 + light) * e,    e ~ N(0, 1)
 

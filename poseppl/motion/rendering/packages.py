@@ -31,7 +31,7 @@ def load_mujoco() -> Any:
 
 
 def no_opengl(error: Exception) -> PosepplError:
-    """What to tell where nothing can be drawn."""
+    """The error to raise where nothing can be drawn."""
     chosen = os.environ.get("MUJOCO_GL", "not set")
     first = (str(error).strip().splitlines() or [type(error).__name__])[0]
     return PosepplError(

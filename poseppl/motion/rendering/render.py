@@ -68,7 +68,7 @@ class Stage:
         self._mujoco.mj_forward(self._model, self._data)
 
     def picture(self, camera: int, *, person: bool = True) -> Pixels:
-        """What a camera sees: (H, W, 3) red, green, blue; the empty room without the person."""
+        """Picture of a camera: (H, W, 3) red, green, blue; the empty room without the person."""
         self._renderer.disable_segmentation_rendering()
         return self._draw(camera, figure=person, furniture=True)
 

@@ -42,7 +42,7 @@ MAX_RATE = 1000.0
 
 
 class Truth(NamedTuple):
-    """What is known of the motion.
+    """Truth of the motion.
 
     Attributes:
         frames: (T,) frame numbers.
@@ -151,7 +151,7 @@ def _videos(folder: Path, names: Sequence[str], rate: float) -> Iterator[list[Vi
 
 
 def _describe(setting: Setting, truth: Truth, noise: SensorNoise, lossless: bool) -> str:
-    """What a scene was made of, as TOML; lengths in mm, angles in radians."""
+    """Describe a scene as TOML; lengths in mm, angles in radians."""
     room = setting.room
     lines = [
         f"source = {_quoted(truth.source)}",

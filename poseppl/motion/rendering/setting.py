@@ -1,4 +1,4 @@
-"""What is rendered: a figure in motion, the room around it, what stands in the way, and the cameras; as one MuJoCo model."""
+"""The rendered scene: a figure in motion, the room around it, what stands in the way, and the cameras; as one MuJoCo model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _REPEATS = {"floor": "5 5", "wall": "4 2", "wood": "1 1", "rug": "2 2", "picture
 
 
 class Setting(NamedTuple):
-    """What is rendered.
+    """The rendered scene.
 
     Attributes:
         figure: The person in motion, T frames.

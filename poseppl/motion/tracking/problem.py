@@ -34,7 +34,7 @@ from poseppl.runs.run import Collect, Constant, frame_inputs
 
 
 class Problem(NamedTuple):
-    """What a scene asks.
+    """The inference problem of a scene.
 
     Attributes:
         body: The body.

@@ -27,11 +27,11 @@ LEAST_CONFIDENCE = 0.05
 
 
 class SceneData(Protocol):
-    """What cameras saw of a body: points or silhouettes. All that differs between the two is asked here."""
+    """Observations of a body by cameras: points or silhouettes. All that differs between the two is asked here."""
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """What a result's attributes tell of the data, by name."""
+        """Attributes of a result that tell of the data, by name."""
 
     def first_frames(self, count: int) -> Self:
         """The data of the first frames alone."""
@@ -59,7 +59,7 @@ class SceneData(Protocol):
         """The data of the body's compiled model."""
 
     def observed(self, body: Body) -> dict[str, NDArray[Any]]:
-        """What a result keeps of the data, (T, ...) by name; ``points`` (T, C, K, 2) among them."""
+        """Arrays of the data that a result keeps, (T, ...) by name; ``points`` (T, C, K, 2) among them."""
 
     def quality(self, scene: Any, states: Any) -> dict[str, NDArray[Any]]:
         """Figures (T, ...) by name of how well states (T, d) agree with the scene's data."""
@@ -69,7 +69,7 @@ Data = TypeVar("Data", bound=SceneData, covariant=True)
 
 
 class Scene(NamedTuple, Generic[Data]):
-    """What is tracked.
+    """A body to be tracked, with its cameras and data.
 
     Attributes:
         body: The body.

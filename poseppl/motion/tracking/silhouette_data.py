@@ -96,7 +96,7 @@ class SilhouetteData(NamedTuple):
         return model.observe({"silhouette": np.zeros((len(mask), cameras, entries))}, {"silhouette": mask})
 
     def observed(self, body: Body) -> dict[str, NDArray[Any]]:
-        """What the silhouettes say by themselves, as a result tells them; points are all missing."""
+        """Figures of the silhouettes by themselves, as a result tells them; points are all missing."""
         points = np.full((*self.usable.shape, len(body.tree.marker_names), 2), np.nan)
         return {"points": points, **silhouette_record(self)}
 

@@ -50,7 +50,7 @@ class SilhouetteSettings(NamedTuple):
 
 
 class SilhouetteFrame(NamedTuple):
-    """What one camera tells in a frame; fields as those of a scene of silhouettes, without frames and cameras."""
+    """Silhouette of one camera in a frame; fields as those of a scene of silhouettes, without frames and cameras."""
 
     contour: Floats
     on_outline: Mask

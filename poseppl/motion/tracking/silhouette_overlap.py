@@ -26,7 +26,7 @@ _CHUNK = 8
 
 
 def silhouette_record(seen: SilhouetteData) -> dict[str, Floats]:
-    """What the silhouettes say by themselves.
+    """Figures of the silhouettes by themselves.
 
     Returns:
         ``silhouette_area`` (T, C), px^2 of the image, and ``silhouette_centre`` (T, C, 2), px: NaN where a camera saw nobody.
@@ -70,4 +70,4 @@ def _covered(tree: KinematicTree, flesh: Flesh, states: jax.Array, cameras: Came
 
 
 _drawn = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
-"""The same of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""
+"""Drawn silhouettes of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""

@@ -142,7 +142,7 @@ def _foreground(
     masks: Video | None,
     occlusion: Mask | None,
 ) -> Foreground:
-    """What a camera's mask marks; without masks, what differs from the background."""
+    """Foreground of a camera's mask; without masks, what differs from the background."""
     if masks is None:
         return backgrounds[record.name].subtract(images[record.name], occlusion=occlusion)
     mask = resized(images[masks.camera][..., 0], record.size, "mask", record.name) > 127

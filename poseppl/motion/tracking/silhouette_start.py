@@ -168,7 +168,7 @@ class _Search:
 
 
 class _Data(NamedTuple):
-    """What was seen in a frame, which points of the contours count (C, K), which cameras (C,), and the noise by its factor."""
+    """Observed silhouettes of a frame, which contour points (C, K) and cameras (C,) count, and the noise by its factor."""
 
     seen: SilhouetteSeen
     on_outline: jax.Array

@@ -1,4 +1,4 @@
-"""What tracking from video starts from: cameras, their pictures, their backgrounds, and the truth where it is known."""
+"""Sources of tracking from video: cameras, their pictures, their backgrounds, and the truth where it is known."""
 
 from __future__ import annotations
 

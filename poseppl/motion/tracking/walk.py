@@ -25,7 +25,7 @@ ASSUMED_RATE = 30.0
 SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5
 """Of a body that does not tell its own: translations, mm a root of a second."""
 SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
-"""The same of angles, radians a root of a second."""
+"""Of a body that does not tell its own: angles, radians a root of a second."""
 
 
 def time_steps(frames: ArrayLike, rate: float | None) -> Floats:

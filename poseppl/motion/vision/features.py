@@ -1,4 +1,4 @@
-"""What is taken from one frame of one camera: foreground, edges, distances, colours, contour, flow.
+"""Features of one frame of one camera: foreground, edges, distances, colours, contour, flow.
 
     background = learn_background(video.images(), settings.background)
     features = extract(image, background, settings, previous=before, camera="front", frame=12)
@@ -29,7 +29,7 @@ BadMask = Literal["raise", "ignore"]
 
 
 class FeatureSettings(NamedTuple):
-    """What is taken from a frame, and how.
+    """Which features are taken from a frame, and how.
 
     Attributes:
         background: Foreground.

@@ -59,7 +59,7 @@ def refine_mask(image: Image, background: Image, mask: Mask, noise: float) -> Ma
 
 
 def _guess(image: Image, background: Image, mask: Mask, noise: float, margin: float) -> NDArray[np.uint8]:
-    """What a cut starts from: the person (inside the mask), perhaps (its rim), perhaps not (what differs near by), or not."""
+    """Initial labels of a cut: the person (inside the mask), perhaps (its rim), perhaps not (what differs near by), or not."""
     cv2 = opencv()
     difference = np.sum((image.astype(np.float32) - background) ** 2, -1)
     differs = cv2.blur(difference, (_NEIGHBOURS, _NEIGHBOURS)) > image.shape[-1] * noise**2
