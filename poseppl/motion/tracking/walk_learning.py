@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from poseppl.errors import InputError
-from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.block_tridiagonal import block_cholesky, solve
+from poseppl.gaussians.gaussian import Gaussian, precision_of
+from poseppl.gaussians.linear_transitions import LinearTransitions, marginal_covariances, quadratic_prior
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
 from poseppl.program import CompiledModel, Observation
@@ -140,28 +141,14 @@ def expected_steps(first: Gaussian, expansion: Expansion, steps: jax.Array) -> t
         expansion: Log-likelihood of each frame.
         steps: Standard deviations (T, d) of the step to each frame; the first is not read.
     """
-
-    def forward(before: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, jax.Array]]:
-        (vector, information), step, is_first = row
-        covariance = before.covariance + jnp.where(is_first, 0.0, 1.0) * jnp.diag(jnp.square(step))
-        lower = jnp.linalg.cholesky(covariance)
-        inner = jnp.linalg.cholesky(jnp.eye(len(step), dtype=step.dtype) + lower.T @ information @ lower)
-        half = solve_triangular(inner, lower.T, lower=True)
-        updated = half.T @ half
-        new = Gaussian(before.mean + updated @ (vector - information @ before.mean), updated)
-        return new, (new, covariance)
-
-    is_first = jnp.arange(len(steps)) == 0
-    _, (filtered, predicted) = jax.lax.scan(forward, first, (expansion, steps, is_first))
-
-    def back(later: Gaussian, row: Any) -> tuple[Gaussian, tuple[jax.Array, jax.Array]]:
-        (mean, covariance), ahead = row
-        gain = cho_solve(cho_factor(ahead), covariance).T
-        smoothed = Gaussian(mean + gain @ (later.mean - mean), covariance + gain @ (later.covariance - ahead) @ gain.T)
-        variance = jnp.diagonal(smoothed.covariance + later.covariance - 2 * gain @ later.covariance)
-        return smoothed, (smoothed.mean, jnp.square(later.mean - smoothed.mean) + variance)
-
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
-    earlier = jax.tree.map(lambda leaf: leaf[:-1], filtered)
-    _, (means, squares) = jax.lax.scan(back, last, (earlier, predicted[1:]), reverse=True)
-    return jnp.concatenate([means, last.mean[None]]), squares
+    later = jnp.zeros_like(steps[1:])
+    walk = LinearTransitions(
+        jnp.concatenate([first.mean[None], later]),
+        jnp.concatenate([jnp.zeros_like(first.covariance)[None], jax.vmap(jnp.diag)(later + 1)]),
+        jnp.concatenate([precision_of(first.covariance)[None], jax.vmap(jnp.diag)(steps[1:] ** -2)]),
+    )
+    prior, gradient = quadratic_prior(walk, jnp.zeros_like(steps))
+    factor = block_cholesky(prior._replace(diagonal=prior.diagonal + expansion.information))
+    means, covariances = solve(factor, gradient + expansion.vector), marginal_covariances(factor)
+    own, beside = (jnp.diagonal(blocks, axis1=1, axis2=2) for blocks in covariances)
+    return means, jnp.diff(means, axis=0) ** 2 + own[1:] + own[:-1] - 2 * beside
