@@ -85,13 +85,13 @@ def hmc_filter(
         seen = drop_impossible(model, observation, failed)
         weights = jnp.where(failed | jnp.isnan(weights), jnp.where(failed, 0.0, -jnp.inf), weights)
         ancestors = scheme(key_resample, weights, num_chains)
-        chart = _chart(model, predicted, seen, inputs, dense_mass, curvature)
+        transform = _whitening(model, predicted, seen, inputs, dense_mass, curvature)
 
         def log_density(z: jax.Array) -> jax.Array:
-            x = chart.to_state(z)
+            x = transform.to_state(z)
             return model.log_observation(x, seen, inputs) + predicted.log_density(x)
 
-        chains = hmc_chains(key_chains, chart.to_white(proposals[ancestors]), log_density, log_step_size, settings)
+        chains = hmc_chains(key_chains, transform.to_white(proposals[ancestors]), log_density, log_step_size, settings)
         info = filter_info(
             jnp.where(failed, -jnp.inf, jax.nn.logsumexp(weights) - jnp.log(num_chains)),
             effective_draws(chains.draws),
@@ -103,7 +103,7 @@ def hmc_filter(
             num_gradient=chains.num_gradient,
             step_size=jnp.exp(chains.log_step_size),
         )
-        return chain_state(chart.to_state(chains.draws), chains.log_step_size), info
+        return chain_state(transform.to_state(chains.draws), chains.log_step_size), info
 
     def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
@@ -124,7 +124,7 @@ def hmc_filter(
     return Filter(init, step)
 
 
-def _chart(
+def _whitening(
     model: CompiledModel,
     predicted: _Prediction,
     observation: Observation,

@@ -56,9 +56,11 @@ def chains_from_modes(
     key_choose, key_start = jax.random.split(key_start)
     chosen, log_weights = share_out(key_choose, modes, num_chains)
     starts = start_chains(key_start, modes, chosen, log_density)
-    chart = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
-    chains = hmc_chains(key_chains, chart.to_white(starts), lambda z: log_density(chart.to_state(z)), log_step_size, settings)
-    return ModeChains(chart.to_state(chains.draws), log_weights, chains)
+    transform = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
+    chains = hmc_chains(
+        key_chains, transform.to_white(starts), lambda z: log_density(transform.to_state(z)), log_step_size, settings
+    )
+    return ModeChains(transform.to_state(chains.draws), log_weights, chains)
 
 
 def share_out(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Array, jax.Array]:

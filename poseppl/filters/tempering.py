@@ -31,10 +31,10 @@ from poseppl.kernels.moves import (
     ConditionalDensity,
     MoveSettings,
     Starts,
-    chart_from_gradients,
-    chart_from_spread,
     evaluate,
     move_population,
+    whitening_from_gradients,
+    whitening_from_spread,
 )
 from poseppl.particles.resampling import Resampling
 from poseppl.particles.weights import effective_sample_size, normalise
@@ -170,8 +170,8 @@ def temper(
 
         context = jax.tree.map(lambda leaf: leaf[ancestors], contexts)
         starts = evaluate(run.particles[chosen], context, log_density, moves)
-        chart = _chart(starts, prior_covariance, settings)
-        moved = move_population(key_move, starts, log_density, chart, run.log_step_size, moves)
+        transform = _whitening(starts, prior_covariance, settings)
+        moved = move_population(key_move, starts, log_density, transform, run.log_step_size, moves)
         kept = moved.positions[-1:]
         if settings.chain_length > 1:
             kept = jnp.concatenate([starts.positions[None], moved.positions])
@@ -230,10 +230,10 @@ def _untempered(particles: jax.Array, log_step_size: jax.Array, max_temperatures
     )
 
 
-def _chart(starts: Starts, prior_covariance: jax.Array, settings: Tempering) -> Whitening:
+def _whitening(starts: Starts, prior_covariance: jax.Array, settings: Tempering) -> Whitening:
     if not settings.whiten:
         origin = jnp.zeros_like(starts.positions[0])
         return Whitening(origin, origin + 1.0)
     if settings.moves.kernel == "random-walk":
-        return chart_from_spread(starts.positions, prior_covariance)
-    return chart_from_gradients(starts)
+        return whitening_from_spread(starts.positions, prior_covariance)
+    return whitening_from_gradients(starts)

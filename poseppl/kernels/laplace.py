@@ -23,7 +23,7 @@ GAUSS_NEWTON_TRIALS = len(_DAMPING)
 
 
 class Whitening(NamedTuple):
-    """An affine chart x = centre + scale z in which a density is roughly a standard normal.
+    """An affine transform x = centre + scale z in which a density is roughly a standard normal.
 
     Attributes:
         centre: Shape (d,).

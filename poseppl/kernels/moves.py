@@ -114,7 +114,7 @@ def move_population(
     rng_key: jax.Array,
     starts: Starts,
     log_density: ConditionalDensity,
-    chart: Whitening,
+    transform: Whitening,
     log_step_size: jax.Array,
     settings: MoveSettings,
 ) -> Moved:
@@ -124,7 +124,7 @@ def move_population(
         rng_key: PRNG key.
         starts: From `evaluate`, for the same density.
         log_density: Of a position and a context.
-        chart: Whitened coordinates, the same for all.
+        transform: To whitened coordinates, the same for all.
         log_step_size: To start from.
         settings: Kernel, K, L and so on.
     """
@@ -132,7 +132,7 @@ def move_population(
     dtype = starts.positions.dtype
 
     def safe_density(white: jax.Array, context: Any) -> jax.Array:
-        value = log_density(chart.to_state(white), context)
+        value = log_density(transform.to_state(white), context)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
     update = (_hmc if settings.kernel == "hmc" else _random_walk)(safe_density, settings, dimension)
@@ -147,11 +147,11 @@ def move_population(
         rate = jnp.mean(acceptance)
         if settings.target_acceptance is not None:
             log_step_size = log_step_size + (rate - settings.target_acceptance)
-        return (states, log_step_size), (chart.to_state(states[0]), rate, jnp.sum(divergent))
+        return (states, log_step_size), (transform.to_state(states[0]), rate, jnp.sum(divergent))
 
-    # the chain rule: z moves x by the chart's scale
-    gradients = starts.gradients * chart.scale if chart.scale.ndim == 1 else starts.gradients @ chart.scale
-    states = chart.to_white(starts.positions), jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
+    # the chain rule: z moves x by the scale of the transform
+    gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
+    states = transform.to_white(starts.positions), jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
     (_, log_step_size), (positions, acceptance, divergent) = jax.lax.scan(
         turn, (states, log_step_size), jax.random.split(rng_key, settings.num_moves)
     )
@@ -193,7 +193,7 @@ def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimens
     return update
 
 
-def chart_from_gradients(starts: Starts) -> Whitening:
+def whitening_from_gradients(starts: Starts) -> Whitening:
     """Whiten by the mean curvature, estimated by the mean outer product of the members' gradients, where they are finite."""
     count = starts.positions.shape[0]
     finite = jnp.all(jnp.isfinite(starts.gradients), 1, keepdims=True)
@@ -201,7 +201,7 @@ def chart_from_gradients(starts: Starts) -> Whitening:
     return whitening(jnp.mean(starts.positions, 0), _shrink(safe.T @ safe / count, count))
 
 
-def chart_from_spread(positions: jax.Array, prior_covariance: jax.Array) -> Whitening:
+def whitening_from_spread(positions: jax.Array, prior_covariance: jax.Array) -> Whitening:
     """Whiten by the sum of two inverse covariances: that of the members, and of a member given its context alone.
 
     Args:

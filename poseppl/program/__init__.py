@@ -27,7 +27,7 @@ Example:
     -2.609
 """
 
-from poseppl.program.chart import Site as Site
+from poseppl.program.bijector import Site as Site
 from poseppl.program.clamped import Clamped as Clamped
 from poseppl.program.clamped import ClampedModel as ClampedModel
 from poseppl.program.closed_forms import SummedDensity as SummedDensity

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpyro import handlers
 
-from poseppl.program import chart
+from poseppl.program import bijector
 from poseppl.program.compiled import CompiledModel, Inputs
 from poseppl.program.model import StateSpaceModel
 
@@ -61,7 +61,7 @@ class ClampedModel(CompiledModel):
 
     def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Constrained values of all sites of the full state."""
-        return self.full.to_sites(_required(inputs).values) | chart.to_sites(self.sites, x)
+        return self.full.to_sites(_required(inputs).values) | bijector.to_sites(self.sites, x)
 
     def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
         return super()._arguments(_required(inputs), x)
@@ -93,7 +93,7 @@ def _clamped_programs(model: CompiledModel, free: set[str]) -> StateSpaceModel:
     sites = {name: site for name, site in model.sites.items() if name not in free}
 
     def given(values: jax.Array) -> dict[str, jax.Array]:
-        return chart.to_sites(sites, values)
+        return bijector.to_sites(sites, values)
 
     def clamped(program: Callable[..., Any]) -> Callable[..., Any]:
         def run(params: Any, *state: Mapping[str, Any], inputs: Clamped) -> None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 
-from poseppl.program import chart
-from poseppl.program.chart import Site
+from poseppl.program import bijector
+from poseppl.program.bijector import Site
 from poseppl.program.execution import Seed, draw, log_density, trace_program
 from poseppl.program.explanation import check_inputs
 from poseppl.program.moments import (
@@ -38,7 +38,7 @@ Inputs = Any
 class CompiledModel:
     """Pure functions of a single particle, to be vmapped, differentiated and jitted as needed.
 
-    `x` is always the flat unconstrained state (d,), and densities of `x` include the log-determinant of its chart.
+    `x` is always the flat unconstrained state (d,), and densities of `x` include the log-determinant of its bijector.
     `StateSpaceModel.compile` makes it; `inputs` is what is known at the frame of `x` (see `poseppl.program`).
 
     Attributes:
@@ -81,21 +81,21 @@ class CompiledModel:
     def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
         """Arguments of a program, at a flat state (d,) if it takes one."""
         check_inputs(self.input_shapes, inputs)
-        return self._bound(), *(() if x is None else (chart.to_sites(self.sites, x),)), inputs
+        return self._bound(), *(() if x is None else (bijector.to_sites(self.sites, x),)), inputs
 
-    # Charts
+    # Bijectors
 
     def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Constrained values of the state's sites by name."""
-        return chart.to_sites(self.sites, x)
+        return bijector.to_sites(self.sites, x)
 
     def to_flat(self, sites: Mapping[str, Any]) -> jax.Array:
         """The flat state (d,) from constrained values by name."""
-        return chart.to_flat(self.sites, sites)
+        return bijector.to_flat(self.sites, sites)
 
     def log_det(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
-        """Log-determinant of the chart, log |d sites / d x|, a scalar."""
-        return chart.log_det(self.sites, x)
+        """Log-determinant of the bijector, log |d sites / d x|, a scalar."""
+        return bijector.log_det(self.sites, x)
 
     # Draws and log-densities
 
@@ -106,7 +106,7 @@ class CompiledModel:
     def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state at the first frame, a scalar."""
         arguments = self._arguments(inputs)
-        return log_density(self.programs.initial, arguments, chart.to_sites(self.sites, x)) + chart.log_det(self.sites, x)
+        return log_density(self.programs.initial, arguments, bijector.to_sites(self.sites, x)) + bijector.log_det(self.sites, x)
 
     def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
@@ -116,8 +116,8 @@ class CompiledModel:
     def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state `x` given `x_previous`, a scalar."""
         arguments = self._arguments(inputs, x_previous)
-        log_prob = log_density(self.programs.transition, arguments, chart.to_sites(self.sites, x))
-        return log_prob + chart.log_det(self.sites, x)
+        log_prob = log_density(self.programs.transition, arguments, bijector.to_sites(self.sites, x))
+        return log_prob + bijector.log_det(self.sites, x)
 
     def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Draw the data sites of a frame by name; factors draw nothing."""

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpyro.distributions as dist
 from jax.scipy.linalg import block_diag, solve_triangular
 
-from poseppl.program.chart import Site, is_flat_support
+from poseppl.program.bijector import Site, is_flat_support
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap

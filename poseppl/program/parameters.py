@@ -1,8 +1,9 @@
-"""The chart of what does not change over time: params by name on one side, one flat unconstrained vector u on the other.
+"""The bijector of what does not change over time: params by name on one side, one flat unconstrained vector u on the other.
 
     log p(u) = log p(params) + log |det d params / d u|
 
-with the bijections of :mod:`poseppl.program.chart`: log for positive params, the logit for fractions, the identity on the line.
+with the bijections of :mod:`poseppl.program.bijector`: log for positive params, the logit for fractions, the identity on
+the line.
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ from typing import Any, NamedTuple
 
 import jax
 
-from poseppl.program import chart
-from poseppl.program.chart import Site, make_site
+from poseppl.program import bijector
+from poseppl.program.bijector import Site, make_site
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.schema import declare
 
 
-class ParameterChart(NamedTuple):
+class ParameterBijector(NamedTuple):
     """The sites of a parameters program, laid out in one flat vector.
 
     Attributes:
@@ -39,22 +40,22 @@ class ParameterChart(NamedTuple):
 
     def to_params(self, u: jax.Array) -> dict[str, jax.Array]:
         """Constrained values by name, from u (p,)."""
-        return chart.to_sites(self.sites, u)
+        return bijector.to_sites(self.sites, u)
 
     def to_flat(self, params: Mapping[str, Any]) -> jax.Array:
         """The flat vector (p,) of constrained values given by name."""
-        return chart.to_flat(self.sites, params)
+        return bijector.to_flat(self.sites, params)
 
     def log_det(self, u: jax.Array) -> jax.Array:
         """Log-determinant of the map from u to the params, a scalar."""
-        return chart.log_det(self.sites, u)
+        return bijector.log_det(self.sites, u)
 
     def log_prior(self, model: CompiledModel, u: jax.Array) -> jax.Array:
         """Log-density of u (p,) under the model's parameters program, a scalar."""
         return model.log_parameters(self.to_params(u)) + self.log_det(u)
 
 
-def parameter_chart(model: CompiledModel) -> ParameterChart:
+def parameter_bijector(model: CompiledModel) -> ParameterBijector:
     """Lay out a model's params.
 
     Raises:
@@ -78,4 +79,4 @@ def parameter_chart(model: CompiledModel) -> ParameterChart:
             )
         sites[name] = make_site(name, declared.shape, declared.dtype, declared.support, False, offset)
         offset += sites[name].size
-    return ParameterChart(sites)
+    return ParameterBijector(sites)

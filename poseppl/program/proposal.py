@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program import chart, schema
+from poseppl.program import bijector, schema
 from poseppl.program.clamped import ClampedModel
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.execution import draw, log_density
@@ -73,13 +73,13 @@ def _proposing(model: CompiledModel, which: str, program: Any, known: tuple[Any,
     schema.check_transition(model.sites, declared)
 
     def arguments(state: tuple[jax.Array, ...]) -> tuple[Any, ...]:
-        return (model.params, *(chart.to_sites(model.sites, x) for x in state), *known)
+        return (model.params, *(bijector.to_sites(model.sites, x) for x in state), *known)
 
     def sample(rng_key: jax.Array, *state: jax.Array) -> jax.Array:
         return model.to_flat(draw(program, arguments(state), rng_key, declared.num_keys))
 
     def log_proposal(x: jax.Array, *state: jax.Array) -> jax.Array:
-        sites = chart.to_sites(model.sites, x)
-        return log_density(program, arguments(state), sites) + chart.log_det(model.sites, x)
+        sites = bijector.to_sites(model.sites, x)
+        return log_density(program, arguments(state), sites) + bijector.log_det(model.sites, x)
 
     return Proposing(sample, log_proposal)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.program.chart import Site, is_flat_support, make_site
+from poseppl.program.bijector import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Seed, base_support, is_factor, trace_program
 from poseppl.program.explanation import explained, suggestion
@@ -141,7 +141,7 @@ def _check_state_program(which: str, declaration: Declaration) -> None:
         if declared.support is None:
             raise ValueError(
                 f"The support of site {name!r} in the {which} program depends on the state, params, inputs or another site. "
-                "Expected constant bounds, so that one chart serves every frame: sample an unbounded or unit-interval value "
+                "Expected constant bounds, so that one bijector serves every frame: sample an unbounded or unit-interval value "
                 "and map it in the observation program."
             )
 

@@ -26,7 +26,7 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.inner_filter import filter_evidence
 
 Evaluate = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
@@ -98,25 +98,25 @@ def pmmh(
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
-    chart = parameter_chart(model)
+    bijector = parameter_bijector(model)
 
     def evaluate(rng_key: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Log-posterior and log-evidence at u."""
-        built = build_filter(model.with_params(chart.to_params(u)))
+        built = build_filter(model.with_params(bijector.to_params(u)))
         log_evidence = filter_evidence(built, rng_key, observations, inputs)
-        log_posterior = log_evidence + chart.log_prior(model, u)
+        log_posterior = log_evidence + bijector.log_prior(model, u)
         return jnp.where(jnp.isnan(log_posterior), -jnp.inf, log_posterior), log_evidence
 
     key_start, key_first, key_updates = jax.random.split(rng_key, 3)
-    positions, known = starting_points(model, chart, key_start, num_chains, start)
+    positions, known = starting_points(model, bijector, key_start, num_chains, start)
     log_posterior, log_evidence = jax.vmap(evaluate)(jax.random.split(key_first, num_chains), positions)
-    scale = jnp.asarray(jnp.log(2.38 / chart.dimension**0.5), positions.dtype)
+    scale = jnp.asarray(jnp.log(2.38 / bijector.dimension**0.5), positions.dtype)
     first = _State(positions, log_posterior, log_evidence, scale, known)
     rows = jax.random.split(key_updates, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
     final, (draws, evidences, accepted) = jax.lax.scan(partial(_update, evaluate, num_warmup), first, rows)
     unconstrained = jnp.swapaxes(draws[num_warmup:], 0, 1)
     return ParticleMarginal(
-        params=jax.vmap(jax.vmap(chart.to_params))(unconstrained),
+        params=jax.vmap(jax.vmap(bijector.to_params))(unconstrained),
         unconstrained=unconstrained,
         log_evidence=evidences[num_warmup:].T,
         acceptance=jnp.mean(accepted[num_warmup:]),
@@ -126,15 +126,15 @@ def pmmh(
 
 
 def starting_points(
-    model: CompiledModel, chart: ParameterChart, rng_key: jax.Array, num_chains: int, start: Mapping[str, Any] | None
+    model: CompiledModel, bijector: ParameterBijector, rng_key: jax.Array, num_chains: int, start: Mapping[str, Any] | None
 ) -> tuple[jax.Array, AdaptiveCovariance]:
     """Where chains start (M, p), and the prior's moments to begin learning from."""
     keys = jax.random.split(rng_key, max(_PRIOR_DRAWS, num_chains))
-    drawn = jax.vmap(lambda key: chart.to_flat(model.sample_parameters(key)))(keys)
+    drawn = jax.vmap(lambda key: bijector.to_flat(model.sample_parameters(key)))(keys)
     known = initial_covariance(drawn)
     if start is None:
         return drawn[:num_chains], known
-    return jnp.broadcast_to(chart.to_flat(start), (num_chains, chart.dimension)), known
+    return jnp.broadcast_to(bijector.to_flat(start), (num_chains, bijector.dimension)), known
 
 
 def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[jax.Array, jax.Array]) -> tuple[_State, Any]:

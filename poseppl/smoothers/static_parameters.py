@@ -32,7 +32,7 @@ from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.base import Smoothed, smoothing_info
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
 from poseppl.smoothers.effective import effective_draws_by_frame
@@ -66,7 +66,7 @@ class _Setting(NamedTuple):
     """Constants of all sweeps."""
 
     model: CompiledModel
-    chart: ParameterChart
+    bijector: ParameterBijector
     observations: Observation
     inputs: Any
     num_particles: int
@@ -75,7 +75,7 @@ class _Setting(NamedTuple):
 
     def bound(self, u: jax.Array) -> CompiledModel:
         """The model with the params of u (p,)."""
-        return self.model.with_params(self.chart.to_params(u))
+        return self.model.with_params(self.bijector.to_params(u))
 
 
 class _State(NamedTuple):
@@ -124,10 +124,10 @@ def particle_gibbs(
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Method, method=method)
-    chart = parameter_chart(model)
-    setting = _Setting(model, chart, observations, inputs, num_particles, method, num_warmup)
+    bijector = parameter_bijector(model)
+    setting = _Setting(model, bijector, observations, inputs, num_particles, method, num_warmup)
     key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)
-    positions, known = starting_points(model, chart, key_params, num_chains, start)
+    positions, known = starting_points(model, bijector, key_params, num_chains, start)
     trajectories = jax.vmap(partial(_first_trajectory, setting))(jax.random.split(key_states, num_chains), positions)
     adaptation: Any = dual_averaging_adaptation(_TARGET_ACCEPTANCE)[0](jnp.asarray(0.5, positions.dtype))
     adaptation = jax.tree.map(lambda leaf: jnp.asarray(leaf, positions.dtype), adaptation)
@@ -137,7 +137,7 @@ def particle_gibbs(
     draws, params, diagnosis = jax.tree.map(lambda leaf: leaf[num_warmup:], kept)
     unconstrained = jnp.swapaxes(params, 0, 1)
     return ParticleGibbs(
-        params=jax.vmap(jax.vmap(chart.to_params))(unconstrained),
+        params=jax.vmap(jax.vmap(bijector.to_params))(unconstrained),
         unconstrained=unconstrained,
         smoothed=_smoothed(jnp.transpose(draws, (2, 1, 0, 3)), diagnosis, len(rows[1]) * num_chains * num_particles),
         acceptance=jnp.mean(diagnosis[0]),
@@ -178,7 +178,7 @@ def _move_params(
 
     def log_density(u: jax.Array) -> jax.Array:
         joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
-        value = joint + setting.chart.log_prior(setting.model, u)
+        value = joint + setting.bijector.log_prior(setting.model, u)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
     kernel: Any = blackjax.nuts.build_kernel()

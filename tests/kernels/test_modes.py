@@ -55,10 +55,10 @@ def test_whitening_makes_the_precision_the_identity():
     a = rng.normal(size=(6, 6))
     precision = (a @ a.T + np.eye(6)) * scales[:, None] * scales
     with jax.enable_x64(True):
-        chart = whitening(jnp.zeros(6), jnp.asarray(precision))
-        np.testing.assert_allclose(chart.scale.T @ precision @ chart.scale, np.eye(6), atol=1e-10)
+        transform = whitening(jnp.zeros(6), jnp.asarray(precision))
+        np.testing.assert_allclose(transform.scale.T @ precision @ transform.scale, np.eye(6), atol=1e-10)
         z = jnp.asarray(rng.normal(size=(4, 6)))
-        np.testing.assert_allclose(chart.to_white(chart.to_state(z)), z, atol=1e-9)
+        np.testing.assert_allclose(transform.to_white(transform.to_state(z)), z, atol=1e-9)
         diagonal = whitening(jnp.ones(6), jnp.asarray(precision), dense=False)
         np.testing.assert_allclose(diagonal.scale, np.diag(precision) ** -0.5)
         np.testing.assert_allclose(diagonal.to_white(diagonal.to_state(z)), z, atol=1e-12)

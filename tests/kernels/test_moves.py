@@ -11,10 +11,10 @@ from poseppl.kernels.moves import (
     HMC_MOVES,
     RANDOM_WALK_MOVES,
     Starts,
-    chart_from_gradients,
-    chart_from_spread,
     evaluate,
     move_population,
+    whitening_from_gradients,
+    whitening_from_spread,
 )
 
 COVARIANCE = np.array([[1.0, 18.0], [18.0, 400.0]])
@@ -37,15 +37,15 @@ def population():
 
 def test_gradients_show_the_covariance_given_the_context(population):
     # in this file a tenth is 4.5 standard errors of a variance of 4,000 draws; found up to 0.037
-    chart = chart_from_gradients(evaluate(*population, log_density, HMC_MOVES))
-    np.testing.assert_allclose(chart.scale @ chart.scale.T, COVARIANCE, rtol=0.1)
+    transform = whitening_from_gradients(evaluate(*population, log_density, HMC_MOVES))
+    np.testing.assert_allclose(transform.scale @ transform.scale.T, COVARIANCE, rtol=0.1)
 
 
 def test_spread_lies_between_the_covariance_and_its_half(population):
     positions, contexts = population
-    wide = chart_from_spread(positions, jnp.asarray(COVARIANCE, jnp.float32))
+    wide = whitening_from_spread(positions, jnp.asarray(COVARIANCE, jnp.float32))
     np.testing.assert_allclose(wide.scale @ wide.scale.T, COVARIANCE, rtol=0.1)
-    alone = chart_from_spread(positions - contexts, jnp.asarray(COVARIANCE, jnp.float32))
+    alone = whitening_from_spread(positions - contexts, jnp.asarray(COVARIANCE, jnp.float32))
     np.testing.assert_allclose(alone.scale @ alone.scale.T, 0.5 * COVARIANCE, rtol=0.1)
 
 
@@ -53,8 +53,8 @@ def test_spread_lies_between_the_covariance_and_its_half(population):
 def test_members_keep_their_conditional_density_and_the_step_adapts(population, settings):
     def run(rng_key):
         starts = evaluate(*population, log_density, settings)
-        chart = chart_from_gradients(starts._replace(gradients=(population[1] - population[0]) @ PRECISION))
-        return move_population(rng_key, starts, log_density, chart, jnp.log(0.1), settings._replace(num_moves=20))
+        transform = whitening_from_gradients(starts._replace(gradients=(population[1] - population[0]) @ PRECISION))
+        return move_population(rng_key, starts, log_density, transform, jnp.log(0.1), settings._replace(num_moves=20))
 
     moved = jax.jit(run)(jax.random.key(1))
     residual = np.asarray(moved.positions[-1] - population[1], float)
@@ -72,5 +72,5 @@ def test_members_keep_their_conditional_density_and_the_step_adapts(population, 
 @pytest.mark.parametrize("gradients", [0.0, jnp.nan, jnp.inf])
 def test_charts_of_nothing_are_finite(gradients):
     starts = Starts(jnp.ones((3, 2)), None, jnp.zeros(3), jnp.full((3, 2), gradients))
-    for chart in (chart_from_gradients(starts), chart_from_spread(starts.positions, jnp.zeros((2, 2)))):
-        assert np.isfinite(chart.scale).all() and (np.diagonal(chart.scale) > 0).all()
+    for transform in (whitening_from_gradients(starts), whitening_from_spread(starts.positions, jnp.zeros((2, 2)))):
+        assert np.isfinite(transform.scale).all() and (np.diagonal(transform.scale) > 0).all()

@@ -24,7 +24,7 @@ def observation(params, state, inputs):
 
 
 def positive():
-    """The rate itself is the state: its chart is the logarithm."""
+    """The rate itself is the state: its bijector is the logarithm."""
 
     def initial(params, inputs):
         numpyro.sample("rate", dist.LogNormal(1.0, 0.8))

@@ -1,4 +1,4 @@
-"""Charts, densities, masks, draws, parameters, and how a compiled model behaves inside other programs."""
+"""Bijectors, densities, masks, draws, parameters, and how a compiled model behaves inside other programs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_round_trip():
 
 
 def test_angles_are_unwrapped():
-    """The chart of an angle is the identity, its density periodic: no wall at pi."""
+    """The bijector of an angle is the identity, its density periodic: no wall at pi."""
     compiled = chart_model()
     x = jax.jit(compiled.sample_initial)(jax.random.key(0), None)
     turned = x.at[5].add(2 * jnp.pi)

@@ -17,7 +17,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices
 from poseppl.filters import particle_filter
 from poseppl.kernels.adaptive_covariance import initial_covariance
 from poseppl.program import StateSpaceModel
-from poseppl.program.parameters import ParameterChart, parameter_chart
+from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers import particle_marginal
 from poseppl.smoothers.particle_marginal import pmmh
 from poseppl.smoothers.static_parameters import particle_gibbs
@@ -112,7 +112,7 @@ def test_pmmh_has_the_posterior_of_the_grid():
 
 
 def test_a_chart_without_its_determinant_is_noticed(monkeypatch):
-    monkeypatch.setattr(ParameterChart, "log_det", lambda chart, u: jnp.zeros(()))
+    monkeypatch.setattr(ParameterBijector, "log_det", lambda bijector, u: jnp.zeros(()))
     assert np.abs(scores(run_gibbs().unconstrained)).max() > 7
     assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
 
@@ -152,14 +152,16 @@ def test_the_chart_of_params():
         numpyro.sample("shift", dist.Normal(0.0, 1.0))
 
     model = StateSpaceModel(initial, transition, observation, program).compile()
-    chart = parameter_chart(model)
-    assert chart.coordinate_names == ("noise", "share[0]", "share[1]", "shift")
+    bijector = parameter_bijector(model)
+    assert bijector.coordinate_names == ("noise", "share[0]", "share[1]", "shift")
     params = {"noise": 0.3, "share": jnp.array([0.2, 0.9]), "shift": -1.0}
-    u = chart.to_flat(params)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), chart.to_params(u), params)
+    u = bijector.to_flat(params)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-5), bijector.to_params(u), params)
     share = np.array([0.2, 0.9])
-    assert float(chart.log_det(u)) == pytest.approx(np.log(0.3) + np.log(share * (1 - share)).sum(), rel=1e-5)
-    assert float(chart.log_prior(model, u)) == pytest.approx(float(model.log_parameters(params) + chart.log_det(u)), rel=1e-5)
+    assert float(bijector.log_det(u)) == pytest.approx(np.log(0.3) + np.log(share * (1 - share)).sum(), rel=1e-5)
+    assert float(bijector.log_prior(model, u)) == pytest.approx(
+        float(model.log_parameters(params) + bijector.log_det(u)), rel=1e-5
+    )
 
 
 def test_what_cannot_be_learned_is_told():
@@ -172,11 +174,11 @@ def test_what_cannot_be_learned_is_told():
 
     model, observations = posed()
     with pytest.raises(ValueError, match="integer"):
-        parameter_chart(StateSpaceModel(initial, transition, observation, counts).compile())
+        parameter_bijector(StateSpaceModel(initial, transition, observation, counts).compile())
     with pytest.raises(ValueError, match="depends on another"):
-        parameter_chart(StateSpaceModel(initial, transition, observation, nested).compile())
+        parameter_bijector(StateSpaceModel(initial, transition, observation, nested).compile())
     with pytest.raises(ValueError, match="no parameters program"):
-        parameter_chart(StateSpaceModel(initial, transition, observation).compile(params={"noise": 0.1}))
+        parameter_bijector(StateSpaceModel(initial, transition, observation).compile(params={"noise": 0.1}))
     with pytest.raises(ValueError, match="num_particles"):
         particle_gibbs(model, jax.random.key(0), observations, num_particles=1)
     with pytest.raises(ValueError, match="num_draws"):

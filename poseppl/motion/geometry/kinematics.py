@@ -9,8 +9,8 @@ rotation about the world axis a through the pivot o moves a marker p by ``a x (p
 summed over the markers that the joint moves. Links are evaluated a depth at a time, all links of one depth together, so that a
 body needs a dozen array operations and not hundreds of scalar ones.
 
-:func:`walk` is the same recursion written scalar by scalar, for evaluations without a gradient: the compiler then fuses a whole
-likelihood into one loop over particles and nothing is written to memory.
+:func:`unrolled_forward_kinematics` is the same recursion written scalar by scalar, for evaluations without a gradient: the
+compiler then fuses a whole likelihood into one loop over particles and nothing is written to memory.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> ja
     return jnp.concatenate([shift, turns], 2)
 
 
-def derivatives_of_pushes(
+def derivatives_of_wrenches(
     tree: KinematicTree, frames: Frames, force: jax.Array, moment: jax.Array, link: jax.Array
 ) -> jax.Array:
     """Derivatives (..., d, N) by the state of functions of which each depends on one link, by the geometric Jacobian.
@@ -213,7 +213,7 @@ def _cross(a: jax.Array, b: jax.Array) -> Vector:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-def walk(tree: KinematicTree, state: Sequence[Any]) -> list[Vector]:
+def unrolled_forward_kinematics(tree: KinematicTree, state: Sequence[Any]) -> list[Vector]:
     """Marker positions scalar by scalar.
 
     Args:

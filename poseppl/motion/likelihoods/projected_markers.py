@@ -17,7 +17,14 @@ import numpyro.distributions as dist
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.cameras import Cameras, project, project_components
-from poseppl.motion.geometry.kinematics import frames_of, jacobian_of, marker_positions, markers_of, pull_back, walk
+from poseppl.motion.geometry.kinematics import (
+    frames_of,
+    jacobian_of,
+    marker_positions,
+    markers_of,
+    pull_back,
+    unrolled_forward_kinematics,
+)
 from poseppl.motion.geometry.tree import KinematicTree
 
 _FUSE_FROM = 4096
@@ -96,7 +103,7 @@ def _value_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: 
     if state.shape[-1] < _FUSE_FROM:
         return _summed(markers_of(tree, frames_of(tree, state)), cameras, scale, value, mask)
     total = jnp.zeros(state.shape[-1], state.dtype)
-    markers = walk(tree, list(state))
+    markers = unrolled_forward_kinematics(tree, list(state))
     for camera in range(cameras.centre.shape[0]):
         lens = jax.tree.map(lambda leaf, camera=camera: leaf[camera], cameras)
         for marker, position in enumerate(markers):

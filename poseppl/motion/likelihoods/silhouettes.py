@@ -14,7 +14,7 @@ observed to be 0:
 * if the edges of the image count, from points on the sides of each part to the nearest of them
   (:mod:`poseppl.motion.likelihoods.part_edges`).
 
-Each is bent by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of the
+Each is saturated by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of the
 noise, and so as long at the body in images of any size. Neighbours on a contour err alike; their standard deviation has to be
 raised by the root of how many do.
 """
@@ -35,7 +35,7 @@ from poseppl.motion.geometry.batched_score import batched_score
 from poseppl.motion.geometry.cameras import Cameras, project_components
 from poseppl.motion.geometry.coverage import part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of, place_parts
-from poseppl.motion.geometry.kinematics import derivatives_of_pushes, frames_of
+from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.motion.likelihoods.part_edges import FRACTIONS as EDGE_FRACTIONS
@@ -138,10 +138,10 @@ def _distances_last(
     if seen.edges is not None:
         beside = edge_distances(cameras, flesh, parts, seen.edges, seen.scale)
         found.append(beside.reshape(len(beside), -1, beside.shape[-1]))
-    return _bent(jnp.concatenate(found, 1), noise)
+    return _saturated(jnp.concatenate(found, 1), noise)
 
 
-def _bent(distance: jax.Array, noise: jax.Array) -> jax.Array:
+def _saturated(distance: jax.Array, noise: jax.Array) -> jax.Array:
     """Distances (C, entries, N) of noise (C, N or 1), bounded."""
     most = _GROSS * noise[:, None]
     return most * jnp.tanh(distance / most)
@@ -188,21 +188,21 @@ def _jacobian_last(
     frames = frames_of(tree, state)
     parts = place_parts(flesh, frames)
     nearest = jnp.argmin(part_distances(computed_once(project_parts(cameras, flesh, parts)), seen.contour), 1)
-    pushes = [
-        _outline_pushes((cameras, noise), flesh, parts, seen.contour, nearest),
-        _beyond_pushes((cameras, noise), flesh, parts, seen),
+    wrenches = [
+        _outline_wrenches((cameras, noise), flesh, parts, seen.contour, nearest),
+        _beyond_wrenches((cameras, noise), flesh, parts, seen),
     ]
     own = [jnp.repeat(jnp.arange(len(flesh.links)), len(FRACTIONS))]
     if seen.edges is not None:
-        pushes.append(_edge_pushes((cameras, noise, seen.edges, seen.scale), flesh, parts))
+        wrenches.append(_edge_wrenches((cameras, noise, seen.edges, seen.scale), flesh, parts))
         own.append(jnp.repeat(jnp.arange(len(flesh.links)), SAMPLES))
-    force, moment = (jnp.concatenate(each, 1) for each in zip(*pushes, strict=True))
+    force, moment = (jnp.concatenate(each, 1) for each in zip(*wrenches, strict=True))
     fixed = jnp.concatenate(own)[:, None]
     part = jnp.concatenate([nearest, jnp.broadcast_to(fixed, (len(nearest), len(fixed), nearest.shape[-1]))], 1)
-    return derivatives_of_pushes(tree, frames, force, moment, jnp.asarray(flesh.links)[part])
+    return derivatives_of_wrenches(tree, frames, force, moment, jnp.asarray(flesh.links)[part])
 
 
-def _outline_pushes(
+def _outline_wrenches(
     cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, contour: jax.Array, nearest: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Gradient of each contour point's residual by a shift and a turn of its nearest part: (C, K, 3, N) each."""
@@ -211,15 +211,15 @@ def _outline_pushes(
     def residual(part: Any, camera: Any, point: jax.Array) -> jax.Array:
         """Of one point (2, N) and one part in one camera."""
         lens, noise = camera
-        return _bent(part_distances(project_parts(lens, *_alone(flesh, part)), point[None, None]), noise)
+        return _saturated(part_distances(project_parts(lens, *_alone(flesh, part)), point[None, None]), noise)
 
-    return _pushes(residual, chosen, cameras, contour)
+    return _wrenches(residual, chosen, cameras, contour)
 
 
-def _edge_pushes(
+def _edge_wrenches(
     cameras: tuple[Cameras, jax.Array, jax.Array, jax.Array], flesh: Flesh, parts: PartFrames
 ) -> tuple[jax.Array, jax.Array]:
-    """The same (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
+    """Gradients (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
     count, cameras_too = len(flesh.links), len(cameras[0].centre)
     every = (parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls)
     each = jax.tree.map(
@@ -233,9 +233,9 @@ def _edge_pushes(
         """Of one point of one part's sides in one camera."""
         (lens, noise, edges, scale), (fraction, second) = camera, sample
         sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
-        return _bent(jnp.where(second, sides[:, :, 1], sides[:, :, 0]), noise)
+        return _saturated(jnp.where(second, sides[:, :, 1], sides[:, :, 0]), noise)
 
-    return _pushes(residual, each, cameras, sample)
+    return _wrenches(residual, each, cameras, sample)
 
 
 def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
@@ -245,7 +245,7 @@ def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
     return size, PartFrames(axes[None], base[None], (base + axes[:, 2] * length)[None])
 
 
-def _pushes(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[jax.Array, jax.Array]:
+def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[jax.Array, jax.Array]:
     """Gradients of residuals (C, K, N) by a shift and a turn about the world's origin of the part of each: (C, K, 3, N) each.
 
     Args:
@@ -276,13 +276,13 @@ def _chosen(leaves: Any, part: jax.Array) -> Any:
     return jax.tree.map(choose, leaves)
 
 
-def _beyond_pushes(
+def _beyond_wrenches(
     cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen
 ) -> tuple[jax.Array, jax.Array]:
-    """The same (C, parts * 4, 3, N) of how far the parts stick out; each residual has its own axis point."""
+    """Gradients (C, parts * 4, 3, N) of how far the parts stick out; each residual has its own axis point."""
     lenses, noise = cameras
     points = jnp.broadcast_to(_axis_points(parts), (len(lenses.centre), *_axis_points(parts).shape))
-    value, pull = jax.vjp(lambda points: _bent(_beyond(lenses, flesh, points, seen, noise), noise), points)
+    value, pull = jax.vjp(lambda points: _saturated(_beyond(lenses, flesh, points, seen, noise), noise), points)
     (force,) = pull(jnp.ones_like(value))
     force, points = (each.reshape(len(force), -1, *each.shape[3:]) for each in (force, points))
     return force, jnp.cross(points, force, axis=2)

@@ -11,7 +11,7 @@ from bodies import MARKERS, mixed_tree, states
 from precision import epsilon
 
 from poseppl.motion.geometry import join_cameras, look_at, marker_positions, project
-from poseppl.motion.geometry.kinematics import walk
+from poseppl.motion.geometry.kinematics import unrolled_forward_kinematics
 from poseppl.motion.likelihoods import ProjectedMarkers, projected_log_density
 
 LENS = jnp.array([-0.21, 0.24, -0.001, 0.003, -0.07])
@@ -36,7 +36,7 @@ def scene(dtype, seed=0, count=1):
 @jax.jit
 def elementwise(tree, cameras, state, scale, value, mask):
     """The same density with nothing of the package's gradients: scalar kinematics, dist.Normal, a mask."""
-    positions = jnp.stack([jnp.stack(position) for position in walk(tree, list(state))])
+    positions = jnp.stack([jnp.stack(position) for position in unrolled_forward_kinematics(tree, list(state))])
     normal = dist.Normal(project(cameras, positions), scale[..., None])
     return jnp.sum(jnp.where(mask, normal.log_prob(value), 0.0))
 
@@ -91,7 +91,7 @@ def test_every_gradient_against_automatic_differentiation(dtype):
 
 @jax.jit
 def whitened(tree, cameras, state, scale, mask):
-    positions = jnp.stack([jnp.stack(position) for position in walk(tree, list(state))])
+    positions = jnp.stack([jnp.stack(position) for position in unrolled_forward_kinematics(tree, list(state))])
     return jnp.where(mask, project(cameras, positions) / scale[..., None], 0.0).ravel()
 
 

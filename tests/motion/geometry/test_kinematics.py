@@ -10,7 +10,7 @@ from bodies import JOINTS, MARKERS, mixed_tree, plain_kinematics, states
 from precision import epsilon, precision
 
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.geometry.kinematics import walk
+from poseppl.motion.geometry.kinematics import unrolled_forward_kinematics
 
 SIZE = 3000.0  # mm: tolerances in mm are this times the rounding
 
@@ -20,8 +20,8 @@ def tolerance(dtype, factor=20):
 
 
 def scalar_form(tree, state):
-    """The same positions through :func:`walk`, which JAX differentiates by itself."""
-    return jnp.stack([jnp.stack(position) for position in walk(tree, list(state))])
+    """The same positions through :func:`unrolled_forward_kinematics`, which JAX differentiates by itself."""
+    return jnp.stack([jnp.stack(position) for position in unrolled_forward_kinematics(tree, list(state))])
 
 
 def forces(seed=7):

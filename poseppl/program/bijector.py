@@ -1,4 +1,4 @@
-"""The chart of a state: named, constrained sites on one side, one flat unconstrained vector on the other.
+"""The bijector of a state: named, constrained sites on one side, one flat unconstrained vector on the other.
 
     x = (phi_1(s_1), phi_2(s_2), ...),      log p(x) = log p(s) + sum_k log |det d s_k / d x_k|
 
@@ -25,7 +25,7 @@ Sites = dict[str, jax.Array]
 
 
 def is_flat_support(support: Any) -> bool:
-    """Whether the chart of a support is the identity: real and circular ones."""
+    """Whether the bijector of a support is the identity: real and circular ones."""
     base = base_support(support)
     return isinstance(base, type(constraints.real) | type(constraints.circular))
 
@@ -39,7 +39,7 @@ class Site(NamedTuple):
         dtype: Its dtype.
         support: Its NumPyro constraint, with concrete bounds.
         discrete: Whether it takes integer or boolean values.
-        identity: Whether its chart is the identity (real, circular or discrete support).
+        identity: Whether its bijector is the identity (real, circular or discrete support).
         flat_shape: Shape of the unconstrained value.
         offset: Where it starts in the flat vector.
         size: How many entries it takes there.
