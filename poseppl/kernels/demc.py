@@ -98,7 +98,7 @@ def demc_chains(
     starts: jax.Array,
     log_density: LogDensity,
     settings: DEMCSettings,
-    least_noise: jax.Array | float = 0.0,
+    min_noise: jax.Array | float = 0.0,
 ) -> DEMCChains:
     """Run a population.
 
@@ -107,7 +107,7 @@ def demc_chains(
         starts: Starting positions (N, d).
         log_density: Unnormalised log-density of one position (d,), a scalar; NaN counts as -inf.
         settings: R, b, c and so on.
-        least_noise: Half-width of the noise at least, a scalar or (d,), in the state's units: members that start all in one
+        min_noise: Half-width of the noise at least, a scalar or (d,), in the state's units: members that start all in one
             place have no differences.
     """
     number, dimension = starts.shape
@@ -119,11 +119,11 @@ def demc_chains(
         if settings.past_states:
             pool = archive.reshape(-1, dimension)
             known = jnp.arange(pool.shape[0]) < number * (turn + 1)
-            noise = jnp.maximum(settings.noise * jnp.std(pool, 0, where=known[:, None]), least_noise)
+            noise = jnp.maximum(settings.noise * jnp.std(pool, 0, where=known[:, None]), min_noise)
             members, rate = move_members(rng_key, members, pool, number * (turn + 1), log_density, settings, noise)
             archive = archive.at[turn + 1].set(members.positions)
         else:
-            members, rate = demc_update(rng_key, members, log_density, settings, least_noise=least_noise)
+            members, rate = demc_update(rng_key, members, log_density, settings, min_noise=min_noise)
         return (members, archive), (members, rate)
 
     rows = settings.num_updates + 1 if settings.past_states else 1
@@ -147,7 +147,7 @@ def demc_update(
     settings: DEMCSettings,
     *,
     noise_factor: jax.Array | float = 1.0,
-    least_noise: jax.Array | float = 0.0,
+    min_noise: jax.Array | float = 0.0,
 ) -> tuple[Members, jax.Array]:
     """Move every member once, each half by the differences of the other.
 
@@ -157,7 +157,7 @@ def demc_update(
         log_density: Of one position.
         settings: c, lambda and so on.
         noise_factor: Multiplies the noise.
-        least_noise: The noise's half-width is at least this, a scalar or (d,).
+        min_noise: The noise's half-width is at least this, a scalar or (d,).
 
     Returns:
         The population, and its mean acceptance probability.
@@ -166,7 +166,7 @@ def demc_update(
     keys = jax.random.split(rng_key)
 
     def move(rng_key: jax.Array, some: Members, pool: jax.Array) -> tuple[Members, jax.Array]:
-        noise = jnp.maximum(noise_factor * settings.noise * jnp.std(pool, 0), least_noise)
+        noise = jnp.maximum(noise_factor * settings.noise * jnp.std(pool, 0), min_noise)
         return move_members(rng_key, some, pool, pool.shape[0], log_density, settings, noise)
 
     if number == 1:

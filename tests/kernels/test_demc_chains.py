@@ -87,7 +87,7 @@ def test_snooker_without_its_factor_is_noticed(monkeypatch):
 def test_all_members_at_once_is_noticed(monkeypatch):
     """The pool of a member's step must not move with it: the whole population as its own pool is not exact."""
 
-    def at_once(rng_key, members, log_density, settings, *, least_noise=0.0, noise_factor=1.0):
+    def at_once(rng_key, members, log_density, settings, *, min_noise=0.0, noise_factor=1.0):
         pool = members.positions
         noise = settings.noise * jnp.std(pool, 0)
         return demc.move_members(rng_key, members, pool, pool.shape[0], log_density, settings, noise)
@@ -128,7 +128,7 @@ def test_few_and_equal_members(number, past_states):
     starts = jnp.ones((number, 2))
     still = run(jax.random.key(0), starts)
     assert (np.asarray(still.draws) == 1.0).all()
-    moving = run(jax.random.key(0), starts, least_noise=0.5)
+    moving = run(jax.random.key(0), starts, min_noise=0.5)
     assert np.isfinite(moving.draws).all() and np.isfinite(moving.values).all()
     assert np.asarray(moving.draws)[:, -1].std() > 0
 

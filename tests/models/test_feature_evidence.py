@@ -21,7 +21,7 @@ def drawn():
     hidden[:, 120:] = 1
     shown = masks(body, true_pose(body), view)
     images = [np.where(mask[..., None], np.array([220, 20, 20], np.uint8), plate) for mask in shown]
-    settings = FeatureSettings(background=BackgroundSettings(opening=0, closing=0, least_area=0, largest_hole=0), flow=None)
+    settings = FeatureSettings(background=BackgroundSettings(opening=0, closing=0, min_area=0, largest_hole=0), flow=None)
     background = background_from_plate(plate, settings.background)
     return body, view, shown, images, [extract(image, background, settings, ignore=hidden) for image in images]
 

@@ -5,7 +5,7 @@
     python tests/mutants/run.py NAME NAME        these
 
 The named tests also run on the sources as they are, where they have to pass. A table and the share that was noticed
-are printed; the status is 1 if it is below `--least`, a patch does not apply, or a test is missing or fails anyway.
+are printed; the status is 1 if it is below `--minimum`, a patch does not apply, or a test is missing or fails anyway.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", help="mutants; all if none is named")
     parser.add_argument("--part", default="1/1", help="k/n: every n-th mutant from the k-th on")
     parser.add_argument("--processes", type=int, default=2, help="mutants that run side by side")
-    parser.add_argument("--least", type=float, default=0.95, help="share of the mutants with tests that must be noticed")
+    parser.add_argument("--minimum", type=float, default=0.95, help="share of the mutants with tests that must be noticed")
     options = parser.parse_args(arguments)
     number, parts = (int(part) for part in options.part.split("/"))
     mutants = read_mutants(options.names)[number - 1 :: parts]
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{noticed} of {len(tested)} mutants noticed ({share:.0%}), {len(outcomes) - len(tested)} excused, {broken} broken")
     if complaint:
         print(f"the named tests do not pass on the sources as they are:\n{complaint}")
-    return int(share < options.least or broken > 0 or bool(complaint))
+    return int(share < options.minimum or broken > 0 or bool(complaint))
 
 
 def show(outcome: Outcome) -> Outcome:

@@ -14,9 +14,9 @@ observed to be 0:
 * if the edges of the image count, from points on the sides of each part to the nearest of them
   (:mod:`poseppl.motion.likelihoods.part_edges`).
 
-Each is saturated by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of the
-noise, and so as long at the body in images of any size. Neighbours on a contour err alike; their standard deviation has to be
-raised by the root of how many do.
+Each is saturated by c tanh(. / c), so that a gross error of segmentation counts as much as c and no more; c is a multiple of
+the noise, and so as long at the body in images of any size. Neighbours on a contour err alike; their standard deviation has to
+be raised by the root of how many do.
 """
 
 from __future__ import annotations

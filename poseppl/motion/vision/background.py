@@ -46,7 +46,7 @@ class BackgroundSettings(NamedTuple):
         shadows: What a shadow becomes.
         opening: Diameter in px of the disc that removes specks; 0 for none.
         closing: Diameter in px of the disc that closes gaps; 0 for none.
-        least_area: Regions of fewer px are removed.
+        min_area: Regions of fewer px are removed.
         largest_hole: Holes of at most this many px are filled.
         reach: Regions that are further from the largest one than this share of the square root of its area are not the
             person (:func:`~poseppl.motion.vision.keep_together`); 0 keeps all.
@@ -63,7 +63,7 @@ class BackgroundSettings(NamedTuple):
     shadows: Literal["background", "foreground", "ignore"] = "background"
     opening: int = 3
     closing: int = 7
-    least_area: int = 400
+    min_area: int = 400
     largest_hole: int = 100
     reach: float = 0.5
     refine: bool = False
@@ -79,7 +79,7 @@ class BackgroundSettings(NamedTuple):
         Raises:
             ValueError: A number is out of its range, or ``shadows`` is unknown.
         """
-        check_at_least(0, opening=self.opening, closing=self.closing, least_area=self.least_area)
+        check_at_least(0, opening=self.opening, closing=self.closing, min_area=self.min_area)
         check_at_least(0, largest_hole=self.largest_hole)
         check_at_least(1, components=self.components, learned_frames=self.learned_frames)
         check_at_least(0, reach=self.reach)
@@ -199,7 +199,7 @@ def _cleaned(mask: Mask, settings: BackgroundSettings) -> Mask:
         mask,
         opening=_odd(settings.opening * larger),
         closing=_odd(settings.closing * larger),
-        least_area=round(settings.least_area * larger**2),
+        min_area=round(settings.min_area * larger**2),
         largest_hole=round(settings.largest_hole * larger**2),
     )
 

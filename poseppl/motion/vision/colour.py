@@ -34,15 +34,15 @@ class ColourSettings(NamedTuple):
         hues: Bins of hue.
         saturations: Bins of saturation.
         grays: Bins of brightness for pixels without colour.
-        least_saturation: Share of full saturation from which a pixel has a hue.
-        least_brightness: Share of full brightness from which a pixel has a hue.
+        min_saturation: Share of full saturation from which a pixel has a hue.
+        min_brightness: Share of full brightness from which a pixel has a hue.
     """
 
     hues: int = 10
     saturations: int = 10
     grays: int = 10
-    least_saturation: float = 0.1
-    least_brightness: float = 0.2
+    min_saturation: float = 0.1
+    min_brightness: float = 0.2
 
     def check(self) -> ColourSettings:
         """Refuse settings that cannot be used.
@@ -54,7 +54,7 @@ class ColourSettings(NamedTuple):
             ValueError: A number is out of its range.
         """
         check_at_least(1, hues=self.hues, saturations=self.saturations, grays=self.grays)
-        check_fraction("(0, 1]", least_saturation=self.least_saturation, least_brightness=self.least_brightness)
+        check_fraction("(0, 1]", min_saturation=self.min_saturation, min_brightness=self.min_brightness)
         return self
 
     @property
@@ -81,7 +81,7 @@ def colour_bins(image: Image, settings: ColourSettings | None = None) -> NDArray
         return chosen.hues * chosen.saturations + checked.astype(np.int64) * chosen.grays // 256
     cv2 = opencv()
     hue, saturation, value = np.moveaxis(cv2.cvtColor(checked, cv2.COLOR_RGB2HSV).astype(np.int64), -1, 0)
-    has_hue = (saturation >= 255 * chosen.least_saturation) & (value >= 255 * chosen.least_brightness)
+    has_hue = (saturation >= 255 * chosen.min_saturation) & (value >= 255 * chosen.min_brightness)
     # OpenCV's hue of an 8-bit image is half the angle: 0 to 179.
     coloured = hue * chosen.hues // 180 * chosen.saturations + saturation * chosen.saturations // 256
     without: NDArray[np.int64] = chosen.hues * chosen.saturations + value * chosen.grays // 256

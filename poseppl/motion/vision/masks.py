@@ -14,14 +14,14 @@ _SMALL = 320
 """Regions are told apart at a longer side of at most so many px."""
 
 
-def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, least_area: int = 400, largest_hole: int = 100) -> Mask:
+def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, min_area: int = 400, largest_hole: int = 100) -> Mask:
     """Remove specks, close gaps, remove small regions and fill small holes, in this order.
 
     Args:
         mask: (H, W) uint8, 0 or 1.
         opening: Diameter in px of the disc that removes specks; 0 for none.
         closing: Diameter in px of the disc that closes gaps; 0 for none.
-        least_area: Regions of fewer px are removed.
+        min_area: Regions of fewer px are removed.
         largest_hole: Holes of at most this many px are filled.
 
     Returns:
@@ -31,7 +31,7 @@ def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, least_area: in
     cleaned = np.zeros_like(opened)
     part = window(opened, closing + 1)
     if part is not None:
-        closed = _without_small(_morphology("MORPH_CLOSE", opened[part], closing), least_area, 8)
+        closed = _without_small(_morphology("MORPH_CLOSE", opened[part], closing), min_area, 8)
         cleaned[part] = 1 - _without_small(1 - closed, largest_hole + 1, 4)
     return cleaned
 
@@ -64,7 +64,7 @@ def keep_together(mask: Mask, reach: float, passable: Mask | None = None) -> Mas
     return together
 
 
-def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most: float = 0.9) -> None:
+def check_mask(mask: Mask, camera: str, frame: int, *, min_share: float = 1e-4, max_share: float = 0.9) -> None:
     """Refuse a foreground mask that says nothing: nobody in it, or everything.
 
     A caller may catch the error and go on with that camera as ignored in this frame.
@@ -73,17 +73,18 @@ def check_mask(mask: Mask, camera: str, frame: int, *, least: float = 1e-4, most
         mask: (H, W), not 0 at the foreground.
         camera: The camera.
         frame: The frame number.
-        least: The least share of foreground.
-        most: The largest share.
+        min_share: The smallest share of foreground.
+        max_share: The largest share.
 
     Raises:
         InputError: The mask is empty or full, or nearly so.
     """
     share = float(np.count_nonzero(mask)) / max(mask.size, 1)
-    if least <= share <= most:
+    if min_share <= share <= max_share:
         return
     kind = "all black: no foreground" if share == 0 else "all white: no background" if share == 1 else f"{share:.2%} foreground"
-    expected = f"{least:.2%} to {most:.0%} foreground; look at the background plate and the threshold, or mask this camera out"
+    shares = f"{min_share:.2%} to {max_share:.0%} foreground"
+    expected = f"{shares}; look at the background plate and the threshold, or mask this camera out"
     raise InputError(f"the foreground mask is {kind}", field=place(camera, frame), expected=expected)
 
 
@@ -96,11 +97,11 @@ def _morphology(operation: str, mask: Mask, diameter: int) -> Mask:
     return changed
 
 
-def _without_small(mask: Mask, least: int, connectivity: int) -> Mask:
-    if least <= 1:
+def _without_small(mask: Mask, min_area: int, connectivity: int) -> Mask:
+    if min_area <= 1:
         return mask
     _, labels, regions, _ = opencv().connectedComponentsWithStats(mask, connectivity=connectivity)
-    kept = regions[:, -1] >= least
+    kept = regions[:, -1] >= min_area
     kept[0] = False
     cleaned: Mask = kept.astype(np.uint8)[labels]
     return cleaned

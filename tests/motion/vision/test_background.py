@@ -15,7 +15,7 @@ from poseppl.motion.vision import (
 
 RNG = np.random.default_rng(0)
 SCENE = np.repeat(RNG.integers(60, 180, (12, 16, 3), dtype=np.uint8).repeat(10, 0).repeat(10, 1)[None], 1, axis=0)[0]
-PLAIN = BackgroundSettings(least_area=20, largest_hole=0)
+PLAIN = BackgroundSettings(min_area=20, largest_hole=0)
 
 
 def noisy(image, seed):
@@ -99,11 +99,11 @@ def test_cleaning():
     mask[60:66, 60:66] = 1  # a region of 36 px
     mask[5, 70] = 1  # a speck
     mask[0:20, 30] = 0  # a crack 1 px wide, open to the outside
-    settings = {"opening": 3, "closing": 5, "least_area": 40, "largest_hole": 50}
+    settings = {"opening": 3, "closing": 5, "min_area": 40, "largest_hole": 50}
     cleaned = clean_mask(mask, **settings)
     assert cleaned[20:24, 20:24].all() and not cleaned[33:41, 33:41].any()
     assert not cleaned[55:, 55:].any() and cleaned[5, 70] == 0 and cleaned[14, 30] == 1
-    untouched = clean_mask(mask, opening=0, closing=0, least_area=0, largest_hole=0)
+    untouched = clean_mask(mask, opening=0, closing=0, min_area=0, largest_hole=0)
     np.testing.assert_array_equal(untouched, mask)
     assert not clean_mask(np.zeros_like(mask), **settings).any() and clean_mask(np.ones_like(mask), **settings).all()
 
@@ -130,7 +130,7 @@ def test_a_hole_at_the_rim_is_no_hole():
     mask = np.ones((40, 40), np.uint8)
     mask[:, :3] = 0
     mask[10:14, 36:] = 0  # open to the right side of the image, but enclosed by mask otherwise
-    cleaned = clean_mask(mask, opening=0, closing=0, least_area=0, largest_hole=30)
+    cleaned = clean_mask(mask, opening=0, closing=0, min_area=0, largest_hole=30)
     assert not cleaned[:, :3].any() and cleaned[10:14, 36:].all()
 
 

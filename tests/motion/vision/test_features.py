@@ -29,7 +29,7 @@ from poseppl.motion.vision.cache import restored_features
 
 PLATE = np.random.default_rng(0).integers(10, 50, (12, 16, 3), dtype=np.uint8).repeat(10, 0).repeat(10, 1)
 CLOTH = np.random.default_rng(1).integers(150, 255, (10, 4, 1), dtype=np.uint8).repeat(5, 0).repeat(5, 1) * np.uint8([1, 0, 1])
-SETTINGS = FeatureSettings(background=BackgroundSettings(least_area=20), flow=FlowSettings("dis_medium"))
+SETTINGS = FeatureSettings(background=BackgroundSettings(min_area=20), flow=FlowSettings("dis_medium"))
 
 
 def frame(number):
