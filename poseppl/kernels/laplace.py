@@ -9,7 +9,7 @@ one step from x goes to the mode of the local quadratic model,
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -138,9 +138,11 @@ def group_modes(modes: Modes) -> jax.Array:
     distance = jnp.einsum("ski,kij,skj->sk", offset, modes.precisions, offset)
     linked = jnp.minimum(distance, distance.T) < _SAME_MODE**2
     linked = linked | jnp.eye(len(linked), dtype=bool)
-    for _ in range(int(len(linked) - 1).bit_length()):
-        linked = jnp.einsum("ij,jk->ik", linked.astype(jnp.float32), linked.astype(jnp.float32)) > 0
-    return jnp.argmax(linked, 1)
+
+    def chained(_: Any, reached: jax.Array) -> jax.Array:
+        return jnp.minimum(reached @ reached, 1.0)
+
+    return jnp.argmax(jax.lax.fori_loop(0, (len(linked) - 1).bit_length(), chained, linked.astype(jnp.float32)), 1)
 
 
 def group_masses(modes: Modes, labels: jax.Array) -> jax.Array:

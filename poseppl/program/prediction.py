@@ -21,11 +21,13 @@ class DrawnData(NamedTuple):
     """Data of a frame given a state, the sites in order.
 
     Attributes:
-        values: A draw (k,).
+        sites: A draw by site.
+        values: The draw (k,).
         mean: Its mean (k,); NaN where the distribution does not tell.
         variance: Its variance (k,); NaN where the distribution does not tell.
     """
 
+    sites: dict[str, jax.Array]
     values: jax.Array
     mean: jax.Array
     variance: jax.Array
@@ -44,7 +46,8 @@ def drawn_data(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> DrawnData:
     obstacle = prediction_obstacle(trace)
     if obstacle is not None:
         raise ValueError(f"The observation program predicts no data: {obstacle}.")
-    return DrawnData(*(jnp.concatenate(parts) for parts in zip(*(_of_site(trace[name]) for name in sites), strict=True)))
+    drawn = {name: jnp.asarray(trace[name]["value"]) for name in sites}
+    return DrawnData(drawn, *(jnp.concatenate(parts) for parts in zip(*(_of_site(trace[name]) for name in sites), strict=True)))
 
 
 def prediction_obstacle(trace: Mapping[str, Any]) -> str | None:

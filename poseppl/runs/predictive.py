@@ -112,9 +112,9 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         data_keys = jax.random.split(key_data, num_draws)
         drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(data_keys, states)
 
-        def score(key: jax.Array, x: jax.Array) -> jax.Array:
-            replicate = Observation(model.sample_observation(key, x, inputs), observation.mask)
-            gradient: jax.Array = jax.grad(lambda x: model.log_observation(x, replicate, inputs))(x)
+        def score(replicate: Any, x: jax.Array) -> jax.Array:
+            data = Observation(replicate, observation.mask)
+            gradient: jax.Array = jax.grad(lambda x: model.log_observation(x, data, inputs))(x)
             return gradient
 
         # a distribution that tells no moments counts as all noise of the state
@@ -124,8 +124,8 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         key_entries, key_chi_square = jax.random.split(key_ties)
         chi_square = _chi_square(means, variances, data, seen)
         half = num_draws // 2
-        others = jax.vmap(chi_square)(drawn.values[half:])
-        found = chi_square(data)
+        all_found = jax.vmap(chi_square)(jnp.concatenate([data[None], drawn.values[half:]]))
+        found, others = all_found[0], all_found[1:]
         entries = (
             _rank(key_entries, drawn.values, data),
             data - jnp.mean(means, 0),
@@ -141,7 +141,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
             predicted_variance=jnp.var(states, 0, ddof=1),
             predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
             autoregression=_autoregression(previous, states),
-            explained=_explained(states, jax.vmap(score)(data_keys, states)),
+            explained=_explained(states, jax.vmap(score)(drawn.sites, states)),
         )
 
     return predict
