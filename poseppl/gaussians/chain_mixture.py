@@ -11,6 +11,8 @@ from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
 from poseppl.gaussians.weighted_em import fit_from
 
 _EM_STEPS = 10
+_FLOOR = 1e-4
+"""Share of the variances within chains that covariances are given besides: few draws may leave none in some direction."""
 
 
 class Fitted(NamedTuple):
@@ -50,13 +52,15 @@ def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array |
     centres = jnp.mean(chains, 1)
     inside = (chains - centres[:, None]).reshape(-1, dimension)
     within = (inside.T @ inside / number + ridge * covariance) / (1 + ridge)
+    floor = _FLOOR * jnp.diagonal(within)
+    within = within + jnp.diag(floor)
     seeds = centres[_far_apart(centres, within, min(num_components, chains.shape[0]))]
     start = GaussianMixture(
         jnp.full(len(seeds), -jnp.log(float(len(seeds))), draws.dtype),
         seeds,
         jnp.broadcast_to(within, (len(seeds), dimension, dimension)),
     )
-    mixture = fit_from(start, draws, weights, within, _EM_STEPS)
+    mixture = fit_from(start, draws, weights, within, _EM_STEPS, floor)
     shares = jax.nn.softmax(jax.vmap(log_mixture_terms(mixture))(draws), axis=1)
     return Fitted(mixture, chains - (shares @ mixture.means).reshape(chains.shape))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import scipy.stats
 
 from poseppl.gaussians.chain_mixture import fit_mixture
@@ -75,3 +76,14 @@ def test_chains_count_by_their_weights():
     again, _ = fit_mixture(chains[jnp.array([0, 1, 2, 2])], 1)
     np.testing.assert_allclose(one.means, again.means, rtol=1e-4)
     np.testing.assert_allclose(one.covariances, again.covariances, rtol=2e-3)
+
+
+@pytest.mark.parametrize("number", [2, 8])
+def test_few_draws_in_many_dimensions_leave_no_direction_without_variance(number):
+    """Draws that all lie in a plane of ten dimensions, in units as far apart as millimetres and radians."""
+    rng = np.random.default_rng(3)
+    plane = rng.normal(size=(2, 10)) * 10.0 ** rng.uniform(-3, 2, 10)
+    chains = jnp.asarray(rng.normal(size=(4, number, 2)) @ plane, jnp.float32)
+    mixture, residuals = fit_mixture(chains, 3)
+    assert all(np.isfinite(leaf).all() for leaf in (*mixture, residuals))
+    assert np.isfinite(jax.vmap(log_mixture(mixture))(chains.reshape(-1, 10))).all()
