@@ -90,15 +90,16 @@ class Seed(handlers.seed):  # type: ignore[misc]
         self.count += 1
         if self.keys is None:
             super().process_message(msg)
-        elif self.shares and msg["type"] == "sample" and _is_small_normal(msg["fn"]):
-            noise = self.table[self.count - 1, : math.prod(msg["fn"].shape())].reshape(msg["fn"].shape())
+        elif self.shares and msg["type"] == "sample" and _is_small_normal(msg["fn"], msg["kwargs"]["sample_shape"]):
+            shape = msg["fn"].shape()
+            noise = self.table[self.count - 1, : math.prod(shape)].reshape(shape)
             msg["value"] = msg["fn"].loc + noise * msg["fn"].scale
         else:
             msg["kwargs"]["rng_key"] = self.keys[self.count - 1]
 
 
-def _is_small_normal(distribution: dist.Distribution) -> bool:
-    return type(distribution) is dist.Normal and math.prod(distribution.shape()) <= _WIDTH
+def _is_small_normal(distribution: dist.Distribution, sample_shape: tuple[int, ...]) -> bool:
+    return type(distribution) is dist.Normal and not sample_shape and math.prod(distribution.shape()) <= _WIDTH
 
 
 def _check_has_density(msg: Mapping[str, Any]) -> None:

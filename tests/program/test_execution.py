@@ -1,3 +1,7 @@
+"""Draws of a program's sites: each from a key of its own, however they are computed."""
+
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,3 +22,12 @@ def test_small_normal_sites_draw_what_their_own_keys_draw():
     drawn = draw(program, (), rng_key, len(shapes))
     for key, (name, shape) in zip(jax.random.split(rng_key, len(shapes)), shapes.items(), strict=True):
         np.testing.assert_array_equal(drawn[name], 2.0 + 3.0 * jax.random.normal(key, shape))
+
+
+def test_several_draws_of_a_small_site_are_all_drawn():
+    def program() -> None:
+        numpyro.sample("one", dist.Normal(0.0, 1.0))
+        numpyro.sample("three", dist.Normal(0.0, 1.0), sample_shape=(3,))
+
+    drawn = draw(program, (), jax.random.key(0), 2)
+    assert drawn["one"].shape == () and len(set(drawn["three"].tolist())) == 3
