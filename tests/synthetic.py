@@ -134,6 +134,6 @@ def predicted_result(transform: np.ndarray) -> xr.DataTree:
     one, whole = np.ones_like(transform), np.ones(len(transform))
     checks = Prediction(transform, norm.ppf(transform), one / 2, one / 2, whole, whole / 2)
     dims = ("frame", "entry")
-    values = {name: (dims[: value.ndim], value) for name, value in checks._asdict().items()}
+    values = {name: (dims[: value.ndim], value) for name, value in checks._asdict().items() if value is not None}
     tree["predictive"] = xr.DataTree(xr.Dataset(values))
     return tree
