@@ -36,14 +36,18 @@ CHEAP = ("backward-simulation-metropolis", "two-filter-linear", "genealogy", "fi
 """Smoothers that make their replicates in a tenth of a second."""
 consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
 discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
-multimodal_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.multimodal], ids=row_id)
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
 
 
+def smoothers(rows, quick):
+    """Smoothers; those that `quick` does not choose are slow."""
+    marks = {row.name: () if quick(row) else pytest.mark.slow for row in rows}
+    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[row.name]) for row in rows])
+
+
 def linear_smoothers(quick):
-    """All that know something of a linear Gaussian model; those that `quick` does not choose are slow."""
-    marks = {row.name: () if quick(row) else pytest.mark.slow for row in LINEAR}
-    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[row.name]) for row in LINEAR])
+    """All that know something of a linear Gaussian model."""
+    return smoothers(LINEAR, quick)
 
 
 def check_exact(row, *posed_by):
@@ -63,14 +67,14 @@ def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_state
     check_exact(row, markov_problem, num_states)
 
 
-@multimodal_smoothers
+@smoothers([row for row in SMOOTHERS if row.consistent and row.multimodal], lambda row: row.name in CHEAP)
 def test_growth_model_has_the_moments_of_quadrature(row):
     """Two modes, a transition that bends, and time as an input."""
     check_exact(row, growth_problem)
 
 
 @two_kinds
-@pytest.mark.parametrize("dimension", [1, 10, pytest.param(28, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dimension", [1, *(pytest.param(many, marks=pytest.mark.slow) for many in (10, 28))])
 def test_linear_models_of_other_dimensions(name, dimension):
     check_exact(ROWS[name], linear_problem_of_dimension, dimension)
 

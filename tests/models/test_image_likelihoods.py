@@ -244,7 +244,7 @@ def test_what_is_hidden_is_no_evidence(catalogue, name):
     np.testing.assert_array_equal(evaluate(states, inputs(body, changed)), evaluate(states, inputs(body, evidence)))
 
 
-@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("name", [pytest.param("smooth_peursum", marks=pytest.mark.slow), "smooth_darby"])
 def test_gradient_against_differences(catalogue, name):
     """Central differences of 1e-7 mm and rad: of the kinks where a sample crosses a pixel, 0.02 are met."""
     body, _, evaluate, gradient_of, evidence, _ = catalogue[name]
