@@ -37,3 +37,6 @@ from poseppl.program.compiled import CompiledModel as CompiledModel
 from poseppl.program.model import StateSpaceModel as StateSpaceModel
 from poseppl.program.observation import Observation as Observation
 from poseppl.program.proposal import Proposal as Proposal
+from poseppl.program.robust_errors import Leclerc as Leclerc
+from poseppl.program.robust_errors import Lorentzian as Lorentzian
+from poseppl.program.robust_errors import RobustError as RobustError

@@ -8,7 +8,10 @@ without the terms from a scale that depends on x; [.]_+ clips negative eigenvalu
 it is the Fisher information, so it never has negative eigenvalues. Derivatives are reverse mode throughout: models may define
 their own reverse rules.
 
-A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian` is asked for R^(-1/2) J.
+A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian` is asked for R^(-1/2) J. Robust sites
+(:mod:`poseppl.program.robust_errors`) with whitened residuals r and their direction u weigh the rows of each,
+
+    J^T R^(-1/2) (rho' (1 - u u^T) + [rho' + 2 rho'' r^T r]_+ u u^T) R^(-1/2) J.
 """
 
 from __future__ import annotations
@@ -21,10 +24,11 @@ import jax.numpy as jnp
 import numpyro.distributions as dist
 from jax.scipy.linalg import block_diag, solve_triangular
 
-from poseppl.program.bijector import Site, is_flat_support
+from poseppl.program.bijector import Site
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
+from poseppl.program.robust_errors import RobustError
 
 TraceOf = Callable[[jax.Array], dict[str, dict[str, Any]]]
 
@@ -63,7 +67,7 @@ def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str,
         trace_of: Trace of the transition program given the values of its sites.
     """
     for name, site in sites.items():
-        if site.discrete or not is_flat_support(site.support):
+        if site.discrete or not site.identity:
             return f"site {name!r} is not over the real line (support {site.support})"
     counts: dict[str, int] = {}
     failures: list[str] = []
@@ -149,15 +153,18 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x:
         mask: Booleans of the value's shape for each site.
         x: Flat state (d,).
     """
-    gaussian: list[str] = []
+    residual: list[str] = []
     other: list[str] = []
-    for name, site in trace_of(x).items():
+    trace = trace_of(x)
+    for name, site in trace.items():
         if site["type"] == "sample":
-            is_gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
-            (gaussian if is_gaussian else other).append(name)
+            has_residual = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal | RobustError)
+            (residual if has_residual else other).append(name)
     information = jnp.zeros((x.shape[0], x.shape[0]), x.dtype)
-    for name in gaussian:
+    for name in residual:
         jacobian = _whitened_jacobian(trace_of, name, mask.get(name), x)
+        if isinstance(unwrap(trace[name]["fn"]), RobustError):
+            jacobian = _robust_rows(trace[name], jacobian)
         information = information + jacobian.T @ jacobian
     if other:
 
@@ -180,6 +187,23 @@ def _whitened_jacobian(trace_of: TraceOf, name: str, mask: jax.Array | None, x: 
     return jacobian
 
 
+def _robust_rows(site: Mapping[str, Any], jacobian: jax.Array) -> jax.Array:
+    """Rows of R^(-1/2) J (events, d), weighed so that their square is the curvature of a robust site."""
+    errors = unwrap(site["fn"])
+    white = errors.whitened_residual(site["value"])
+    squared = jnp.sum(white**2, -1)
+    across, second = (jnp.ravel(jnp.broadcast_to(weight, squared.shape)) for weight in errors.derivatives(squared))
+    white, squared = white.reshape(-1, white.shape[-1]), jnp.ravel(squared)
+    along = jnp.maximum(across + 2.0 * second * squared, 0.0)
+    unit = white / jnp.sqrt(jnp.where(squared > 0, squared, 1.0))[:, None]
+    shrunk = 1.0 - jnp.sqrt(along / jnp.where(across > 0, across, 1.0))
+    rows = jacobian.reshape(*white.shape, -1)
+    inward = jnp.einsum("en,end->ed", unit, rows)
+    rows = rows - shrunk[:, None, None] * unit[:, :, None] * inward[:, None]
+    weighed: jax.Array = (jnp.sqrt(across)[:, None, None] * rows).reshape(jacobian.shape)
+    return weighed
+
+
 def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: jax.Array) -> jax.Array:
     """J of one Gaussian site, (events, d)."""
     known, scale = _closed_form(trace_of, site, None, x), getattr(site["fn"], "scale", None)
@@ -191,21 +215,29 @@ def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: jax.Array) -> 
 
 def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: jax.Array | None, x: jax.Array) -> jax.Array | None:
     """R^(-1/2) J as the site's distribution knows it; None if it does not."""
-    if not isinstance(site["fn"], WhitenedJacobian) or site.get("scale") is not None:
+    known = _gaussian_of(site["fn"])
+    if not isinstance(known, WhitenedJacobian) or site.get("scale") is not None:
         return None
     name = site["name"]
-    fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(trace_of(state)[name]["fn"].fixed))(x)
+    fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(_gaussian_of(trace_of(state)[name]["fn"]).fixed))(x)
     if any(output_dependence(fixed, [frozenset({0})])):
         return None
-    inner = jax.jacrev(lambda state: trace_of(state)[name]["fn"].state)(x)
-    rows: jax.Array = site["fn"].whitened_jacobian(mask) @ inner
+    inner = jax.jacrev(lambda state: _gaussian_of(trace_of(state)[name]["fn"]).state)(x)
+    if mask is not None and site["fn"].event_dim:
+        mask = jnp.broadcast_to(jnp.all(mask, -1, keepdims=True), mask.shape)
+    rows: jax.Array = known.whitened_jacobian(mask) @ inner
     return rows
+
+
+def _gaussian_of(distribution: dist.Distribution) -> Any:
+    """The Gaussian that a distribution is, or that it bends."""
+    return distribution.gaussian if isinstance(distribution, RobustError) else distribution
 
 
 def _whitened_location(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
     """R^(-1/2) mu, flat, with 0 for masked events; its Jacobian's square is the information."""
     distribution = site["fn"]
-    base, shape = unwrap(distribution), distribution.shape()
+    base, shape = _gaussian_of(unwrap(distribution)), distribution.shape()
     location = jnp.broadcast_to(base.loc, shape)
     if isinstance(base, dist.Normal):
         white = location / jax.lax.stop_gradient(jnp.broadcast_to(base.scale, shape))
