@@ -13,28 +13,46 @@ import jax.numpy as jnp
 
 
 class Mistakes(NamedTuple):
-    """What goes wrong; 0 is right.
+    """What goes wrong, of a filter or of a smoother; 0 is right.
 
     Attributes:
+        late_data: Every frame has the data, and the filter's weights, of so many frames before.
         late_inputs: Every frame has the inputs of so many frames before.
         late_evidence: Every frame has the evidence of so many frames before.
-        late_states: Every frame has the states of so many frames before; those go on as they should.
-        flat: 1 forgets the weights, in what is told and in the next step.
+        late_states: Every frame is told the states of so many frames before; a filter's go on as they should.
+        flat: 1 forgets the filter's weights, in what is told and in the next step.
+        filtered: 1 tells the filter's particles and weights as smoothed ones.
         data: How many more times the data of a frame count.
         initial: How many more times the initial density counts.
+        transition: How many more times the transitions' densities count.
+        last: How many more times the data of the last frame count.
         one_key: 1 gives every step of every run the same key.
+        shuffled: 1 tells every other frame's draws in the reverse order, so that neighbours have nothing to do with each other.
     """
 
+    late_data: Any = 0
     late_inputs: Any = 0
     late_evidence: Any = 0
     late_states: Any = 0
-    flat: Any = 0.0
+    flat: Any = 0
+    filtered: Any = 0
     data: Any = 0.0
     initial: Any = 0.0
+    transition: Any = 0.0
+    last: Any = 0.0
     one_key: Any = 0
+    shuffled: Any = 0
 
 
 NO_MISTAKES = Mistakes()
+SHARED_MISTAKES = {
+    "inputs of the frame before": Mistakes(late_inputs=1),
+    "states of the frame before": Mistakes(late_states=1),
+    "weights ignored": Mistakes(flat=1),
+    "initial density twice": Mistakes(initial=1.0),
+    "one key for all": Mistakes(one_key=1),
+}
+"""Those that filters and smoothers could both make."""
 
 
 def mistaken(filter_, model, mistakes):

@@ -17,37 +17,6 @@ import numpyro.distributions as dist
 from poseppl.program import StateSpaceModel
 
 
-class Mistakes(NamedTuple):
-    """What goes wrong; 0 is right.
-
-    Attributes:
-        late_data: Every frame has the data, and the filter's weights, of so many frames before.
-        late_inputs: Every frame has the inputs of so many frames before.
-        late_states: Every frame is told the states of so many frames before.
-        flat: 1 forgets the filter's weights.
-        filtered: 1 tells the filter's particles and weights.
-        initial: How many more times the initial density counts.
-        transition: How many more times the transitions' densities count.
-        last: How many more times the data of the last frame count.
-        one_key: 1 gives every run the same key.
-        shuffled: 1 tells every other frame's draws in the reverse order, so that neighbours have nothing to do with each other.
-    """
-
-    late_data: Any = 0
-    late_inputs: Any = 0
-    late_states: Any = 0
-    flat: Any = 0
-    filtered: Any = 0
-    initial: Any = 0.0
-    transition: Any = 0.0
-    last: Any = 0.0
-    one_key: Any = 0
-    shuffled: Any = 0
-
-
-NO_MISTAKES = Mistakes()
-
-
 class Given(NamedTuple):
     """Inputs of a model whose densities are raised to powers.
 

@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from catalogue import MOMENTS
 from law_problems import NUM_FRAMES, Problem, frame, moments, problem, run
+from mistakes import NO_MISTAKES
 from oracles.forward_backward import forward_backward
 from oracles.grid import growth_on_grid
 from oracles.kalman import fixed_lag_moments, kalman_filter, lag_one_covariances, rauch_tung_striebel, simulate
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
-from smoothing_mistakes import NO_MISTAKES, Given, misinformed, powered, told
+from smoothing_mistakes import Given, misinformed, powered, told
 
 from poseppl.filters import particle_filter
 from poseppl.program import CompiledModel, Observation

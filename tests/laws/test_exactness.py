@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from catalogue import FILTERS, row_id
 from law_problems import BATCH, MASKED, problem, replicate, z_scores
-from mistakes import Mistakes
+from mistakes import SHARED_MISTAKES, Mistakes
 from oracles.kalman import kalman_filter
 from scipy.stats import norm
 
@@ -123,14 +123,9 @@ def test_evidence_is_unbiased(row):
     assert abs(z_scores(ratio, 1.0)) < 5
 
 
-MISTAKES = {
+MISTAKES = SHARED_MISTAKES | {
     "evidence of the frame before": Mistakes(late_evidence=1),
-    "inputs of the frame before": Mistakes(late_inputs=1),
-    "states of the frame before": Mistakes(late_states=1),
-    "weights ignored": Mistakes(flat=1.0),
     "data twice": Mistakes(data=1.0),
-    "initial density twice": Mistakes(initial=1.0),
-    "one key for all steps": Mistakes(one_key=1),
 }
 
 

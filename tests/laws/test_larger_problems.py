@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import smoothing_mistakes
 from catalogue import FILTERS, SMOOTHERS
 from law_problems import BATCH, replicate, z_scores
 from mistakes import NO_MISTAKES, Mistakes
@@ -51,7 +50,7 @@ def check_filter(row, dimension):
 def check_smoother(row, dimension):
     """Also that the filter's own particles are noticed."""
     posed, replicate = check(row, smoothed_chain, dimension, 4)
-    assert broken_laws(row, posed, replicate(smoothing_mistakes.Mistakes(filtered=1)))
+    assert broken_laws(row, posed, replicate(Mistakes(filtered=1)))
 
 
 @marked([row for row in FILTERS if row.consistent], QUICK_FILTERS)
@@ -97,7 +96,7 @@ def test_a_likelihood_of_more_particles_is_nearer():
 def test_a_part_of_the_state_that_is_known(row):
     posed, replicate = check(row, clamped_and_smoothed)
     if row.name in QUICK:  # known values of the wrong frame are noticed
-        means, _, _ = replicate(smoothing_mistakes.Mistakes(late_inputs=1))
+        means, _, _ = replicate(Mistakes(late_inputs=1))
         assert np.abs(z_scores(means, posed.means)).max() > 20
 
 

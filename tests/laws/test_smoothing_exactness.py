@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 from catalogue import SMOOTHERS, row_id
-from smoothing_mistakes import Mistakes
+from mistakes import SHARED_MISTAKES, Mistakes
 from smoothing_problems import (
     broken_laws,
     growth_problem,
@@ -79,17 +79,12 @@ def test_linear_models_of_other_dimensions(name, dimension):
     check_exact(ROWS[name], linear_problem_of_dimension, dimension)
 
 
-MISTAKES = {
+MISTAKES = SHARED_MISTAKES | {
     "data of the frame before": Mistakes(late_data=1),
-    "inputs of the frame before": Mistakes(late_inputs=1),
-    "states of the frame before": Mistakes(late_states=1),
-    "weights ignored": Mistakes(flat=1),
     "future ignored": Mistakes(filtered=1),
-    "initial density twice": Mistakes(initial=1.0),
     "transitions twice": Mistakes(transition=1.0),
     "no transitions": Mistakes(transition=-0.9999),
     "last data twice": Mistakes(last=1.0),
-    "one key for all runs": Mistakes(one_key=1),
     "neighbours mixed up": Mistakes(shuffled=1),
 }
 CHAINS = ("particle-gibbs-ancestor", "particle-gibbs-backward", "trajectory-nuts", "trajectory-hmc", "gibbs-model")
@@ -121,9 +116,7 @@ EXCUSES = [
         ("gibbs", "variational", FRAMES_OF_ONE_COMPONENT.name),
         "their mixture of the first likelihood divides by it",
     ),
-    Excuse(
-        ("one key for all runs",), (*REWEIGHED, *ANCESTRAL, "viterbi"), "what a run draws is little beside what its filter drew"
-    ),
+    Excuse(("one key for all",), (*REWEIGHED, *ANCESTRAL, "viterbi"), "what a run draws is little beside what its filter drew"),
     Excuse(
         ("neighbours mixed up",),
         ("forward-backward", *TWO_FILTER, "fixed-lag", FRAMES_OF_ONE_COMPONENT.name),
