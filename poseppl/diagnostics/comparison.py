@@ -102,26 +102,24 @@ def summarise(figures: xr.Dataset) -> xr.Dataset:
     Args:
         figures: The figures of all runs, with a dimension ``run``.
     """
+    cells, frames = (_finite(figures[list(names)]) for names in (_BY_CELL, _BY_FRAME))
     data: dict[str, Any] = {}
-    for name in _BY_CELL:
-        values = figures[name].transpose("run", "dof", "frame").values
-        form = _FORMS.get(name, np.nanmean)
-        data[name] = (("run", "dof"), _reduced(form, values))
-        data[f"{name}_all"] = (("run",), _reduced(form, values.reshape(len(values), -1)))
-    tau = figures["tau"].transpose("run", "dof", "frame").values
-    data["tau_median_all"] = (("run",), _reduced(np.nanmedian, tau.reshape(len(tau), -1)))
-    for name in _BY_FRAME:
-        data[f"{name}_all"] = (("run",), _reduced(np.nanmean, figures[name].transpose("run", "frame").values))
-    inside = figures["inside"].transpose("run", "level", "dof", "frame").values
-    levels = figures["level"].values
-    cells = np.array([[[_coverage(cell, q) for cell in row] for row, q in zip(run, levels, strict=True)] for run in inside])
-    whole = np.array([[_coverage(row.T, q) for row, q in zip(run, levels, strict=True)] for run in inside])
-    for index, name in enumerate(("coverage", "coverage_se")):
-        data[name] = (("run", "level", "dof"), cells[..., index])
-        data[f"{name}_all"] = (("run", "level"), whole[..., index])
-    ninety = int(np.argmin(np.abs(levels - 0.9)))
-    data["miscalibrated"] = (("run",), is_miscalibrated(whole[:, ninety, 0], whole[:, ninety, 1]))
-    return xr.Dataset(data, coords={name: figures[name].values for name in ("run", "dof", "level")})
+    for name, values in cells.items():
+        reduced = _FORMS.get(str(name), xr.DataArray.mean)
+        data |= {str(name): reduced(values, "frame"), f"{name}_all": reduced(values, ("frame", "dof"))}
+    data["tau_median_all"] = cells["tau"].median(("frame", "dof"))
+    data |= {f"{name}_all": values.mean("frame") for name, values in frames.items()}
+    for ending, trials in (("", ["frame"]), ("_all", ["frame", "dof"])):
+        data[f"coverage{ending}"], data[f"coverage_se{ending}"] = xr.apply_ufunc(
+            _coverage,
+            figures["inside"],
+            figures["level"],
+            input_core_dims=[trials, []],
+            output_core_dims=[[], []],
+            vectorize=True,
+        )
+    ninety = [data[f"coverage{part}_all"].sel(level=0.9, method="nearest").values for part in ("", "_se")]
+    return xr.Dataset(data).assign(miscalibrated=("run", is_miscalibrated(*ninety)))
 
 
 def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
@@ -135,17 +133,10 @@ def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
         of a whole frame are repeated on each of its rows. What a run has no figure for is None.
     """
     figures = tree["figures"].dataset
-    dims = ("run", "frame", "dof")
-    shape = tuple(figures.sizes[dim] for dim in dims)
-    columns: dict[str, Any] = {
-        dim: figures[dim].values.reshape([-1 if dim == other else 1 for other in dims]).astype(object) for dim in dims
-    }
-    columns |= {name: _or_none(figures[name].transpose(*dims).values) for name in _BY_CELL}
-    columns |= {name: _or_none(figures[name].transpose("run", "frame").values[:, :, None]) for name in _BY_FRAME}
-    inside = figures["inside"].transpose("level", *dims).values
-    columns |= {f"inside_{100 * q:.0f}": _or_none(values) for q, values in zip(figures["level"].values, inside, strict=True)}
-    flat = [np.broadcast_to(values, shape).ravel().tolist() for values in columns.values()]
-    return [dict(zip(columns, row, strict=True)) for row in zip(*flat, strict=True)]
+    inside = figures["inside"].assign_coords(level=[f"inside_{100 * q:.0f}" for q in figures["level"].values])
+    columns = _finite(figures[[*_BY_CELL, *_BY_FRAME]]).assign(inside.to_dataset("level"))
+    rows = columns.to_dataframe(dim_order=["run", "frame", "dof"]).reset_index().to_dict("records")
+    return [{str(name): None if value != value else value for name, value in row.items()} for row in rows]
 
 
 def _check(name: str, data: Data, first: str, reference: Data, files: Mapping[str, str | PathLike[str]]) -> None:
@@ -159,27 +150,18 @@ def _check(name: str, data: Data, first: str, reference: Data, files: Mapping[st
         )
 
 
-def _or_none(values: Any) -> Any:
-    return np.where(np.isfinite(values), values.astype(object), None)
+def _finite(figures: xr.Dataset) -> xr.Dataset:
+    return figures.where(np.isfinite(figures))
 
 
-def _reduced(form: Any, values: Any) -> Any:
-    """Reduce the last axis over what is finite; NaN where nothing is."""
-    empty = ~np.isfinite(values).any(axis=-1)
-    filled = np.where(np.isfinite(values), values, np.nan)
-    filled[empty] = 1.0
-    return np.where(empty, np.nan, form(filled, axis=-1))
-
-
-def _harmonic(values: Any, axis: int) -> Any:
-    return 1 / np.nanmean(1 / values, axis=axis)
+def _harmonic(values: xr.DataArray, dims: Any) -> xr.DataArray:
+    return 1 / (1 / values).mean(dims)
 
 
 def _coverage(inside: Any, level: float) -> tuple[float, float]:
-    found = coverage(np.where(np.isfinite(inside), inside, 0.0), float(level), valid=np.isfinite(inside))
-    return found.estimate, found.standard_error
+    return coverage(inside, level, valid=np.isfinite(inside))[1:3]
 
 
-_FORMS: dict[str, Any] = {"rhat": np.nanmax, "error_over_sd": np.nanmedian} | dict.fromkeys(
+_FORMS: dict[str, Any] = {"rhat": xr.DataArray.max, "error_over_sd": xr.DataArray.median} | dict.fromkeys(
     ("ess", "ess_per_second", "ess_per_evaluation"), _harmonic
 )

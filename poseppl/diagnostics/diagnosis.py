@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
+from poseppl.runs.contents import group_of, names_of
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -40,7 +41,7 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
     """
     posterior = tree["posterior"].dataset
     data: dict[str, Any] = _weighted(tree) if is_weighted(tree) else _chains(posterior["state"], max_lag)
-    stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
+    stats = group_of(tree, "sample_stats")
     if "acceptance_rate" in stats and np.isfinite(stats["acceptance_rate"]).any():
         data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
     if "truth" in tree.children:
@@ -54,6 +55,11 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
     return result
 
 
+def diagnosed(tree: xr.DataTree) -> xr.DataTree:
+    """The result itself if it has the group ``diagnostics``, else with it."""
+    return tree if "diagnostics" in tree.children else diagnose(tree)
+
+
 def root_index(tree: xr.DataTree) -> int:
     """Index of the marker that relative errors are measured from.
 
@@ -64,8 +70,8 @@ def root_index(tree: xr.DataTree) -> int:
         The index of the marker named in the attribute ``root`` of ``body``; else of the first marker with "pelvis", "root" or
         "hips" in its name; else 0.
     """
-    markers = [str(name) for name in tree["posterior"].dataset["marker"].values]
-    named = str(tree["body"].attrs.get("root", "")) if "body" in tree.children else ""
+    markers = names_of(tree, "marker")
+    named = str(group_of(tree, "body").attrs.get("root", ""))
     if named in markers:
         return markers.index(named)
     for word in ("pelvis", "root", "hips"):

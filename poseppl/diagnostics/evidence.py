@@ -20,6 +20,7 @@ import xarray as xr
 
 from poseppl.diagnostics.replicates import settings_of_runs
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
+from poseppl.runs.contents import group_of
 from poseppl.runs.results import provenance
 
 REPLICATES, WEIGHTS, NONE, UNKNOWN = "replicates", "weights", "none", "unknown"
@@ -38,7 +39,7 @@ class Evidence(NamedTuple):
 def evidence_of_run(tree: xr.DataTree) -> Evidence:
     """Log-evidence of all frames of a result, with the error that the run itself knows."""
     known = provenance(tree)
-    stats = tree["sample_stats"].dataset if "sample_stats" in tree.children else xr.Dataset()
+    stats = group_of(tree, "sample_stats")
     source = known.get("evidence")
     if "log_evidence" not in stats or "smoother" in known or source == NONE:
         return Evidence(float("nan"), float("nan"), NONE)

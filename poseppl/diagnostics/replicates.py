@@ -36,9 +36,9 @@ def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
         Over ``setting``, whose name is that of its first run: ``method``, ``replicates`` (seeds), ``seconds`` (a frame),
         ``seconds_se``, ``variance`` and ``variance_se``, and by ``dof`` ``variance_by_dof`` and ``variance_by_dof_se``.
     """
-    reference = np.median(np.square(figures["sd"].values), axis=0)
+    reference = (figures["sd"] ** 2).median("run", skipna=False)
     groups = settings_of_runs(figures)
-    spreads = [_spread(figures.isel(run=group), np.where(reference > 0, reference, np.nan)) for group in groups]
+    spreads = [_spread(figures.isel(run=group), reference.where(reference > 0)) for group in groups]
     seconds = [figures["seconds"].values[group] for group in groups]
     by_dof = ("setting", "dof")
     data = {
@@ -64,15 +64,14 @@ def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
     return [list(seeds.values()) for seeds in found.values()]
 
 
-def _spread(runs: xr.Dataset, reference: Floats) -> tuple[Spread, Spread]:
+def _spread(runs: xr.Dataset, reference: xr.DataArray) -> tuple[Spread, Spread]:
     """Of all degrees of freedom together, and of each."""
     if runs.sizes["run"] > 1:
-        squares = np.square(runs["mean"].values - runs["mean"].values.mean(axis=0)) / reference
-        return _between(_mean(squares, (1, 2))), _between(_mean(squares, (1,)))
-    inverse = 1 / runs["ess"].values[0]
-    columns = [_within(inverse[:, dof]) for dof in range(inverse.shape[1])]
-    each = Spread(*np.array(columns).reshape(-1, 2).T)
-    return Spread(*np.array(_within(_mean(inverse, (1,))))), each
+        squares = (runs["mean"] - runs["mean"].mean("run", skipna=False)) ** 2 / reference
+        return _between(squares.mean(("frame", "dof")).values), _between(squares.mean("frame").values)
+    inverse = 1 / runs["ess"].isel(run=0)
+    each = Spread(*np.array([_within(inverse.isel(dof=dof).values) for dof in range(inverse.sizes["dof"])]).T)
+    return Spread(*np.array(_within(inverse.mean("dof").values))), each
 
 
 def _between(squares: Floats) -> Spread:
@@ -91,13 +90,6 @@ def _between(squares: Floats) -> Spread:
 def _within(inverse: Floats) -> tuple[float, float]:
     finite = inverse[np.isfinite(inverse)]
     return mean_interval(finite)[:2] if len(finite) else (float("nan"), float("nan"))
-
-
-def _mean(values: Floats, axes: tuple[int, ...]) -> Floats:
-    """Mean over what is finite."""
-    finite = np.isfinite(values)
-    count = finite.sum(axis=axes)
-    return np.asarray(np.where(count > 0, np.where(finite, values, 0.0).sum(axis=axes) / np.maximum(count, 1), np.nan))
 
 
 def _error_of_mean(values: Floats) -> float:

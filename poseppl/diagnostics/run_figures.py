@@ -30,15 +30,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from poseppl.diagnostics.autocorrelation import Floats
 from poseppl.diagnostics.calibration import LEVELS
-from poseppl.diagnostics.diagnosis import diagnose
+from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.runs.contents import group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
 CHAINS, WEIGHTED, FORMULA = "chains", "weighted particles", "closed form"
-_GRID = ("frame", "dof")
 _FROM_SEED = ("seed", "smoother seed")
 
 
@@ -53,15 +51,12 @@ def figures_of_run(tree: xr.DataTree) -> xr.Dataset:
         different seeds are replicates of each other), ``kind`` ("chains", "weighted particles" or "closed form"), ``draws``
         and ``seconds`` (a frame).
     """
-    whole = tree if "diagnostics" in tree.children else diagnose(tree)
-    posterior, known = whole["posterior"].dataset, provenance(whole)
-    kind = kind_of_run(whole)
-    seconds = _seconds(known, posterior.sizes["frame"])
-    data = _mixing(whole, kind, seconds) | _accuracy(whole)
-    data |= {name: ((), value) for name, value in described(known).items()}
-    data |= {"kind": ((), kind), "draws": ((), _draws(whole)), "seconds": ((), seconds)}
-    coords = {"frame": posterior["frame"].values, "dof": posterior["dof"].values.astype(str), "level": np.array(LEVELS)}
-    return xr.Dataset(data, coords=coords)
+    whole = diagnosed(tree)
+    known, kind = provenance(whole), kind_of_run(whole)
+    seconds = _seconds(known, whole["posterior"].sizes["frame"])
+    data = _mixing(whole, kind, seconds) | _accuracy(whole) | described(known)
+    data |= {"kind": kind, "draws": _draws(whole), "seconds": seconds}
+    return xr.Dataset(data).assign_coords(dof=names_of(whole, "dof"), level=list(LEVELS))
 
 
 def kind_of_run(tree: xr.DataTree) -> str:
@@ -73,7 +68,7 @@ def kind_of_run(tree: xr.DataTree) -> str:
         return FORMULA
     if not is_weighted(tree):
         return CHAINS
-    count = _statistic(tree, "num_likelihood")
+    count = variable(tree, "sample_stats", "num_likelihood")
     return FORMULA if count is not None and (count == 1).all() else WEIGHTED
 
 
@@ -98,55 +93,44 @@ def _seconds(known: dict[str, Any], frames: int) -> float:
     return float(wall) / float(count) if known_time else float("nan")  # type: ignore[arg-type]
 
 
-def _statistic(tree: xr.DataTree, name: str) -> Floats | None:
-    if "sample_stats" not in tree.children or name not in tree["sample_stats"].dataset:
-        return None
-    return np.asarray(tree["sample_stats"].dataset[name].values, np.float64)
-
-
-def _evaluations(tree: xr.DataTree, frames: int) -> Floats:
-    counts = [found for name in ("num_likelihood", "num_gradient") if (found := _statistic(tree, name)) is not None]
-    total = np.sum(counts, axis=0) if counts else np.zeros(frames)
-    return np.where(total > 0, total, np.nan)
+def _nothing(tree: xr.DataTree, *dims: str) -> xr.DataArray:
+    """NaN over some dimensions, in place of a figure that a result does not have."""
+    posterior = tree["posterior"].dataset
+    return xr.DataArray(np.nan, {dim: posterior[dim] for dim in dims}, dims)
 
 
 def _mixing(tree: xr.DataTree, kind: str, seconds: float) -> dict[str, Any]:
-    sizes, found = tree["posterior"].sizes, tree["diagnostics"].dataset
-    shape = (sizes["frame"], sizes["dof"])
-
-    def known(name: str, shape: tuple[int, ...] = shape) -> Floats:
-        missing = kind == FORMULA or name not in found
-        return np.full(shape, np.nan) if missing else np.asarray(found[name].values, np.float64)
-
-    ess, evaluations = known("ess"), _evaluations(tree, shape[0])
+    found, stats = tree["diagnostics"].dataset, group_of(tree, "sample_stats")
+    nothing, of_frames = _nothing(tree, "frame", "dof"), _nothing(tree, "frame")
+    tau, ess, rhat = (nothing if kind == FORMULA else found.get(name, nothing) for name in ("tau", "ess", "rhat"))
+    total = sum((stats[name] for name in ("num_likelihood", "num_gradient") if name in stats), xr.zeros_like(of_frames))
+    evaluations = total.where(total > 0)
     return {
-        "tau": (_GRID, known("tau")),
-        "ess": (_GRID, ess),
-        "ess_per_second": (_GRID, ess / seconds),
-        "ess_per_evaluation": (_GRID, ess / evaluations[:, None]),
-        "rhat": (_GRID, known("rhat")),
-        "rejection": (("frame",), known("rejection_rate", shape[:1]) if kind == CHAINS else np.full(shape[:1], np.nan)),
-        "evaluations": (("frame",), evaluations),
+        "tau": tau,
+        "ess": ess,
+        "ess_per_second": ess / seconds,
+        "ess_per_evaluation": ess / evaluations,
+        "rhat": rhat,
+        "rejection": found.get("rejection_rate", of_frames) if kind == CHAINS else of_frames,
+        "evaluations": evaluations,
     }
 
 
 def _accuracy(tree: xr.DataTree) -> dict[str, Any]:
-    summary, found = tree["summary"].dataset, tree["diagnostics"].dataset
-    mean, spread = (np.asarray(summary[f"state_{name}"].values, np.float64) for name in ("mean", "sd"))
-    truth = tree["truth"].dataset if "truth" in tree.children else xr.Dataset()
-    error = np.abs(mean - truth["state"].values) if "state" in truth else np.full(mean.shape, np.nan)
-    free = (spread > 0).any(axis=0) & np.isfinite(error)
-    inside = found["inside"].values if "inside" in found else np.zeros((len(LEVELS), *mean.shape))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scaled = np.where(spread > 0, error / spread, np.nan)
-    data: dict[str, Any] = {
-        "mean": (_GRID, mean),
-        "sd": (_GRID, spread),
-        "error": (_GRID, np.where(free, error, np.nan)),
-        "error_over_sd": (_GRID, scaled),
-        "inside": (("level", *_GRID), np.where(free, inside.astype(float), np.nan)),
+    summary, found, truth = (group_of(tree, name) for name in ("summary", "diagnostics", "truth"))
+    nothing, of_frames = _nothing(tree, "frame", "dof"), _nothing(tree, "frame")
+    mean, spread = (summary[f"state_{name}"].astype(float) for name in ("mean", "sd"))
+    error = abs(mean - truth.get("state", nothing))
+    free = (spread > 0).any("frame") & np.isfinite(error)
+    inside = found.get("inside", nothing.expand_dims(level=len(LEVELS)))
+    of_joints = {
+        name: found[name].mean("marker").astype(float) if name in found else of_frames
+        for name in ("joint_error", "joint_error_relative")
     }
-    for name in ("joint_error", "joint_error_relative"):
-        values: NDArray[Any] | None = found[name].values if name in found else None
-        data[name] = (("frame",), np.full(len(mean), np.nan) if values is None else values.mean(axis=1).astype(float))
-    return data
+    return of_joints | {
+        "mean": mean,
+        "sd": spread,
+        "error": error.where(free),
+        "error_over_sd": error / spread.where(spread > 0),
+        "inside": inside.astype(float).where(free),
+    }

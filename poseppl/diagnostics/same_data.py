@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.diagnostics.verdicts import frame_ranges
+from poseppl.runs.contents import arrays_of, frame_numbers, group_of, names_of
 
 _TOLERANCE = 1e-5
 """Of the largest observed value: above what a text file rounds off, far below any noise."""
@@ -44,10 +45,9 @@ def data_of(tree: xr.DataTree) -> Data:
     Args:
         tree: The result.
     """
-    posterior = tree["posterior"].dataset
-    frames = np.asarray(posterior["frame"].values, np.int64)
-    dofs = tuple(str(name) for name in posterior["dof"].values)
-    return Data(frames, dofs, _arrays(tree, "observed_data"), _arrays(tree, "truth"), _cameras(tree))
+    cameras = {str(name): values.values for name, values in group_of(tree, "camera").variables.items()}
+    observed, truth = (arrays_of(tree, group) for group in ("observed_data", "truth"))
+    return Data(frame_numbers(tree), tuple(names_of(tree, "dof")), observed, truth, cameras)
 
 
 def difference(first: Data, second: Data) -> str | None:
@@ -93,19 +93,6 @@ def _different_observed(first: Data, second: Data) -> str | None:
         if problem:
             return problem
     return None
-
-
-def _cameras(tree: xr.DataTree) -> dict[str, NDArray[Any]]:
-    if "camera" not in tree.children:
-        return {}
-    dataset = tree["camera"].dataset
-    return {str(name): values.values for name, values in dataset.variables.items()}
-
-
-def _arrays(tree: xr.DataTree, group: str) -> dict[str, NDArray[Any]]:
-    if group not in tree.children:
-        return {}
-    return {str(name): values.values for name, values in tree[group].dataset.data_vars.items()}
 
 
 def _listed(names: dict[str, Any]) -> str:

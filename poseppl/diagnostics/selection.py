@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from poseppl.diagnostics import diagnose
+from poseppl.runs.contents import frame_numbers, variable
 from poseppl.runs.results import is_weighted
 
 Array = NDArray[Any]
@@ -27,11 +27,6 @@ def evenly(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(np.int64))
 
 
-def frame_numbers(tree: xr.DataTree) -> NDArray[np.int64]:
-    """Frame numbers of a result, (frame,)."""
-    return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
-
-
 def frame_index(tree: xr.DataTree, frame: int | None) -> int:
     """Index of a frame number; the middle frame if None.
 
@@ -45,22 +40,6 @@ def frame_index(tree: xr.DataTree, frame: int | None) -> int:
     if not len(found):
         raise ValueError(f"the result has no frame {frame}; expected {numbers[0]} to {numbers[-1]}")
     return int(found[0])
-
-
-def variable(tree: xr.DataTree, group: str, name: str) -> Array | None:
-    """Values of a variable.
-
-    Args:
-        tree: The result.
-        group: Its group.
-        name: Its name.
-
-    Returns:
-        The values; None if there is no such group or variable.
-    """
-    if group not in tree.children or name not in tree[group].dataset:
-        return None
-    return np.asarray(tree[group].dataset[name].values)
 
 
 def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:
@@ -135,11 +114,6 @@ def worst_pairs(tree: xr.DataTree, most: int) -> list[tuple[int, int]]:
     frames = filled.argmax(axis=0)
     order = np.argsort(-filled.max(axis=0), kind="stable")[:most]
     return [(int(frames[dof]), int(dof)) for dof in order if filled[frames[dof], dof] > 0]
-
-
-def diagnosed(tree: xr.DataTree) -> xr.DataTree:
-    """The tree itself if it has diagnostics, else with them."""
-    return tree if "diagnostics" in tree.children else diagnose(tree)
 
 
 def has_chains(tree: xr.DataTree) -> bool:

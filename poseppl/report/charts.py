@@ -10,19 +10,11 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from poseppl.diagnostics.selection import (
-    Array,
-    evenly,
-    expected_error,
-    frame_index,
-    frame_numbers,
-    has_chains,
-    variable,
-    worst_pairs,
-)
+from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_index, has_chains, worst_pairs
 from poseppl.report.chart import Chart, Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points
 from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, TRUTH
 from poseppl.report.prediction_chart import prediction_chart
+from poseppl.runs.contents import frame_numbers, names_of, variable
 from poseppl.runs.results import is_weighted
 
 MAX_POINTS = 600
@@ -45,7 +37,7 @@ def charts(tree: xr.DataTree) -> dict[str, Any]:
         made["trace"] = grid(panels, columns=min(2, len(panels)), height=60 + 90 * len(panels), showlegend=False)
     made["coordinates"] = [
         {"label": name} | (chart(state_traces(tree, dof), "", height=300, yaxis={"rangemode": "normal"}) or {})
-        for dof, name in enumerate(_names(tree))
+        for dof, name in enumerate(names_of(tree, "dof"))
     ]
     return {name: each for name, each in made.items() if each is not None}
 
@@ -86,7 +78,7 @@ def inefficiency_heat(tree: xr.DataTree) -> tuple[dict[str, Any], float] | None:
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
         return None
     x, chosen = _frames(tree)
-    drawn = heat(x, _names(tree), tau[chosen].T, "τ =", logarithmic=True)
+    drawn = heat(x, names_of(tree, "dof"), tau[chosen].T, "τ =", logarithmic=True)
     return drawn | {"name": ""}, max(float(np.nanmax(tau)), 10.0)
 
 
@@ -143,7 +135,7 @@ def _inefficiency(tree: xr.DataTree) -> Chart | None:
         "hovermode": "closest",
         "yaxis": axis,
     }
-    return chart([found[0] | {"coloraxis": "coloraxis"}], "", height=130 + 17 * max(len(_names(tree)), 6), **layout)
+    return chart([found[0] | {"coloraxis": "coloraxis"}], "", height=130 + 17 * max(len(names_of(tree, "dof")), 6), **layout)
 
 
 def _progress(tree: xr.DataTree) -> Chart | None:
@@ -171,10 +163,6 @@ def _frames(tree: xr.DataTree) -> tuple[Array, Array]:
     return frame_numbers(tree)[chosen], chosen
 
 
-def _names(tree: xr.DataTree) -> list[str]:
-    return [str(name) for name in tree["posterior"].dataset["dof"].values]
-
-
 def _viridis(count: int) -> list[str]:
     return [to_hex(color) for color in colormaps["viridis"](np.linspace(0.0, 0.88, count))]
 
@@ -182,10 +170,10 @@ def _viridis(count: int) -> list[str]:
 def _places(tree: xr.DataTree, pairs: Pairs | None) -> list[tuple[int, int]]:
     if pairs is None:
         return worst_pairs(tree, 6)
-    return [(frame_index(tree, frame), _names(tree).index(name)) for frame, name in pairs]
+    return [(frame_index(tree, frame), names_of(tree, "dof").index(name)) for frame, name in pairs]
 
 
 def _label(tree: xr.DataTree, frame: int, dof: int) -> str:
     tau = variable(tree, "diagnostics", "tau")
     factor = f", τ = {tau[frame, dof]:.1f}" if tau is not None and np.isfinite(tau[frame, dof]) else ""
-    return f"{_names(tree)[dof]}, frame {frame_numbers(tree)[frame]}{factor}"
+    return f"{names_of(tree, 'dof')[dof]}, frame {frame_numbers(tree)[frame]}{factor}"

@@ -14,11 +14,13 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 
-from poseppl.diagnostics.selection import diagnosed, evenly, frame_index, frame_numbers, mean_points, variable
+from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.selection import evenly, frame_index, mean_points
 from poseppl.report.charts import Pairs, autocorrelation_traces, error_traces, inefficiency_heat, state_traces, trace_panels
 from poseppl.report.picture import MUTED, POSTERIOR, TEXT, draw, draw_heat, draw_legend, new_picture, tidy
 from poseppl.report.pose import draw_overlay, draw_pose3d
 from poseppl.report.pose_data import pose_data
+from poseppl.runs.contents import frame_numbers, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
 NUM_OVERLAYS = 5
@@ -116,7 +118,7 @@ def plot_trace(tree: xr.DataTree, pairs: Pairs | None = None) -> Figure:
 
 def plot_state(tree: xr.DataTree, dofs: Sequence[str] | None = None) -> Figure:
     """Draw mean, central 90 % interval and truth of coordinates over the frames, by default of the first four."""
-    names = [str(name) for name in tree["posterior"].dataset["dof"].values]
+    names = names_of(tree, "dof")
     chosen = range(min(4, len(names))) if dofs is None else [names.index(name) for name in dofs]
     picture = new_picture(8.0, 1.9 * len(chosen))
     _states(picture, tree, chosen, columns=1)
@@ -131,7 +133,7 @@ def _states(figure: FigureBase, tree: xr.DataTree, dofs: Sequence[int], columns:
 
 def _state(axes: Axes, tree: xr.DataTree, dof: int) -> None:
     draw(axes, state_traces(tree, dof))
-    tidy(axes, str(tree["posterior"].dataset["dof"].values[dof]), "frame")
+    tidy(axes, names_of(tree, "dof")[dof], "frame")
 
 
 def _error(axes: Axes, tree: xr.DataTree) -> None:

@@ -7,16 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import (
-    Array,
-    edges,
-    evenly,
-    frame_numbers,
-    image_grows_down,
-    mean_points,
-    some_draws,
-    variable,
-)
+from poseppl.diagnostics.selection import Array, edges, evenly, image_grows_down, mean_points, some_draws
+from poseppl.runs.contents import frame_numbers, names_of, variable
 
 MAX_FRAMES = 120
 MAX_SAMPLES = 20
@@ -37,8 +29,7 @@ def pose_data(tree: xr.DataTree, frames: Array | None = None) -> dict[str, Any] 
     space, image = _space(tree, chosen), _image(tree, chosen)
     if space is None and image is None:
         return None
-    names = [str(name) for name in tree["posterior"].dataset["marker"].values]
-    shared = {"frames": frame_numbers(tree)[chosen], "edges": edges(tree), "markers": names}
+    shared = {"frames": frame_numbers(tree)[chosen], "edges": edges(tree), "markers": names_of(tree, "marker")}
     return shared | {"space": space, "image": image}
 
 
@@ -63,7 +54,7 @@ def _image(tree: xr.DataTree, chosen: Array) -> dict[str, Any] | None:
     spans = np.where(np.isfinite(high - low), high - low, 0.0).max(axis=2)
     reach = 0.62 * np.quantile(spans, 0.95, axis=0)
     return {
-        "cameras": [str(name) for name in tree["posterior"].dataset["camera"].values],
+        "cameras": names_of(tree, "camera"),
         "mean": mean,
         "draws": draws,
         "observed": None if seen is None else seen[chosen],

@@ -11,9 +11,10 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.batches import ratio_interval
-from poseppl.diagnostics.selection import Array, variable
+from poseppl.diagnostics.selection import Array
 from poseppl.report.chart import Chart, chart, line, points
 from poseppl.report.picture import MUTED, POSTERIOR, SAMPLE
+from poseppl.runs.contents import variable
 
 BINS = 10
 

@@ -10,7 +10,7 @@ from os import PathLike
 import xarray as xr
 
 from poseppl.diagnostics import verdicts
-from poseppl.diagnostics.selection import diagnosed
+from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.report.charts import charts
 from poseppl.report.page import page_html, write_page
 from poseppl.report.pose_data import pose_data

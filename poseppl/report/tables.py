@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import frame_numbers, variable
 from poseppl.report.page import DASH, Rows
+from poseppl.runs.contents import frame_numbers, variable
 from poseppl.runs.results import is_weighted, provenance
 
 MAX_WORST = 10

@@ -21,6 +21,7 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.contents import arrays_of, variable
 from poseppl.runs.outcome import history_of_result, result_of_run, result_of_smoothing
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -181,15 +182,10 @@ def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
         )
     if "smoother" in attrs:
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    groups = {
-        name: {str(key): values.values for key, values in result[name].dataset.data_vars.items()}
-        for name in ("observed_data", "sample_stats", "truth")
-        if name in result.children
-    }
     return history_of_result(result), {
-        "data": groups.get("observed_data"),
-        "filtered": groups["sample_stats"],
-        "truth": groups.get("truth", {}).get("state"),
+        "data": arrays_of(result, "observed_data") or None,
+        "filtered": arrays_of(result, "sample_stats"),
+        "truth": variable(result, "truth", "state"),
         "frames": posterior.coords["frame"].values,
         "rate": result.attrs.get("rate"),
         "attrs": {**attrs, "filter seconds": attrs.get("wall_seconds")},

@@ -43,6 +43,7 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.errors import InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
+from poseppl.runs.contents import group_of
 
 VERSION = 1
 """Version of the layout, in the root attribute ``poseppl_result``."""
@@ -194,7 +195,7 @@ def load_result(path: str | PathLike[str], *, max_bytes: int | None = None) -> x
     expected = "a results file written by poseppl track"
     tree = read_netcdf(path, expected=expected, max_bytes=max_bytes)
     version = tree.attrs.get("poseppl_result")
-    if version is None or "posterior" not in tree.children or "state" not in tree["posterior"].dataset:
+    if version is None or "state" not in group_of(tree, "posterior"):
         raise InputError("a NetCDF file, but not a result of poseppl", file=path, expected=expected)
     if version != VERSION:
         raise InputError(f"results of layout {version}", file=path, expected=f"layout {VERSION}: run the tracking again")

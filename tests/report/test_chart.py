@@ -8,7 +8,7 @@ import numpy as np
 from synthetic import synthetic_result
 
 from poseppl import report
-from poseppl.diagnostics.selection import diagnosed
+from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.report.chart import Panel, band, grid, line, log_ticks
 from poseppl.report.charts import charts
 from poseppl.report.page import to_json

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import xarray as xr
 
-from poseppl.diagnostics.diagnosis import diagnose
+from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
 from poseppl.diagnostics.verdicts.chains import RHAT_SHARE as RHAT_SHARE
 from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
@@ -59,8 +59,8 @@ def verdicts(tree: xr.DataTree) -> list[Verdict]:
     Returns:
         Findings, the worst first; a single one of severity "info" if there is nothing to complain of.
     """
-    diagnosed = tree if "diagnostics" in tree.children else diagnose(tree)
-    findings = [verdict for check in CHECKS for verdict in check(diagnosed)]
+    whole = diagnosed(tree)
+    findings = [verdict for check in CHECKS for verdict in check(whole)]
     findings.sort(key=lambda verdict: SEVERITIES.index(verdict.severity))
     if all(verdict.severity == INFO for verdict in findings):
         findings.insert(0, Verdict(INFO, "Nothing to complain of."))

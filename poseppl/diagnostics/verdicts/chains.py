@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, INFO, WARNING, Verdict, settings_among, statistic, where
+from poseppl.runs.contents import names_of
 from poseppl.runs.results import is_weighted, provenance
 
 TAU_BAD = 25.0
@@ -61,7 +62,7 @@ def mixing(tree: xr.DataTree) -> list[Verdict]:
     if is_weighted(tree):
         return []
     tau, ess = np.asarray(data["tau"].values), np.asarray(data["ess"].values)
-    names = [str(name) for name in data["dof"].values]
+    names = names_of(tree, "dof")
     found = []
     bad = tau > TAU_BAD
     affected = [i for i in np.argsort(-np.where(bad, tau, 0.0).max(axis=0), kind="stable") if bad[:, i].any()]

@@ -7,6 +7,7 @@ import xarray as xr
 
 from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
+from poseppl.runs.contents import group_of
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.results import provenance
 
@@ -31,10 +32,8 @@ def prediction(tree: xr.DataTree) -> list[Verdict]:
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
     """The predictive checks of a result, as many as it has; None where it has none."""
-    if "predictive" not in tree.children:
-        return None
-    data = tree["predictive"].dataset
-    return Prediction(**{name: data[name].values for name in Prediction._fields if name in data})
+    data = group_of(tree, "predictive")
+    return Prediction(**{name: data[name].values for name in Prediction._fields if name in data}) if data else None
 
 
 def check_predictions(prediction: Prediction) -> list[Verdict]:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of
+from poseppl.runs.contents import names_of
 
 Floats = NDArray[np.float64]
 
@@ -89,10 +90,9 @@ def residuals_of(tree: xr.DataTree) -> Residuals | None:
 
 def point_residuals(tree: xr.DataTree) -> list[Verdict]:
     """Points farther from the body than noise and posterior allow, or nearer; by camera and marker."""
-    residuals, names = residuals_of(tree), tree["posterior"].dataset
-    if residuals is None or not {"camera", "marker"} <= set(names.coords):
+    residuals, cameras, markers = residuals_of(tree), names_of(tree, "camera"), names_of(tree, "marker")
+    if residuals is None or not (cameras and markers):
         return []
-    cameras, markers = ([str(name) for name in names[axis].values] for axis in ("camera", "marker"))
     return [*_overall(residuals, cameras, markers), *_of_cameras(residuals, cameras), *_of_markers(residuals, markers)]
 
 

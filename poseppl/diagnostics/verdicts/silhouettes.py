@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, statistic, where
+from poseppl.runs.contents import names_of
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
 """Intersection over union of body and silhouettes, mean over a camera's frames: below it there is a warning, an error."""
@@ -25,7 +26,7 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
     share = statistic(tree, "overlap")
     if share is None or not np.isfinite(share).any():
         return []
-    cameras = _cameras(tree)
+    cameras = names_of(tree, "camera", "camera")
     means = np.array([float(np.nanmean(column)) if np.isfinite(column).any() else np.nan for column in share.T])
     low = np.flatnonzero(means < OVERLAP_LOW)
     seen = np.isfinite(share).any(axis=1)
@@ -52,14 +53,10 @@ def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
     far = np.linalg.norm(np.diff(centre, axis=0), axis=-1) / np.sqrt(area[:-1])
     growth = np.abs(np.diff(np.log(area), axis=0))
     jumps = np.vstack([np.zeros(area.shape[1], bool), (far > max(JUMP, PACE / rate)) | (growth > np.log(SWELLING))])
-    cameras = _cameras(tree)
+    cameras = names_of(tree, "camera", "camera")
     found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
     if not found:
         return []
     text = f"Silhouettes leap or change size at once in {', '.join(found)}"
     advice = "they may have changed to another person; look at the overlay, and give --masks of one person"
     return [Verdict(WARNING, f"{text}: {advice}.")]
-
-
-def _cameras(tree: xr.DataTree) -> list[str]:
-    return [str(name) for name in tree["camera"].dataset["camera"].values]

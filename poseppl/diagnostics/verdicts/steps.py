@@ -16,7 +16,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, where
+from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
 Floats = NDArray[np.float64]
@@ -48,15 +49,12 @@ class Steps(NamedTuple):
 
 def steps_of(tree: xr.DataTree) -> Steps | None:
     """Steps of a result; None where it does not tell its walk, or has one frame."""
-    if "inputs" not in tree.children or "step_scale" not in tree["inputs"].dataset:
-        return None
-    summary = tree["summary"].dataset
-    mean, variance = summary["state_mean"].values.astype(float), np.square(summary["state_sd"].values.astype(float))
-    scale = np.asarray(tree["inputs"].dataset["step_scale"].values, float)
-    if scale.shape != mean.shape or len(mean) < 2:
+    mean, deviation = (tree["summary"].dataset[f"state_{part}"].values.astype(float) for part in ("mean", "sd"))
+    scale = array_of(tree, "inputs", "step_scale")
+    if scale is None or scale.shape != mean.shape or len(mean) < 2:
         return None
     walks = np.where(scale > 0, scale, np.nan)[1:]
-    gained = np.diff(-variance, axis=0) / walks**2
+    gained = np.diff(-(deviation**2), axis=0) / walks**2
     return Steps(np.diff(mean, axis=0) / walks, np.maximum(1 + gained, _LEAST_SHARE))
 
 
@@ -65,7 +63,7 @@ def estimated_steps(tree: xr.DataTree) -> list[Verdict]:
     steps = steps_of(tree)
     if steps is None:
         return []
-    names = np.array([str(name) for name in tree["posterior"].dataset["dof"].values])
+    names = np.array(names_of(tree, "dof"))
     moves = np.array([name.rpartition(".")[2] in ("tx", "ty", "tz") for name in names])
     found = []
     for group, members in (("Translations", moves), ("Angles", ~moves)):

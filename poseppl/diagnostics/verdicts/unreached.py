@@ -12,6 +12,7 @@ from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.unreached import unreached_figures
 from poseppl.diagnostics.verdicts.predictive import INFLATION_HIGH, OVER_CONFIDENT, prediction_of
 from poseppl.diagnostics.verdicts.verdict import ERROR, Verdict, statistic
+from poseppl.runs.contents import names_of
 from poseppl.runs.predictive import Prediction
 
 MAX_NAMED = 4
@@ -23,8 +24,7 @@ def unreached(tree: xr.DataTree) -> list[Verdict]:
     if prediction is None or prediction.explained is None or ess is None:
         return []
     summary = tree["summary"].dataset
-    names = [str(name) for name in tree["posterior"].dataset["dof"].values]
-    return check_unreached(prediction, summary["state_mean"].values, summary["state_sd"].values, ess, names)
+    return check_unreached(prediction, summary["state_mean"].values, summary["state_sd"].values, ess, names_of(tree, "dof"))
 
 
 def check_unreached(

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, statistic, where
+from poseppl.runs.contents import group_of
 
 MISSING_HIGH = 0.2
 
@@ -33,7 +34,7 @@ def failures(tree: xr.DataTree) -> list[Verdict]:
 
 def missing(tree: xr.DataTree) -> list[Verdict]:
     """Frames in which nothing was observed; of silhouettes, those that show nobody, for their points are always missing."""
-    observed = tree["observed_data"].dataset if "observed_data" in tree.children else {}
+    observed = group_of(tree, "observed_data")
     name = next((name for name in ("silhouette_area", "points") if name in observed), None)
     if name is None:
         return []

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
 
 ERROR, WARNING, INFO = "error", "warning", "info"
@@ -60,9 +61,8 @@ def where(tree: xr.DataTree, mask: ArrayLike) -> str:
 
 def array_of(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64] | None:
     """A variable of a group; None where the result has none of this name."""
-    if group not in tree.children or name not in tree[group].dataset:
-        return None
-    return np.asarray(tree[group].dataset[name].values, np.float64)
+    values = variable(tree, group, name)
+    return None if values is None else np.asarray(values, np.float64)
 
 
 def statistic(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.selection import Array, edges, frame_numbers, mean_points, some_draws
+from poseppl.diagnostics.selection import Array, edges, mean_points, some_draws
 from poseppl.errors import InputError
 from poseppl.motion.io import Video, write_video
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.text_parsing import some
+from poseppl.runs.contents import frame_numbers, names_of
 
 MAX_SAMPLES = 12
 _SHIFT = 4
@@ -35,7 +36,7 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
     Raises:
         InputError: The result does not know the camera, or holds no points.
     """
-    names = [str(name) for name in tree["posterior"].dataset["camera"].values] if "camera" in tree["posterior"].coords else []
+    names = names_of(tree, "camera")
     samples, means = some_draws(tree, "points", MAX_SAMPLES), mean_points(tree)
     if samples is None or means is None or video.camera not in names:
         raise InputError(f"no points of the camera {video.camera!r}", expected=f"one of {some(names) or 'none'}")

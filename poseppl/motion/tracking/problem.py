@@ -29,6 +29,7 @@ from poseppl.motion.tracking.walk import step_scales, time_steps
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.contents import arrays_of
 from poseppl.runs.frame_sequence import rows_of_inputs
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
@@ -127,13 +128,11 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     Raises:
         InputError: The result does not come from `track`, or is of an older layout, or its model is not installed.
     """
-    complete = "inputs" in tree.children and "step_scale" in tree["inputs"].dataset
-    if not complete or "camera" not in tree.children:
+    inputs, calibration = arrays_of(tree, "inputs"), arrays_of(tree, "camera")
+    if "step_scale" not in inputs or not calibration:
         raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
-    inputs = {str(name): np.asarray(values) for name, values in tree["inputs"].dataset.data_vars.items()}
     _, body, params = recorded_model(tree, model)
-    seen = {str(name): jnp.asarray(values, float) for name, values in tree["camera"].dataset.data_vars.items()}
-    cameras = Cameras(**{name: seen[name] for name in Cameras._fields if name in seen})
+    cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params))
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():

@@ -13,6 +13,7 @@ import xarray as xr
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body, installed_builder, load_builder, source_of_model
 from poseppl.motion.io.text_parsing import finite_numbers
+from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
 
@@ -55,7 +56,7 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
 
 def _check_coordinates(tree: xr.DataTree, body: Body) -> None:
     names = [body.tree.coordinate_names[index] for index in body.free_coordinates]
-    if [str(name) for name in tree["posterior"].dataset["dof"].values] != names:
+    if names_of(tree, "dof") != names:
         raise InputError(
             "the result is of a body with other coordinates", field="--model", expected="the body that was tracked"
         )

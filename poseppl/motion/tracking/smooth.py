@@ -14,12 +14,10 @@ from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
+from poseppl.runs.contents import arrays_of, frame_numbers, names_of, variable
 from poseppl.runs.outcome import history_of_result, parts_of_smoothing, provenance_of_smoothing
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.smoothing import run_smoother
-
-_NAMED = (("posterior", "dof"), ("posterior", "marker"), ("camera", "camera"))
-"""Where a result has the names of its degrees of freedom, markers and cameras."""
 
 
 class SmoothSettings(NamedTuple):
@@ -73,7 +71,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
     )
-    stats = {str(name): values.values for name, values in tree["sample_stats"].dataset.data_vars.items()}
+    stats = arrays_of(tree, "sample_stats")
     attrs = {
         **known,
         "model": settings.model or known["model"],
@@ -89,28 +87,17 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
 
 def _result(tree: xr.DataTree, problem: Problem, parts: Mapping[str, Any], attrs: Mapping[str, Any]) -> xr.DataTree:
     """The parts of the smoothing, with what else the result of the filter tells."""
-
-    def arrays(group: str) -> dict[str, Any]:
-        if group not in tree.children:
-            return {}
-        return {str(name): values.values for name, values in tree[group].dataset.data_vars.items()}
-
-    truth = arrays("truth")
-    cameras = arrays("camera")
+    cameras = arrays_of(tree, "camera")
     return build_result(
         **parts,
-        names=Names(*([str(name) for name in _coordinate(tree, *place)] for place in _NAMED)),
-        observed=arrays("observed_data"),
-        truth=Truth(truth.get("state"), truth.get("markers")),
+        names=Names(names_of(tree, "dof"), names_of(tree, "marker"), names_of(tree, "camera", "camera")),
+        observed=arrays_of(tree, "observed_data"),
+        truth=Truth(variable(tree, "truth", "state"), variable(tree, "truth", "markers")),
         cameras=cameras,
-        edges=arrays("body")["edges"],
+        edges=variable(tree, "body", "edges"),
         root=problem.body.root,
-        inputs=arrays("inputs"),
-        frames=_coordinate(tree, "posterior", "frame"),
+        inputs=arrays_of(tree, "inputs"),
+        frames=frame_numbers(tree),
         rate=tree.attrs.get("rate"),
         attrs={name: value for name, value in attrs.items() if value is not None},
     )
-
-
-def _coordinate(tree: xr.DataTree, group: str, name: str) -> Any:
-    return tree[group].dataset.coords[name].values

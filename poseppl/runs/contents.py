@@ -1,0 +1,41 @@
+"""What a result holds, as plain arrays and names, where it may lack a group, a variable or a dimension.
+
+>>> tree = xr.DataTree.from_dict({"posterior": xr.Dataset({"state": ("dof", np.zeros(2))}, coords={"dof": ["x", "y"]})})
+>>> names_of(tree, "dof"), variable(tree, "truth", "state"), arrays_of(tree, "inputs")
+(['x', 'y'], None, {})
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+
+def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
+    """A group of a result, empty where it has none of this name."""
+    return tree[name].to_dataset() if name in tree.children else xr.Dataset()
+
+
+def arrays_of(tree: xr.DataTree, group: str) -> dict[str, NDArray[Any]]:
+    """The variables of a group by name, none where the result has no such group."""
+    return {str(name): values.values for name, values in group_of(tree, group).data_vars.items()}
+
+
+def variable(tree: xr.DataTree, group: str, name: str) -> NDArray[Any] | None:
+    """Values of a variable, None where the result has no such group or variable."""
+    data = group_of(tree, group)
+    return np.asarray(data[name].values) if name in data else None
+
+
+def names_of(tree: xr.DataTree, dim: str, group: str = "posterior") -> list[str]:
+    """Names along a dimension (``dof``, ``marker``, ``camera``), none where the group has no such names."""
+    data = group_of(tree, group)
+    return [str(name) for name in data[dim].values] if dim in data.coords else []
+
+
+def frame_numbers(tree: xr.DataTree) -> NDArray[np.int64]:
+    """Frame numbers of a result, (frame,)."""
+    return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
