@@ -1,0 +1,89 @@
+"""Normal distributions within joint limits, whose bijector is the identity.
+
+NumPyro maps an interval to the real line by a logistic function, which moves a limit to infinity: a straight knee, 5 degrees
+from its limit, would lie in the tail. Here an angle within its limits stays an angle, as a circular one does, so that the flat
+state of a body is its pose, and its density is 0 (its logarithm -inf) beyond a limit. What searches for modes under bounds
+finds these in the site's support.
+
+>>> import jax.numpy as jnp
+>>> knee = LimitedNormal(jnp.array([-0.1]), 0.2, jnp.array([-2.36]), jnp.array([0.09]))
+>>> knee.log_prob(jnp.array([0.2])).tolist()
+[-inf]
+>>> biject_to(knee.support).inv(jnp.array([0.05])).round(2).tolist()
+[0.05000000074505806]
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+from jax.scipy.special import erf
+from numpyro.distributions import biject_to, constraints
+from numpyro.distributions.transforms import IdentityTransform
+
+_FAR = 12.0
+"""Standard deviations beyond which a limit is none."""
+
+
+class JointLimits(constraints.interval):  # type: ignore[misc]
+    """An interval whose bijector is the identity; bounds may be infinite."""
+
+    def feasible_like(self, prototype: Any) -> Any:
+        """The value nearest to 0."""
+        return jnp.broadcast_to(jnp.clip(0.0, self.lower_bound, self.upper_bound), jnp.shape(prototype))
+
+
+@biject_to.register(JointLimits)  # type: ignore[untyped-decorator]
+def _identity(limits: JointLimits) -> IdentityTransform:
+    return IdentityTransform()
+
+
+class LimitedNormal(dist.Distribution):  # type: ignore[misc]
+    """A normal distribution cut off at limits and normalised.
+
+    Args:
+        loc: Mean before it is cut off (n,); one beyond a limit counts as at the limit, so that the mass left is a sum of two
+            parts, and float32 does.
+        scale: Standard deviation before it is cut off, of a shape that broadcasts with it.
+        low: Lower limits (n,), -inf for none.
+        high: Upper limits (n,).
+    """
+
+    arg_constraints: ClassVar = {"loc": constraints.real, "scale": constraints.positive}
+    pytree_data_fields = ("loc", "scale", "low", "high")
+    reparametrized_params: ClassVar = ["loc", "scale"]
+
+    def __init__(self, loc: Any, scale: Any, low: Any, high: Any, *, validate_args: Any = None) -> None:
+        self.low, self.high = jnp.asarray(low, float), jnp.asarray(high, float)
+        self.loc = jnp.clip(loc, self.low, self.high)
+        shape = jnp.broadcast_shapes(self.loc.shape, jnp.shape(scale))
+        self.scale = jnp.broadcast_to(jnp.asarray(scale, float), shape)
+        super().__init__(shape, validate_args=validate_args)
+
+    @constraints.dependent_property(is_discrete=False, event_dim=0)  # type: ignore[untyped-decorator]
+    def support(self) -> JointLimits:
+        """The limits."""
+        return JointLimits(self.low, self.high)
+
+    def _ends(self) -> tuple[jax.Array, jax.Array]:
+        """The limits, in standard deviations from the mean."""
+        below, above = (self.loc - self.low) / self.scale, (self.high - self.loc) / self.scale
+        return -jnp.minimum(below, _FAR), jnp.minimum(above, _FAR)
+
+    def log_prob(self, value: jax.Array) -> jax.Array:
+        """Log-density, -inf beyond the limits."""
+        below, above = self._ends()
+        mass = 0.5 * (erf(above / np.sqrt(2)) - erf(below / np.sqrt(2)))  # both terms add
+        inside = (value >= self.low) & (value <= self.high)
+        offset = (jnp.clip(value, self.low, self.high) - self.loc) / self.scale
+        density = -0.5 * offset**2 - jnp.log(self.scale * mass) - 0.5 * np.log(2 * np.pi)
+        return jnp.where(inside, density, -jnp.inf)
+
+    def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+        """Draw; rounding leaves no draw beyond a limit."""
+        noise = jax.random.truncated_normal(key, *self._ends(), (*sample_shape, *self.batch_shape))
+        return jnp.clip(self.loc + self.scale * noise, self.low, self.high)
