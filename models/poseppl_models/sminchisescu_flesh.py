@@ -65,10 +65,10 @@ def _trunk(size: Sizes) -> list[Superquadric]:
         Superquadric(
             "chest",
             "thorax",
-            (size["chest_width"], size["chest_depth"], 0.56 * size["thorax"]),
+            (size["chest_width"], size["chest_depth"], 0.52 * size["thorax"]),
             (0.5, 0.8),
             taper=(0.08, 0.02),
-            centre=(0.0, 0.0, 0.46 * size["thorax"]),
+            centre=(0.0, 0.0, 0.48 * size["thorax"]),
         ),
         Superquadric(
             "neck",

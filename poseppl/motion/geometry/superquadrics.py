@@ -186,10 +186,19 @@ def nodes_of(tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitu
 
 def place_nodes(flesh: Superquadrics, frames: Frames, nodes: Nodes) -> Nodes:
     """Nodes in the given frames of links, the batch last."""
+    return place_in(*part_axes(flesh, frames), nodes)
+
+
+def part_axes(flesh: Superquadrics, frames: Frames) -> tuple[jax.Array, jax.Array]:
+    """The parts' axes as columns (P, 3, 3, N) and their centres (P, 3, N), mm, in the world, for the given frames of links."""
     link = np.array(flesh.links)
     turn = frames.rotation[link]
     axes = jnp.asarray(sum(turn[:, :, k, None] * flesh.rotations[:, None, k] for k in range(3)))
-    centres = frames.origin[link] + jnp.sum(turn * flesh.centres[:, None], 2)
+    return axes, frames.origin[link] + jnp.sum(turn * flesh.centres[:, None], 2)
+
+
+def place_in(axes: jax.Array, centres: jax.Array, nodes: Nodes) -> Nodes:
+    """Nodes of parts with such axes (P, 3, 3, N) and centres (P, 3, N) in the world."""
     points, normals = (_turned(axes, vectors) for vectors in nodes)
     return Nodes(points + centres[:, None, None], normals)
 

@@ -1,0 +1,89 @@
+"""Parts of a body that do not run through each other: the prior p_pa of Sminchisescu and Triggs (2001, section 3.2).
+
+    f_pa = w sum over pairs of parts that do not meet at a joint, of the mean over nodes of exp(-f |f|^(p - 1)),
+
+f being the implicit surface of the other part (:mod:`poseppl.motion.geometry.implicit_surfaces`) in units of some millimetres.
+The paper gives neither p nor that unit, nor says where f is evaluated. Here p = 2, 15 mm, both parts' nodes in the other's
+surface, and w = 20: flesh that touches at one node of twenty costs 1.
+
+>>> import jax.numpy as jnp
+>>> from poseppl_models.sminchisescu_body import superquadric_body
+>>> body = superquadric_body()
+>>> penalty = non_penetration(body.flesh.names)
+>>> bool(penalty(jnp.asarray(body.rest, float), body.tree, body.flesh) < 0.1)
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.motion.geometry import KinematicTree
+from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.implicit_surfaces import penetration
+from poseppl.motion.geometry.kinematics import frames_of
+from poseppl.motion.geometry.superquadrics import Superquadrics, local_nodes, part_axes, place_in
+from poseppl_models.image_program import CHUNK
+
+SOFTNESS = 15.0
+"""Unit of the implicit surfaces, mm."""
+DECAY = 2.0
+"""p."""
+WEIGHT = 20.0
+_LATITUDES = np.array([-1.2, -0.55, 0.0, 0.55, 1.2])
+_LONGITUDES = np.arange(4) * np.pi / 2
+_CHAINS = (
+    ("pelvis", "chest", "neck", "head"),
+    ("neck", "upper_arm"),
+    ("chest", "upper_arm", "forearm", "hand"),
+    ("pelvis", "thigh", "shank", "foot"),
+)
+"""Parts that meet: each with the next."""
+
+Penalty = Callable[[jax.Array, KinematicTree, Superquadrics], jax.Array]
+"""A state (d,), the tree and the flesh to a cost (), at least 0, with a gradient by the state."""
+
+
+def non_penetration(
+    names: Sequence[str], *, softness: float = SOFTNESS, decay: float = DECAY, weight: float = WEIGHT
+) -> Penalty:
+    """Write the cost f_pa.
+
+    Args:
+        names: Of the parts; those that meet at a joint are told by them.
+        softness: Unit of the implicit surfaces, mm.
+        decay: p, how fast the potential falls.
+        weight: w.
+    """
+    pairs = apart(names)
+
+    def cost(state: jax.Array, tree: KinematicTree, flesh: Superquadrics) -> jax.Array:
+        if not pairs:
+            return jnp.zeros((1, state.shape[-1]), state.dtype)
+        axes, centres = part_axes(flesh, frames_of(tree, state))
+        nodes = place_in(axes, centres, local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)))
+        found = penetration(flesh, axes, centres, nodes, pairs, softness=softness, decay=decay)
+        return weight * jnp.sum(found, 0)[None]
+
+    scored = batched_score(cost, chunk=CHUNK)
+    return lambda state, tree, flesh: scored(state, tree, flesh)[0]
+
+
+def apart(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Ordered pairs of parts that do not meet at a joint; those of one side are told by ``_l`` and ``_r``."""
+    neighbours = {frozenset(pair) for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)}
+
+    def meet(first: str, second: str) -> bool:
+        (one, side), (other, other_side) = (_split(name) for name in (first, second))
+        return frozenset((one, other)) in neighbours and (not side or not other_side or side == other_side)
+
+    count = len(names)
+    return tuple((i, j) for i in range(count) for j in range(count) if i != j and not meet(names[i], names[j]))
+
+
+def _split(name: str) -> tuple[str, str]:
+    return (name[:-2], name[-1]) if name[-2:] in ("_l", "_r") else (name, "")

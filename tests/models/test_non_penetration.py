@@ -1,0 +1,59 @@
+"""A body's parts repel each other: hardly where they are apart, much where a limb is inside of another part."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from poseppl_models.non_penetration import apart, non_penetration
+from poseppl_models.sminchisescu_body import superquadric_body
+from precision import precision
+
+CROSSED = {"shoulder_l_Y": -0.2, "shoulder_l_Z": -1.2, "elbow_l_X": 1.6}
+"""The left forearm within the chest."""
+
+
+def pose(body, **angles):
+    index = {coordinate: i for i, coordinate in enumerate(body.tree.coordinates)}
+    state = np.array(body.rest)
+    for key, angle in angles.items():
+        state[index[tuple(key.rsplit("_", 1))]] = angle
+    return jnp.asarray(state, float)
+
+
+def test_pairs():
+    """All pairs but those that meet at a joint of one side, both ways; the arm's hand and upper arm are left."""
+    names = superquadric_body().flesh.names
+    found = {(names[i], names[j]) for i, j in apart(names)}
+    assert ("hand_l", "chest") in found and ("chest", "hand_l") in found and ("forearm_l", "upper_arm_r") in found
+    assert not {("forearm_l", "hand_l"), ("chest", "upper_arm_r"), ("thigh_l", "pelvis")} & found
+    assert len(apart(superquadric_body("arm").flesh.names)) == 2
+
+
+def test_hardly_anything_apart_and_much_inside():
+    """Without the reach of a forearm into the chest no cost is above 1; 30 mm of it cost 50 at least. Legs that cross, too."""
+    body = superquadric_body()
+    cost = jax.jit(non_penetration(body.flesh.names))
+    stepping = {"hip_l_X": 0.6, "hip_r_X": -0.4, "knee_l_X": -0.5, "shoulder_l_X": -0.4, "shoulder_r_X": 0.5}
+    for angles in ({}, {"elbow_l_X": 1.6}, stepping, {"shoulder_l_Y": 1.5, "elbow_r_X": 2.2}):
+        assert 0 <= cost(pose(body, **angles), body.tree, body.flesh) < 1, angles
+    for angles in (CROSSED, {"hip_l_Y": -0.3, "hip_r_Y": 0.3}):
+        assert cost(pose(body, **angles), body.tree, body.flesh) > 50, angles
+    blind = jax.jit(non_penetration(("chest", "neck")))  # knows of two parts alone, which meet
+    assert blind(pose(body, **CROSSED), body.tree, body.flesh) == 0
+
+
+def test_descent_pulls_limbs_apart():
+    """Gradients equal central differences in float64, at rest and with an arm inside; down them the cost falls."""
+    with precision(np.float64):
+        body = superquadric_body()
+        penalty = non_penetration(body.flesh.names)
+        value = jax.jit(lambda x: penalty(x, body.tree, body.flesh))
+        slope = jax.jit(jax.grad(lambda x: penalty(x, body.tree, body.flesh)))
+        for state in (pose(body), pose(body, **CROSSED)):
+            gradient = np.asarray(slope(state))
+            steps = 1e-6 * np.eye(34)[3:]
+            differences = [(value(state + step) - value(state - step)) / 2e-6 for step in steps]
+            np.testing.assert_allclose(gradient[3:], differences, rtol=1e-4, atol=1e-6 * np.abs(gradient).max())
+            assert value(state - 1e-3 * gradient / np.linalg.norm(gradient)) < value(state)
+            np.testing.assert_allclose(gradient[:3], 0, atol=1e-9 * max(1, np.abs(gradient).max()))
