@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from os import PathLike
+from typing import NamedTuple
+
+FilePath = str | PathLike[str]
 
 
 class PosepplError(Exception):
@@ -24,7 +27,7 @@ class InputError(PosepplError):
         self,
         problem: str,
         *,
-        file: str | PathLike[str] | None = None,
+        file: FilePath | None = None,
         line: int | None = None,
         field: str | None = None,
         expected: str | None = None,
@@ -33,6 +36,26 @@ class InputError(PosepplError):
         message = f"{', '.join(where)}: {problem}" if where else problem
         told = f"{message} (expected {expected})" if expected else message
         super().__init__("".join(letter if letter.isprintable() else "?" for letter in told))
+
+
+class Location(NamedTuple):
+    """A place in the input, for messages: a file, a line of it, a field; None is what is not known."""
+
+    file: FilePath | None = None
+    line: int | None = None
+    field: str | None = None
+
+    def in_line(self, line: int) -> Location:
+        """A line of this file."""
+        return self._replace(line=line)
+
+    def in_field(self, field: str) -> Location:
+        """A field here."""
+        return self._replace(field=field)
+
+    def error(self, problem: str, expected: str | None = None) -> InputError:
+        """The error that something here is wrong."""
+        return InputError(problem, file=self.file, line=self.line, field=self.field, expected=expected)
 
 
 class SettingError(InputError):

@@ -15,7 +15,6 @@ the cameras are calibrated for it, although people are upside down in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,12 +22,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.outline_samples import pad_maps
 from poseppl.motion.io import read_image
-from poseppl.motion.io.text_parsing import parse_numbers, split_words
+from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 from poseppl.motion.vision import benchmark_edge_map
 from poseppl_models.bodytrack import BodytrackBody, ImageInputs, bodytrack_body
 
@@ -78,9 +77,7 @@ class Bodytrack(NamedTuple):
         return ImageInputs(self.cameras, edges, inside, start, scale, scale)
 
 
-def read_bodytrack(
-    folder: str | PathLike[str], frames: Sequence[int] = (0,), *, cameras: Sequence[int] = (1, 2, 3, 4)
-) -> Bodytrack:
+def read_bodytrack(folder: FilePath, frames: Sequence[int] = (0,), *, cameras: Sequence[int] = (1, 2, 3, 4)) -> Bodytrack:
     """Read frames of the benchmark.
 
     Args:
@@ -131,10 +128,7 @@ def _numbers(path: Path, shape: tuple[int, ...], what: str) -> Floats:
 
 def _rows(path: Path) -> list[list[float]]:
     """The numbers of each line that has some."""
-    lines = enumerate(read_text(path).split("\n"), 1)
-    return [
-        parse_numbers(split_words(text, file=path, line=line), file=path, line=line) for line, text in lines if text.strip()
-    ]
+    return [parse_numbers(words, at) for at, words in lines_of_words(path, read_text(path))]
 
 
 def _reference(path: Path) -> Floats:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -27,14 +26,14 @@ from poseppl.diagnostics.paired_comparison import TIE, compare_quantities, is_mi
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.runs.results import provenance
 
 _BY_CELL = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
 _BY_FRAME = ("rejection", "evaluations", "joint_error", "joint_error_relative")
 
 
-def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, str | PathLike[str]] | None = None) -> xr.DataTree:
+def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | None = None) -> xr.DataTree:
     """Compare runs of any filters or smoothers on the same data, or of other cameras that saw the same truth.
 
     Args:
@@ -139,7 +138,7 @@ def comparison_table(tree: xr.DataTree) -> list[dict[str, Any]]:
     return [{str(name): None if value != value else value for name, value in row.items()} for row in rows]
 
 
-def _check(name: str, data: Data, first: str, reference: Data, files: Mapping[str, str | PathLike[str]]) -> None:
+def _check(name: str, data: Data, first: str, reference: Data, files: Mapping[str, FilePath]) -> None:
     problem = difference(reference, data)
     if problem is not None:
         other = files.get(first, first)

@@ -16,10 +16,9 @@ import shutil
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from os import PathLike
 from pathlib import Path
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.files.locks import take_lock
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -27,7 +26,7 @@ _STRAY_SECONDS = 60.0
 """Age from which a temporary file that nobody has locked is taken for a stray."""
 
 
-def _check_target(path: str | PathLike[str], inputs: Iterable[str | PathLike[str]]) -> Path:
+def _check_target(path: FilePath, inputs: Iterable[FilePath]) -> Path:
     try:
         target = Path(path).resolve()
         if target.is_dir():
@@ -60,7 +59,7 @@ def _flush(path: Path) -> None:
 
 
 @contextmanager
-def atomic_path(path: str | PathLike[str], *, inputs: Iterable[str | PathLike[str]] = ()) -> Iterator[Path]:
+def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[Path]:
     """Yield a temporary name in the folder of a file; on success it becomes the file, on failure it is removed.
 
     Args:
@@ -125,7 +124,7 @@ def remove_strays(folder: Path, stem: str, suffix: str = "", min_age: float = _S
 
 
 @contextmanager
-def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
+def atomic_folder(path: FilePath) -> Iterator[Path]:
     """Yield a temporary folder beside a folder that does not exist yet; on success it becomes that, on failure it is removed.
 
     Args:
@@ -159,7 +158,7 @@ def atomic_folder(path: str | PathLike[str]) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _tell(error: OSError, path: str | PathLike[str]) -> None:
+def _tell(error: OSError, path: FilePath) -> None:
     """Raise the error in words that a user understands, if there are some."""
     if _is_full(error):
         raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 
 MAX_TEXT_BYTES = 64 * 2**20
 
 
-def check_file(path: str | PathLike[str], *, max_bytes: int) -> Path:
+def check_file(path: FilePath, *, max_bytes: int) -> Path:
     """Check that a path names a regular file that is neither empty nor absurdly large.
 
     Args:
@@ -41,7 +40,7 @@ def check_file(path: str | PathLike[str], *, max_bytes: int) -> Path:
     return source
 
 
-def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> str:
+def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     """Read a text file, UTF-8 or else Latin-1, as a whole.
 
     Args:
@@ -68,7 +67,7 @@ def read_text(path: str | PathLike[str], *, max_bytes: int = MAX_TEXT_BYTES) -> 
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def read_toml(path: str | PathLike[str]) -> dict[str, Any]:
+def read_toml(path: FilePath) -> dict[str, Any]:
     """Read a TOML file of at most 1 MiB.
 
     Args:

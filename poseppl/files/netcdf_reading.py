@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator
-from os import PathLike
 from typing import Any, NamedTuple, NoReturn
 
 import h5py
 import numpy as np
 import xarray as xr
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import check_file
 
 MAX_BYTES = 4 * 2**30
@@ -34,7 +33,7 @@ _SLACK = 64 * 2**20
 _DAMAGED = "not a NetCDF file, or a damaged one"
 
 
-def read_netcdf(path: str | PathLike[str], *, expected: str, max_bytes: int | None = None) -> xr.DataTree:
+def read_netcdf(path: FilePath, *, expected: str, max_bytes: int | None = None) -> xr.DataTree:
     """Read a NetCDF file into memory.
 
     Args:
@@ -58,7 +57,7 @@ def read_netcdf(path: str | PathLike[str], *, expected: str, max_bytes: int | No
         raise InputError(_DAMAGED, file=path, expected=expected) from error
 
 
-def check_netcdf(path: str | PathLike[str], *, expected: str, max_bytes: int | None = None) -> None:
+def check_netcdf(path: FilePath, *, expected: str, max_bytes: int | None = None) -> None:
     """Check what a file declares, reading names, shapes, attributes and texts alone; arguments and errors as `read_netcdf`."""
     size = check_file(path, max_bytes=2**40).stat().st_size
     limit = _limit() if max_bytes is None else max_bytes
@@ -90,7 +89,7 @@ def _limit() -> int:
         raise InputError(f"{given[:40]!r}", field="POSEPPL_MAX_GIB", expected="a number of GiB") from error
 
 
-def _refuse_bytes(path: str | PathLike[str], total: int, limit: int) -> NoReturn:
+def _refuse_bytes(path: FilePath, total: int, limit: int) -> NoReturn:
     raise InputError(
         f"it declares {total / 2**30:.1f} GiB or more",
         file=path,
@@ -105,7 +104,7 @@ class _Found(NamedTuple):
     bytes: int
 
 
-def _walk(path: str | PathLike[str], root: h5py.File) -> Iterator[_Found]:
+def _walk(path: FilePath, root: h5py.File) -> Iterator[_Found]:
     waiting: list[tuple[h5py.Group, int]] = [(root, 0)]
     seen = {h5py.h5o.get_info(root.id).addr}
     num_groups = 0
@@ -132,7 +131,7 @@ def _walk(path: str | PathLike[str], root: h5py.File) -> Iterator[_Found]:
                 yield _Found(where, _attribute_bytes(path, inner) + _data_bytes(path, where, inner))
 
 
-def _data_bytes(path: str | PathLike[str], where: str, item: Any) -> int:
+def _data_bytes(path: FilePath, where: str, item: Any) -> int:
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         _refuse(path, where, "neither a group nor a variable", "arrays of numbers or texts")
     if item.is_virtual or item.id.get_create_plist().get_external_count():
@@ -149,7 +148,7 @@ def _data_bytes(path: str | PathLike[str], where: str, item: Any) -> int:
     return declared + sum(len(item[index]) for index in np.ndindex(item.shape))  # many may be one and the same in the file
 
 
-def _attribute_bytes(path: str | PathLike[str], item: Any) -> int:
+def _attribute_bytes(path: FilePath, item: Any) -> int:
     if len(item.attrs) > MAX_ATTRIBUTES:
         _refuse(path, item.name, f"{len(item.attrs)} attributes", f"at most {MAX_ATTRIBUTES}")
     total = 0
@@ -164,5 +163,5 @@ def _attribute_bytes(path: str | PathLike[str], item: Any) -> int:
     return total
 
 
-def _refuse(path: str | PathLike[str], name: str, problem: str, expected: str) -> NoReturn:
+def _refuse(path: FilePath, name: str, problem: str, expected: str) -> NoReturn:
     raise InputError(problem, file=path, field=name[:80], expected=expected)

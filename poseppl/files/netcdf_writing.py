@@ -7,16 +7,16 @@ with it. So it writes into memory, and the bytes go to the disk as those of any 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any
 
 import xarray as xr
 
+from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import atomic_path
 
 
 def write_netcdf(
-    tree: xr.DataTree, path: str | PathLike[str], encoding: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None
+    tree: xr.DataTree, path: FilePath, encoding: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None
 ) -> None:
     """Write a tree as NetCDF, whole or not at all.
 

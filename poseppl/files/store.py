@@ -18,14 +18,13 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import atomic_path, remove_strays
 
 Arrays = dict[str, NDArray[Any]]
@@ -67,9 +66,7 @@ class Store:
         InputError: The folder cannot be made.
     """
 
-    def __init__(
-        self, folder: str | PathLike[str], what: str, note: Note, *, parents: bool = True, compressed: bool = False
-    ) -> None:
+    def __init__(self, folder: FilePath, what: str, note: Note, *, parents: bool = True, compressed: bool = False) -> None:
         self.folder, self._what, self._note = Path(folder), what, note
         self._compression = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
         try:

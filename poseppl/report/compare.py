@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-from os import PathLike
 
 import xarray as xr
 
 from poseppl.diagnostics import comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, wins, words
+from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.report.compare_charts import comparison_charts
 from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_strip, winners_table
@@ -17,7 +17,7 @@ from poseppl.report.page import DASH, page_html, write_page
 _CARDS = {"ess_per_second": "most ESS a second", "ess_per_evaluation": "most ESS an evaluation", "error": "least error"}
 
 
-def write_comparison(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+def write_comparison(tree: xr.DataTree, path: FilePath) -> None:
     """Write the page of a comparison.
 
     Args:
@@ -31,7 +31,7 @@ def write_comparison(tree: xr.DataTree, path: str | PathLike[str]) -> None:
     write_page(comparison_html(tree), path)
 
 
-def write_comparison_table(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+def write_comparison_table(tree: xr.DataTree, path: FilePath) -> None:
     """Write every figure as CSV, one row for each run, frame and degree of freedom; an empty field is no figure.
 
     Arguments and errors are those of :func:`write_comparison`.

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import atomic_path
 
 DASH = "–"
@@ -80,7 +80,7 @@ def page_html(template: str, **content: Any) -> str:
     return ENVIRONMENT.get_template(template).render(**trusted, **content).strip() + "\n"
 
 
-def write_page(page: str, path: str | PathLike[str]) -> None:
+def write_page(page: str, path: FilePath) -> None:
     """Write a page, whole or not at all.
 
     Raises:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from os import PathLike
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -11,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import atomic_path
 
 POSTERIOR = "#1f6f8b"
@@ -44,7 +44,7 @@ def png(picture: Figure, dpi: int = 120) -> bytes:
     return buffer.getvalue()
 
 
-def save_picture(picture: Figure, path: str | PathLike[str]) -> None:
+def save_picture(picture: Figure, path: FilePath) -> None:
     """Write a picture as PNG, whole or not at all.
 
     Raises:

@@ -5,12 +5,11 @@ Bounded in size for any length of sequence: the slider shows at most 120 frames 
 
 from __future__ import annotations
 
-from os import PathLike
-
 import xarray as xr
 
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.errors import FilePath
 from poseppl.report.charts import charts
 from poseppl.report.page import page_html, write_page
 from poseppl.report.pose_data import pose_data
@@ -18,7 +17,7 @@ from poseppl.report.tables import cards, error_table, inefficiency_table, settin
 from poseppl.runs.results import is_weighted, provenance
 
 
-def write_report(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+def write_report(tree: xr.DataTree, path: FilePath) -> None:
     """Write the report of a result.
 
     Args:

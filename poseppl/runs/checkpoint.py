@@ -16,14 +16,13 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import jax
 
-from poseppl.errors import PosepplError
+from poseppl.errors import FilePath, PosepplError
 from poseppl.files.atomic_writing import atomic_path, remove_strays
 from poseppl.files.locks import take_lock
 from poseppl.files.store import Arrays, Note, Store, key_of
@@ -67,7 +66,7 @@ class Checkpoint:
         resume: Continue the run that the folder holds; without it, a folder that holds one is refused.
     """
 
-    def __init__(self, folder: str | PathLike[str], settings: Mapping[str, Any] | None = None, *, resume: bool = False) -> None:
+    def __init__(self, folder: FilePath, settings: Mapping[str, Any] | None = None, *, resume: bool = False) -> None:
         self.folder = Path(folder)
         self.settings = json.loads(json.dumps(dict(settings or {})))
         self.resume = resume

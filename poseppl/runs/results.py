@@ -33,14 +33,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import group_of
@@ -160,7 +159,7 @@ def build_result(
     return tree
 
 
-def save_result(tree: xr.DataTree, path: str | PathLike[str]) -> None:
+def save_result(tree: xr.DataTree, path: FilePath) -> None:
     """Write a result as NetCDF, compressed; the file appears under its name only when it is whole.
 
     Args:
@@ -179,7 +178,7 @@ def save_result(tree: xr.DataTree, path: str | PathLike[str]) -> None:
     write_netcdf(tree, path, encoding)
 
 
-def load_result(path: str | PathLike[str], *, max_bytes: int | None = None) -> xr.DataTree:
+def load_result(path: FilePath, *, max_bytes: int | None = None) -> xr.DataTree:
     """Read a result into memory.
 
     Args:

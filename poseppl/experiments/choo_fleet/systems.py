@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
-from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.errors import FilePath
 from poseppl.files.bounded_reading import check_file
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import Body, load_builder
@@ -97,7 +97,7 @@ class Recording:
     digest: str = ""
 
     @classmethod
-    def of_file(cls, name: str, path: str | PathLike[str], skeleton: str | PathLike[str] | None = None) -> Recording:
+    def of_file(cls, name: str, path: FilePath, skeleton: FilePath | None = None) -> Recording:
         """Name a file.
 
         Raises:

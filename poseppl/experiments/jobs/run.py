@@ -9,10 +9,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from os import PathLike
 from typing import Any
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.experiments.jobs.cluster import Cluster
 from poseppl.experiments.jobs.executor import Executor, Function, Inline, Outcome
 from poseppl.experiments.jobs.job import Job
@@ -47,7 +46,7 @@ class JobError(PosepplError):
 def run_jobs(
     function: Function,
     jobs: Iterable[Job],
-    folder: str | PathLike[str],
+    folder: FilePath,
     *,
     executor: Executor | str | None = None,
     progress: JobProgress | None = None,

@@ -12,19 +12,19 @@ Source: Acclaim Advanced Technologies Group, ASF/AMC format; CMU Graphics Lab Mo
 
 from __future__ import annotations
 
+import math
 import re
-from os import PathLike
 from typing import NamedTuple
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import parse_number, parse_numbers, split_words
+from poseppl.motion.io.text_parsing import Line, lines_of_words, parse_number, parse_numbers
 
 MM_PER_INCH = 25.4
 MAX_BONES = 500
 ROTATIONS = ("rx", "ry", "rz")
 TRANSLATIONS = ("tx", "ty", "tz")
-_Lines = list[tuple[int, list[str]]]
+_Lines = list[Line]
 
 
 class Bone(NamedTuple):
@@ -38,7 +38,6 @@ class Bone(NamedTuple):
         axis: (3,) Euler angles of the local axes, in radians.
         axis_order: The order of those and of the motion's rotations, for instance "XYZ": X turns first.
         dof: The channels in the order of the AMC file, "rx", "ry", "rz" (the root has "tx", "ty", "tz" too).
-        limits: (lower, upper) of each rotation channel in radians; empty where the file gives none.
     """
 
     name: str
@@ -48,7 +47,6 @@ class Bone(NamedTuple):
     axis: tuple[float, float, float]
     axis_order: str
     dof: tuple[str, ...]
-    limits: tuple[tuple[float, float], ...]
 
 
 class Skeleton(NamedTuple):
@@ -69,7 +67,7 @@ class Skeleton(NamedTuple):
     source: str
 
 
-def read_asf(path: str | PathLike[str]) -> Skeleton:
+def read_asf(path: FilePath) -> Skeleton:
     """Read an ASF skeleton.
 
     Args:
@@ -82,10 +80,10 @@ def read_asf(path: str | PathLike[str]) -> Skeleton:
         InputError: The file is no ASF, or a section or bone is missing, repeated or malformed.
     """
     sections = _sections(path)
-    mm, radians = _units(path, sections.get("units", []))
-    raw, ends = _bones(path, _need(path, sections, "bonedata"), mm, radians)
-    root, position = _root(path, _need(path, sections, "root"), mm, radians)
-    parents = _hierarchy(path, _need(path, sections, "hierarchy"), set(raw), ends)
+    mm, radians = _units(sections.get("units", []))
+    raw, ends = _bones(_need(path, sections, "bonedata"), mm, radians)
+    root, position = _root(_need(path, sections, "root"), mm, radians)
+    parents = _hierarchy(_need(path, sections, "hierarchy"), set(raw))
     index = {"root": 0}
     bones = [root]
     for name, parent in parents:
@@ -93,182 +91,155 @@ def read_asf(path: str | PathLike[str]) -> Skeleton:
         bones.append(raw[name]._replace(parent=index[parent]))
     missing = sorted(set(raw) - set(index))
     if missing:
-        raise InputError(f"bone {missing[0]!r} is in no line of :hierarchy", file=path, line=ends[missing[0]])
+        raise ends[missing[0]].error(f"bone {missing[0]!r} is in no line of :hierarchy")
     return Skeleton(tuple(bones), mm, radians, position, str(path))
 
 
-def _sections(path: str | PathLike[str]) -> dict[str, _Lines]:
+def _sections(path: FilePath) -> dict[str, _Lines]:
     sections: dict[str, _Lines] = {}
     current: _Lines | None = None
-    for line, text in enumerate(read_text(path).split("\n"), start=1):
-        words = split_words(text.split("#", 1)[0], file=path, line=line)
-        if not words:
-            continue
+    for at, words in lines_of_words(path, re.sub("#.*", "", read_text(path))):
         if words[0].startswith(":"):
             name = words[0][1:].lower()
             if name in sections:
-                raise InputError(f"section :{name} is repeated", file=path, line=line)
+                raise at.error(f"section :{name} is repeated")
             current = sections[name] = []
         elif current is None:
-            raise InputError("text before the first section", file=path, line=line, expected="an ASF file (:version, ...)")
+            raise at.error("text before the first section", "an ASF file (:version, ...)")
         else:
-            current.append((line, words))
+            current.append((at, words))
     return sections
 
 
-def _need(path: str | PathLike[str], sections: dict[str, _Lines], name: str) -> _Lines:
+def _need(path: FilePath, sections: dict[str, _Lines], name: str) -> _Lines:
     if not sections.get(name):
-        raise InputError(f"section :{name} is missing or empty", file=path, expected="an Acclaim skeleton (.asf)")
+        raise Location(path).error(f"section :{name} is missing or empty", "an Acclaim skeleton (.asf)")
     return sections[name]
 
 
-def _units(path: str | PathLike[str], lines: _Lines) -> tuple[float, float]:
-    mm, radians = MM_PER_INCH, 3.141592653589793 / 180.0
-    for line, words in lines:
+def _units(lines: _Lines) -> tuple[float, float]:
+    mm, radians = MM_PER_INCH, math.pi / 180
+    for at, words in lines:
         if len(words) != 2:
             continue
         if words[0] == "length":
-            value = parse_number(words[1], file=path, line=line, field="units length")
+            value = parse_number(words[1], at.in_field("units length"))
             if not 1e-4 <= value <= 1e4:
-                raise InputError(f"unit of length {value:g}", file=path, line=line, expected="between 1e-4 and 1e4")
+                raise at.error(f"unit of length {value:g}", "between 1e-4 and 1e4")
             mm = MM_PER_INCH / value
         elif words[0] == "angle":
             if words[1].lower() not in ("deg", "rad"):
-                raise InputError(f"unit of angle {words[1]!r}", file=path, line=line, expected="deg or rad")
+                raise at.error(f"unit of angle {words[1]!r}", "deg or rad")
             radians = 1.0 if words[1].lower() == "rad" else radians
     return mm, radians
 
 
-def _three(path: str | PathLike[str], line: int, words: list[str], field: str) -> tuple[float, float, float]:
+def _three(at: Location, words: list[str], field: str) -> tuple[float, float, float]:
     if len(words) != 3:
-        raise InputError(f"{len(words)} values", file=path, line=line, field=field, expected="3 numbers")
-    x, y, z = parse_numbers(words, file=path, line=line, field=field)
+        raise at.in_field(field).error(f"{len(words)} values", "3 numbers")
+    x, y, z = parse_numbers(words, at.in_field(field))
     return x, y, z
 
 
-def _axis_order(path: str | PathLike[str], line: int, word: str) -> str:
+def _axis_order(at: Location, word: str) -> str:
     if sorted(word.upper()) != ["X", "Y", "Z"]:
-        raise InputError(f"axis order {word!r}", file=path, line=line, field="axis", expected="a permutation of XYZ")
+        raise at.in_field("axis").error(f"axis order {word!r}", "a permutation of XYZ")
     return word.upper()
 
 
-def _channels(path: str | PathLike[str], line: int, words: list[str], allowed: tuple[str, ...]) -> tuple[str, ...]:
+def _channels(at: Location, words: list[str], allowed: tuple[str, ...]) -> tuple[str, ...]:
     channels = tuple(word.lower() for word in words)
     for channel in channels:
         if channel not in allowed:
-            raise InputError(f"channel {channel!r} is not supported", file=path, line=line, expected=" ".join(allowed))
+            raise at.error(f"channel {channel!r} is not supported", " ".join(allowed))
     if len(set(channels)) != len(channels):
-        raise InputError("a channel is repeated", file=path, line=line, field="dof")
+        raise at.in_field("dof").error("a channel is repeated")
     return channels
 
 
-def _root(path: str | PathLike[str], lines: _Lines, mm: float, radians: float) -> tuple[Bone, tuple[float, float, float]]:
+def _root(lines: _Lines, mm: float, radians: float) -> tuple[Bone, tuple[float, float, float]]:
     channels: tuple[str, ...] = ()
     order, position, axis = "XYZ", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for line, words in lines:
+    for at, words in lines:
         if words[0] == "order":
-            channels = _channels(path, line, words[1:], TRANSLATIONS + ROTATIONS)
+            channels = _channels(at, words[1:], TRANSLATIONS + ROTATIONS)
         elif words[0] == "axis":
-            order = _axis_order(path, line, "".join(words[1:]))
+            order = _axis_order(at, "".join(words[1:]))
         elif words[0] == "position":
-            x, y, z = _three(path, line, words[1:], "root position")
+            x, y, z = _three(at, words[1:], "root position")
             position = (x * mm, y * mm, z * mm)
         elif words[0] == "orientation":
-            x, y, z = _three(path, line, words[1:], "root orientation")
+            x, y, z = _three(at, words[1:], "root orientation")
             axis = (x * radians, y * radians, z * radians)
     if sorted(channels) != sorted(TRANSLATIONS + ROTATIONS):
-        raise InputError("the root's order is incomplete", file=path, line=lines[0][0], expected="TX TY TZ RX RY RZ")
-    return Bone("root", -1, (0.0, 0.0, 0.0), 0.0, axis, order, channels, ()), position
+        raise lines[0][0].error("the root's order is incomplete", "TX TY TZ RX RY RZ")
+    return Bone("root", -1, (0.0, 0.0, 0.0), 0.0, axis, order, channels), position
 
 
-def _bones(path: str | PathLike[str], lines: _Lines, mm: float, radians: float) -> tuple[dict[str, Bone], dict[str, int]]:
+def _bones(lines: _Lines, mm: float, radians: float) -> tuple[dict[str, Bone], dict[str, Location]]:
     bones: dict[str, Bone] = {}
-    ends: dict[str, int] = {}
+    ends: dict[str, Location] = {}
     block: _Lines | None = None
-    for line, words in lines:
+    for at, words in lines:
         if words[0] == "begin":
             if block is not None:
-                raise InputError("begin inside a bone", file=path, line=line, expected="end of the bone before")
+                raise at.error("begin inside a bone", "end of the bone before")
             block = []
         elif words[0] == "end":
             if not block:
-                raise InputError("end of no bone, or of an empty one", file=path, line=line)
-            bone = _bone(path, block, mm, radians)
+                raise at.error("end of no bone, or of an empty one")
+            bone = _bone(block, mm, radians)
             if bone.name in bones or bone.name == "root":
-                raise InputError(f"bone {bone.name!r} is repeated", file=path, line=line)
-            bones[bone.name], ends[bone.name], block = bone, line, None
+                raise at.error(f"bone {bone.name!r} is repeated")
+            bones[bone.name], ends[bone.name], block = bone, at, None
         elif block is not None:
-            block.append((line, words))
+            block.append((at, words))
         else:
-            raise InputError(f"{words[0]!r} outside a bone", file=path, line=line, expected="begin")
+            raise at.error(f"{words[0]!r} outside a bone", "begin")
         if len(bones) > MAX_BONES:
-            raise InputError(f"more than {MAX_BONES} bones", file=path, line=line)
+            raise at.error(f"more than {MAX_BONES} bones")
     if block is not None:
-        raise InputError("the file ends inside a bone", file=path, line=lines[-1][0], expected="end")
+        raise lines[-1][0].error("the file ends inside a bone", "end")
     return bones, ends
 
 
-def _bone(path: str | PathLike[str], block: _Lines, mm: float, radians: float) -> Bone:
-    fields: dict[str, tuple[int, list[str]]] = {}
-    limits: list[tuple[float, float]] = []
-    in_limits = False
-    for line, words in block:
-        in_limits = words[0] == "limits" or (in_limits and words[0].startswith("("))
-        if in_limits:
-            limits.append(_limit(path, line, words, radians))
-        else:
-            fields[words[0]] = (line, words[1:])
+def _bone(block: _Lines, mm: float, radians: float) -> Bone:
+    fields = {words[0]: (at, words[1:]) for at, words in block}
     start = block[0][0]
     for field in ("name", "direction", "length", "axis"):
-        if not fields.get(field, (0, []))[1]:
-            raise InputError("a bone lacks this line", file=path, line=start, field=field)
+        if not fields.get(field, (start, []))[1]:
+            raise start.in_field(field).error("a bone lacks this line")
     name = fields["name"][1][0]
-    direction = _three(path, *fields["direction"], f"{name} direction")
+    direction = _three(*fields["direction"], f"{name} direction")
     norm = sum(x * x for x in direction) ** 0.5
     if not 0.9 < norm < 1.1:
-        raise InputError(f"length {norm:g}", file=path, line=fields["direction"][0], field=f"{name} direction", expected="1")
-    line, words = fields["length"]
-    length = parse_number(words[0], file=path, line=line, field=f"{name} length")
+        raise fields["direction"][0].in_field(f"{name} direction").error(f"length {norm:g}", "1")
+    at, words = fields["length"]
+    length = parse_number(words[0], at.in_field(f"{name} length"))
     if length < 0:
-        raise InputError("negative", file=path, line=line, field=f"{name} length", expected="0 or more")
-    line, words = fields["axis"]
-    order = _axis_order(path, line, "".join(words[3:]))
-    x, y, z = _three(path, line, words[:3], f"{name} axis")
-    dof = _channels(path, *fields.get("dof", (start, [])), ROTATIONS)
-    if limits and len(limits) != len(dof):
-        raise InputError(f"{len(limits)} limits for {len(dof)} dof", file=path, line=start, field=f"{name} limits")
+        raise at.in_field(f"{name} length").error("negative", "0 or more")
+    at, words = fields["axis"]
+    order = _axis_order(at, "".join(words[3:]))
+    x, y, z = _three(at, words[:3], f"{name} axis")
+    dof = _channels(*fields.get("dof", (start, [])), ROTATIONS)
     unit = (direction[0] / norm, direction[1] / norm, direction[2] / norm)
-    return Bone(name, -1, unit, length * mm, (x * radians, y * radians, z * radians), order, dof, tuple(limits))
+    return Bone(name, -1, unit, length * mm, (x * radians, y * radians, z * radians), order, dof)
 
 
-def _limit(path: str | PathLike[str], line: int, words: list[str], radians: float) -> tuple[float, float]:
-    text = " ".join(words).removeprefix("limits").strip()
-    found = re.fullmatch(r"\(\s*([^\s()]+)\s+([^\s()]+)\s*\)", text)
-    if not found:
-        raise InputError(f"{text[:40]!r}", file=path, line=line, field="limits", expected="(lower upper)")
-    bounds = []
-    for token, infinite in zip(found.groups(), ("-inf", "inf"), strict=True):
-        known = token.lower() == infinite
-        bounds.append(float(infinite) if known else parse_number(token, file=path, line=line, field="limits") * radians)
-    if bounds[0] > bounds[1]:
-        raise InputError("lower above upper", file=path, line=line, field="limits", expected="(lower upper)")
-    return bounds[0], bounds[1]
-
-
-def _hierarchy(path: str | PathLike[str], lines: _Lines, known: set[str], ends: dict[str, int]) -> list[tuple[str, str]]:
+def _hierarchy(lines: _Lines, known: set[str]) -> list[tuple[str, str]]:
     placed = {"root"}
     edges: list[tuple[str, str]] = []
-    for line, words in lines:
+    for at, words in lines:
         if words in (["begin"], ["end"]):
             continue
         parent, *children = words
         if parent not in placed:
-            raise InputError(f"{parent!r} is named before its parent", file=path, line=line, field="hierarchy")
+            raise at.in_field("hierarchy").error(f"{parent!r} is named before its parent")
         for child in children:
             if child not in known:
-                raise InputError(f"{child!r} is not in :bonedata", file=path, line=line, field="hierarchy")
+                raise at.in_field("hierarchy").error(f"{child!r} is not in :bonedata")
             if child in placed:
-                raise InputError(f"{child!r} has two parents", file=path, line=line, field="hierarchy")
+                raise at.in_field("hierarchy").error(f"{child!r} has two parents")
             placed.add(child)
             edges.append((child, parent))
     return edges

@@ -14,26 +14,24 @@ import itertools
 import math
 import tempfile
 from collections.abc import Iterator
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, InputError, Location, PosepplError
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.bvh_translations import place_nodes, split_translations
 from poseppl.motion.io.motion import Motion, to_z_up
-from poseppl.motion.io.text_parsing import parse_number, parse_numbers, split_words
+from poseppl.motion.io.text_parsing import Line, lines_of_words, parse_number, parse_numbers
 
 UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
 MAX_JOINTS = 500
 MAX_POINTS = 5_000_000
-_Line = tuple[int, list[str]]
 
 
-def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str | None = None) -> Motion:
+def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = None) -> Motion:
     """Read a BVH recording.
 
     Args:
@@ -43,8 +41,7 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
         up: The axis that points up, "x", "y" or "z"; inferred by pybvh from the first frame by default.
 
     Returns:
-        The motion, Z up, in mm: joints and end sites ("NAME_end"). ``angles`` holds the rotation channels of each joint in the
-        file's order, in radians.
+        The motion, Z up, in mm: joints and end sites ("NAME_end").
 
     Raises:
         InputError: The file is malformed, holds a value that is not finite, or has no height to guess the scale from.
@@ -69,11 +66,10 @@ def read_bvh(path: str | PathLike[str], *, scale: float | None = None, up: str |
     if not np.all(np.isfinite(points)):
         raise InputError("positions are not finite", file=path)
     names, parents = _names(clip.nodes)
-    angles = {name: np.asarray(clip.joint_angles[:, i]) for i, name in enumerate(clip.joint_names)}
-    return to_z_up(Motion(names, points * scale, parents, angles, float(clip.fps), axis, source))
+    return to_z_up(Motion(names, points * scale, parents, float(clip.fps), axis, source))
 
 
-def _parse(path: str | PathLike[str], text: str, world_up: str) -> Any:
+def _parse(path: FilePath, text: str, world_up: str) -> Any:
     try:
         import pybvh
     except ImportError as error:
@@ -89,9 +85,9 @@ def _parse(path: str | PathLike[str], text: str, world_up: str) -> Any:
             raise InputError(f"pybvh refuses it: {str(error).replace(str(copy), 'the file')}", file=path) from error
 
 
-def _guess_scale(path: str | PathLike[str], height: float) -> float:
+def _guess_scale(path: FilePath, height: float) -> float:
     if not height > 1e-6:
-        raise InputError("the skeleton has no height to guess its unit from", file=path, field="scale", expected="mm a unit")
+        raise Location(path, field="scale").error("the skeleton has no height to guess its unit from", "mm a unit")
     return min(UNITS_MM, key=lambda unit: abs(math.log(unit * height / TYPICAL_HEIGHT_MM)))
 
 
@@ -108,83 +104,74 @@ def _names(nodes: list[Any]) -> tuple[tuple[str, ...], tuple[int, ...]]:
     return tuple(names), tuple(parents)
 
 
-def _lines(path: str | PathLike[str], text: str) -> Iterator[_Line]:
-    for line, raw in enumerate(text.split("\n"), start=1):
-        if words := split_words(raw, file=path, line=line):
-            yield line, words
+def _check_text(path: FilePath, text: str) -> None:
+    lines = lines_of_words(path, text)
+    if next(lines, (None, [""]))[1][0] != "HIERARCHY":
+        raise Location(path, 1).error("no HIERARCHY", "a BioVision recording (.bvh)")
+    found: list[Location] = []
 
-
-def _check_text(path: str | PathLike[str], text: str) -> None:
-    # One line at a time: the words of a long recording would take many times the memory of its text.
-    lines = _lines(path, text)
-    if next(lines, (1, [""]))[1][0] != "HIERARCHY":
-        raise InputError("no HIERARCHY", file=path, line=1, expected="a BioVision recording (.bvh)")
-    found: list[int] = []
-
-    def before_motion() -> Iterator[_Line]:
-        for line, words in lines:
+    def before_motion() -> Iterator[Line]:
+        for at, words in lines:
             if words[0] == "MOTION":
-                found.append(line)
+                found.append(at)
                 return
-            yield line, words
+            yield at, words
 
     channels, points = _check_hierarchy(path, before_motion())
     if not found:
         raise InputError("no MOTION section; is the file truncated?", file=path)
-    _check_motion(path, lines, found[0], channels, points)
+    _check_motion(found[0], lines, channels, points)
 
 
-def _check_hierarchy(path: str | PathLike[str], lines: Iterator[_Line]) -> tuple[int, int]:
+def _check_hierarchy(path: FilePath, lines: Iterator[Line]) -> tuple[int, int]:
     names: set[str] = set()
     channels = depth = points = 0
-    for line, words in lines:
+    for at, words in lines:
         key, rest = words[0], words[1:]
         if key in ("ROOT", "JOINT"):
             if len(rest) != 1 or rest[0] in names:
-                raise InputError("a joint without one name of its own", file=path, line=line, field=key, expected="NAME")
+                raise at.in_field(key).error("a joint without one name of its own", "NAME")
             names.add(rest[0])
             points += 1
         elif key == "End":
             points += 1
         elif key == "OFFSET":
             if len(rest) != 3:
-                raise InputError(f"{len(rest)} values", file=path, line=line, field="OFFSET", expected="3 numbers")
-            parse_numbers(rest, file=path, line=line, field="OFFSET")
+                raise at.in_field("OFFSET").error(f"{len(rest)} values", "3 numbers")
+            parse_numbers(rest, at.in_field("OFFSET"))
         elif key == "CHANNELS":
             if not rest or rest[0] != str(len(rest) - 1):
-                raise InputError("the count differs from the list", file=path, line=line, field="CHANNELS")
+                raise at.in_field("CHANNELS").error("the count differs from the list")
             channels += len(rest) - 1
         elif words in (["{"], ["}"]):
             depth += 1 if key == "{" else -1
         else:
-            raise InputError(f"{key[:40]!r} is no part of a hierarchy", file=path, line=line)
+            raise at.error(f"{key[:40]!r} is no part of a hierarchy")
         if depth < 0 or points > MAX_JOINTS:
-            problem = "a } too many" if depth < 0 else f"more than {MAX_JOINTS} joints"
-            raise InputError(problem, file=path, line=line)
+            raise at.error("a } too many" if depth < 0 else f"more than {MAX_JOINTS} joints")
     if depth or not points:
         raise InputError("the hierarchy is not closed" if depth else "the hierarchy is empty", file=path)
     return channels, points
 
 
-def _check_motion(path: str | PathLike[str], lines: Iterator[_Line], start: int, channels: int, points: int) -> None:
+def _check_motion(at: Location, lines: Iterator[Line], channels: int, points: int) -> None:
     heads = list(itertools.islice(lines, 2))
     if [words[: 1 + i] for i, (_, words) in enumerate(heads)] != [["Frames:"], ["Frame", "Time:"]]:
-        raise InputError("no lines Frames: and Frame Time: after MOTION", file=path, line=start)
-    (line, frames), (time_line, time) = heads
+        raise at.error("no lines Frames: and Frame Time: after MOTION")
+    (at, frames), (at_time, time) = heads
     if len(frames) != 2 or not frames[1].isascii() or not frames[1].isdigit() or len(frames[1]) > 9:
-        raise InputError("no number of frames", file=path, line=line, field="Frames:", expected="a whole number")
-    seconds = parse_number(" ".join(time[2:]), file=path, line=time_line, field="Frame Time:")
+        raise at.in_field("Frames:").error("no number of frames", "a whole number")
+    at_time = at_time.in_field("Frame Time:")
+    seconds = parse_number(" ".join(time[2:]), at_time)
     if not 1e-5 <= seconds <= 100.0:
-        raise InputError(f"{seconds:g} s", file=path, line=time_line, field="Frame Time:", expected="a positive time in s")
+        raise at_time.error(f"{seconds:g} s", "a positive time in s")
     count = 0
-    for line, words in lines:
+    for at, words in lines:
         if len(words) != channels:
-            raise InputError(f"{len(words)} values", file=path, line=line, expected=f"{channels}, one a channel")
-        parse_numbers(words, file=path, line=line)
+            raise at.error(f"{len(words)} values", f"{channels}, one a channel")
+        parse_numbers(words, at)
         count += 1
     if count != int(frames[1]) or not count:
-        raise InputError(
-            f"{count} frames; is the file truncated?", file=path, line=line, expected=f"{frames[1]}, as Frames: says"
-        )
+        raise at.error(f"{count} frames; is the file truncated?", f"{frames[1]}, as Frames: says")
     if count * points > MAX_POINTS:
-        raise InputError(f"{count} frames of {points} joints", file=path, expected=f"at most {MAX_POINTS} positions")
+        raise at._replace(line=None).error(f"{count} frames of {points} joints", f"at most {MAX_POINTS} positions")

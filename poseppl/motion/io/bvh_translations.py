@@ -9,14 +9,14 @@ the channels are taken out of the text, the OFFSET becomes their median, and the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
+from poseppl.motion.io.motion import joint_positions
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class Split(NamedTuple):
     translations: Mapping[str, Floats]
 
 
-def split_translations(path: str | PathLike[str], text: str) -> Split:
+def split_translations(path: FilePath, text: str) -> Split:
     """Take the position channels of joints other than the root out of a text.
 
     Args:
@@ -58,7 +58,7 @@ def split_translations(path: str | PathLike[str], text: str) -> Split:
             if kind == "JOINT" and moved:
                 if set(moved) != set("XYZ"):
                     problem = f"position channels {', '.join(sorted(moved))} of {name!r}"
-                    raise InputError(problem, file=path, line=number + 1, field="CHANNELS", expected="X, Y and Z, or none")
+                    raise Location(path, number + 1, "CHANNELS").error(problem, "X, Y and Z, or none")
                 taken[name] = offset, moved
                 mine = {word: at for word, at in mine.items() if at not in moved.values()}
                 lines[number] = f"CHANNELS {len(mine)} {' '.join(mine)}"
@@ -84,16 +84,14 @@ def place_nodes(clip: Any, translations: Mapping[str, Floats]) -> Floats:
         clip: What pybvh read.
         translations: Of some joints, (T, 3) each; the others keep their offset.
     """
-    places = np.array(clip.node_positions(), np.float64)
     angles = {name: np.asarray(clip.joint_angles[:, index]) for index, name in enumerate(clip.joint_names)}
-    turns: dict[int, Rotation] = {}
     index = {id(node): number for number, node in enumerate(clip.nodes)}
-    for number, node in enumerate(clip.nodes):
-        if node.parent is not None:
-            before = index[id(node.parent)]
-            step = np.zeros_like(places[:, 0]) + translations.get(node.name, node.offset)
-            places[:, number] = places[:, before] + turns[before].apply(step)
-        if not node.is_end_site():
-            turn = Rotation.from_euler("".join(node.rot_channels).upper(), angles[node.name])
-            turns[number] = turn if node.parent is None else turns[index[id(node.parent)]] * turn
-    return places
+    root = np.asarray(clip.node_positions(), np.float64)[:, 0]
+    turns = [
+        Rotation.identity(len(root))
+        if node.is_end_site()
+        else Rotation.from_euler("".join(node.rot_channels).upper(), angles[node.name])
+        for node in clip.nodes
+    ]
+    parents = [-1 if node.parent is None else index[id(node.parent)] for node in clip.nodes]
+    return joint_positions(parents, [translations.get(node.name, node.offset) for node in clip.nodes], turns, root)

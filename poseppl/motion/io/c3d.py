@@ -13,13 +13,12 @@ import os
 import subprocess
 import sys
 import tempfile
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.motion.io import c3d_worker
 from poseppl.motion.io.c3d_layout import check_layout
 from poseppl.motion.io.motion import Motion, to_z_up
@@ -31,7 +30,7 @@ _Texts = dict[str, list[str]]
 _MODELLED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS", "BONES")
 
 
-def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
+def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
     """Read the markers of a C3D file.
 
     Args:
@@ -45,28 +44,30 @@ def read_c3d(path: str | PathLike[str], *, up: str | None = None) -> Motion:
         InputError: The file is malformed, its unit is unknown, or it holds no marker.
         PosepplError: ezc3d is not installed.
     """
-    layout = check_layout(path)
+    layout, at = check_layout(path), Location(path)
     points, texts = _run_worker(path, layout.turned)
     labels = _labels(texts)
     if points.ndim != 3 or points.shape[1:] != (layout.points, layout.frames) or len(labels) < layout.points:
         problem = f"{len(labels)} labels for data of shape {points.shape}"
-        raise InputError(problem, file=path, field="POINT", expected=f"{layout.points} points in {layout.frames} frames")
-    positions = np.moveaxis(points[:3], 0, -1).swapaxes(0, 1) * _unit(path, texts)
+        raise at.in_field("POINT").error(problem, f"{layout.points} points in {layout.frames} frames")
+    positions = np.moveaxis(points[:3], 0, -1).swapaxes(0, 1) * _unit(at, texts)
     labels = labels[: layout.points]
     modelled = _modelled(texts, labels)
     kept = [index for index, label in enumerate(labels) if label and label not in modelled]
     kept = [index for index in kept if np.isfinite(positions[:, index]).all(axis=-1).any()]
     names = tuple(labels[index] for index in kept)
+    at_labels = at.in_field("POINT:LABELS")
     if not names:
-        raise InputError("the file holds no marker", file=path, field="POINT:LABELS")
+        raise at_labels.error("the file holds no marker")
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
-        raise InputError(f"two markers are called {repeated[0]!r}", file=path, field="POINT:LABELS")
-    markers = _clean(path, positions[:, kept])
-    return to_z_up(Motion(names, markers, (), None, layout.rate, up or _up(path, texts), str(path)))
+        raise at_labels.error(f"two markers are called {repeated[0]!r}")
+    markers = _clean(at, positions[:, kept])
+    return to_z_up(Motion(names, markers, (), layout.rate, up or _up(at, texts), str(path)))
 
 
-def _run_worker(path: str | PathLike[str], turned: bytes | None) -> tuple[NDArray[np.float64], _Texts]:
+def _run_worker(path: FilePath, turned: bytes | None) -> tuple[NDArray[np.float64], _Texts]:
+    at = Location(path)
     if importlib.util.find_spec("ezc3d") is None:
         raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
     with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
@@ -80,12 +81,12 @@ def _run_worker(path: str | PathLike[str], turned: bytes | None) -> tuple[NDArra
         try:
             done = subprocess.run(command, env=environment, capture_output=True, timeout=WORKER_SECONDS, check=False)
         except subprocess.TimeoutExpired as error:
-            raise InputError(f"ezc3d did not end within {WORKER_SECONDS} s", file=path) from error
+            raise at.error(f"ezc3d did not end within {WORKER_SECONDS} s") from error
         if done.returncode < 0:
-            raise InputError("ezc3d crashed on it; the file is damaged", file=path, expected="a valid C3D file")
+            raise at.error("ezc3d crashed on it; the file is damaged", "a valid C3D file")
         if done.returncode or not target.is_file():
             reason = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
-            raise InputError(f"ezc3d refuses it: {reason[:300]}", file=path)
+            raise at.error(f"ezc3d refuses it: {reason[:300]}")
         with np.load(target, allow_pickle=False) as arrays:
             texts: _Texts = json.loads(arrays["texts"].tobytes())
             return np.asarray(arrays["points"], dtype=np.float64), texts
@@ -111,26 +112,26 @@ def _modelled(texts: _Texts, labels: list[str]) -> set[str]:
     return names
 
 
-def _unit(path: str | PathLike[str], texts: _Texts) -> float:
+def _unit(at: Location, texts: _Texts) -> float:
     units = texts.get("UNITS", [])
     unit = units[0].lower() if units else "mm"
     if unit not in MM_PER_UNIT:
-        raise InputError(f"unit {unit[:20]!r}", file=path, field="POINT:UNITS", expected=", ".join(MM_PER_UNIT))
+        raise at.in_field("POINT:UNITS").error(f"unit {unit[:20]!r}", ", ".join(MM_PER_UNIT))
     return MM_PER_UNIT[unit]
 
 
-def _up(path: str | PathLike[str], texts: _Texts) -> str:
+def _up(at: Location, texts: _Texts) -> str:
     screen = "".join(texts.get("Y_SCREEN", [])).lower()
     if not screen:
         return "z"
     if screen not in ("+x", "+y", "+z"):
         expected = "+X, +Y or +Z; give the axis that points up explicitly"
-        raise InputError(f"the screen's vertical is {screen[:20]!r}", file=path, field="POINT:Y_SCREEN", expected=expected)
+        raise at.in_field("POINT:Y_SCREEN").error(f"the screen's vertical is {screen[:20]!r}", expected)
     return screen[1]
 
 
-def _clean(path: str | PathLike[str], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _clean(at: Location, positions: NDArray[np.float64]) -> NDArray[np.float64]:
     if np.any(np.abs(positions[np.isfinite(positions)]) > LARGEST) or np.any(np.isinf(positions)):
-        raise InputError("a position is infinite or beyond 1e9 mm", file=path, field="data")
+        raise at.in_field("data").error("a position is infinite or beyond 1e9 mm")
     # A marker is seen or not: one missing coordinate takes the others with it.
     return np.where(np.isfinite(positions).all(axis=-1, keepdims=True), positions, np.nan)

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 import struct
-from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 
 BLOCK = 512
 INTEL, DEC, MIPS = 84, 85, 86
@@ -25,7 +24,7 @@ _HEADER_WORDS = ((2, 12), (16, 20), (294, 304))
 _HEADER_FLOATS = ((12, 16), (20, 24), (304, 376))
 
 
-def to_intel(path: str | PathLike[str], data: bytes) -> bytes:
+def to_intel(path: FilePath, data: bytes) -> bytes:
     """Turn the bytes of a C3D file into Intel's order.
 
     Args:

@@ -20,13 +20,13 @@ Brown's model, as in OpenCV.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.text_parsing import LARGEST, LONGEST
@@ -56,7 +56,7 @@ class CameraRecord(NamedTuple):
     size: tuple[int, int]
 
 
-def read_cameras(path: str | PathLike[str]) -> tuple[CameraRecord, ...]:
+def read_cameras(path: FilePath) -> tuple[CameraRecord, ...]:
     """Read the cameras of a TOML file.
 
     Args:
@@ -68,24 +68,27 @@ def read_cameras(path: str | PathLike[str]) -> tuple[CameraRecord, ...]:
     Raises:
         InputError: The file is no TOML, holds no camera, or a field is missing or malformed; the message names the field.
     """
-    document = read_toml(path)
+    document, at = read_toml(path), Location(path)
     ours = document.get("camera")
     if ours is not None:
         tables = ours if isinstance(ours, dict) else {}
     else:
         tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
     if not tables or len(tables) > MAX_CAMERAS:
-        raise InputError("the file holds no camera", file=path, expected="a table [camera.NAME], or anipose's [cam_0]")
-    scale = _scale(path, document, "m" if ours is None else "mm")
-    cameras = tuple(_camera(path, key, table, scale, "camera." if ours is not None else "") for key, table in tables.items())
+        raise at.error("the file holds no camera", "a table [camera.NAME], or anipose's [cam_0]")
+    scale = _scale(at, document, "m" if ours is None else "mm")
+    prefix = "" if ours is None else "camera."
+    cameras = tuple(
+        _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
+    )
     names = [camera.name for camera in cameras]
     repeated = [name for name in names if names.count(name) > 1]
     if repeated:
-        raise InputError(f"two cameras are called {repeated[0]!r}", file=path, field="name")
+        raise at.in_field("name").error(f"two cameras are called {repeated[0]!r}")
     return cameras
 
 
-def write_cameras(path: str | PathLike[str], cameras: Sequence[CameraRecord]) -> None:
+def write_cameras(path: FilePath, cameras: Sequence[CameraRecord]) -> None:
     """Write cameras in our own form, atomically; reading gives the same numbers back.
 
     Args:
@@ -114,111 +117,99 @@ def _quoted(name: str) -> str:
     return '"' + "".join(escape(letter) for letter in name) + '"'
 
 
-def _scale(path: str | PathLike[str], document: Mapping[str, Any], default: str) -> float:
+def _scale(at: Location, document: Mapping[str, Any], default: str) -> float:
     metadata = document.get("metadata")
     units = document.get("units", metadata.get("units", default) if isinstance(metadata, dict) else default)
     if not isinstance(units, str) or units not in MM_PER_UNIT:
-        raise InputError(
-            f"{str(units)[:40]!r}", file=path, field="units", expected=" or ".join(f'"{unit}"' for unit in MM_PER_UNIT)
-        )
+        raise at.in_field("units").error(f"{str(units)[:40]!r}", " or ".join(f'"{unit}"' for unit in MM_PER_UNIT))
     return MM_PER_UNIT[units]
 
 
-def _camera(path: str | PathLike[str], key: str, table: object, scale: float, prefix: str) -> CameraRecord:
-    where = f"{prefix}{key}"
+def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -> CameraRecord:
     longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
     if longest > LONGEST:
-        raise InputError(f"a name of {longest} characters", file=path, field=where[:40], expected=f"at most {LONGEST}")
+        raise at.in_field(str(at.field)[:40]).error(f"a name of {longest} characters", f"at most {LONGEST}")
     if not isinstance(table, dict):
-        raise InputError("not a table", file=path, field=where, expected=f"[{where}]")
+        raise at.error("not a table", f"[{at.field}]")
+
+    def of(field: str) -> Location:
+        return at.in_field(f"{at.field}.{field}")
+
     if table.get("fisheye", False) is not False:
-        raise InputError("fisheye cameras are not supported", file=path, field=f"{where}.fisheye", expected="false")
+        raise of("fisheye").error("fisheye cameras are not supported", "false")
     known = {"name", "size", "matrix", "distortion", "distortions", "rotation", "translation", "fisheye"}
-    ignored = {"moving", "framerate"}
-    unknown = sorted(set(table) - known - ignored) if prefix else []
+    unknown = sorted(set(table) - known - {"moving", "framerate"}) if strict else []
     if unknown:
-        raise InputError("unknown field", file=path, field=f"{where}.{unknown[0]}", expected=", ".join(sorted(known)))
+        raise of(unknown[0]).error("unknown field", ", ".join(sorted(known)))
     name = table.get("name", key)
     if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
-        raise InputError("not a name", file=path, field=f"{where}.name", expected=f"a text of at most {LONGEST} characters")
-
-    def numbers(field: str, rank: int) -> _Floats:
-        return _numbers(path, f"{where}.{field}", table.get(field), rank)
-
-    size = numbers("size", 1)
+        raise of("name").error("not a name", f"a text of at most {LONGEST} characters")
+    size = _numbers(of("size"), table.get("size"), 1)
     if size.shape != (2,) or np.any(size < 1) or np.any(size != np.round(size)):
-        raise InputError(f"{size.tolist()[:4]}", file=path, field=f"{where}.size", expected="[width, height] in pixels")
-    coefficients = numbers("distortions" if "distortions" in table else "distortion", 1)
+        raise of("size").error(f"{size.tolist()[:4]}", "[width, height] in pixels")
+    distortion = "distortions" if "distortions" in table else "distortion"
+    coefficients = _numbers(of(distortion), table.get(distortion), 1)
     if coefficients.size > 5:
-        raise InputError(f"{coefficients.size} coefficients", file=path, field=f"{where}.distortion", expected="k1 k2 p1 p2 k3")
-    translation = numbers("translation", 1)
+        raise of("distortion").error(f"{coefficients.size} coefficients", "k1 k2 p1 p2 k3")
+    translation = _numbers(of("translation"), table.get("translation"), 1)
     if translation.shape != (3,):
-        raise InputError(f"{translation.size} values", file=path, field=f"{where}.translation", expected="3 numbers")
+        raise of("translation").error(f"{translation.size} values", "3 numbers")
     return CameraRecord(
         name=name,
-        matrix=_intrinsics(path, f"{where}.matrix", numbers("matrix", 2)),
+        matrix=_intrinsics(of("matrix"), table.get("matrix")),
         distortion=np.pad(coefficients, (0, 5 - coefficients.size)),
-        rotation=_rotation(path, f"{where}.rotation", table.get("rotation")),
+        rotation=_rotation(of("rotation"), table.get("rotation")),
         translation=translation * scale,
         size=(int(size[0]), int(size[1])),
     )
 
 
-def _numbers(path: str | PathLike[str], field: str, value: object, rank: int) -> _Floats:
+def _numbers(at: Location, value: object, rank: int) -> _Floats:
     if value is None:
-        raise InputError("the field is missing", file=path, field=field)
+        raise at.error("the field is missing")
     depth, inner = 0, value
     while isinstance(inner, list) and inner:
         depth, inner = depth + 1, inner[0]
     if depth == rank + 1 and isinstance(value, list):
         # A camera that may move has one entry a frame; ours stands still.
         if any(entry != value[0] for entry in value):
-            raise InputError("the camera moves", file=path, field=field, expected="a static camera")
+            raise at.error("the camera moves", "a static camera")
         value = value[0]
     try:
         array = np.array(value)
     except (ValueError, OverflowError, TypeError) as error:
-        raise InputError("not an array of numbers", file=path, field=field) from error
+        raise at.error("not an array of numbers") from error
     if array.ndim != rank or (array.size and array.dtype.kind not in "if"):
-        raise InputError("not an array of numbers", file=path, field=field, expected=f"{rank} level(s) of brackets")
+        raise at.error("not an array of numbers", f"{rank} level(s) of brackets")
     array = array.astype(np.float64)
     if not np.all(np.abs(array) <= LARGEST):
-        raise InputError("not finite, or too large", file=path, field=field, expected="at most 1e9")
+        raise at.error("not finite, or too large", "at most 1e9")
     return array
 
 
-def _intrinsics(path: str | PathLike[str], field: str, matrix: _Floats) -> _Floats:
+def _intrinsics(at: Location, value: object) -> _Floats:
+    matrix = _numbers(at, value, 2)
     expected = "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
     if matrix.shape != (3, 3) or not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]):
-        raise InputError("not an intrinsic matrix", file=path, field=field, expected=expected)
+        raise at.error("not an intrinsic matrix", expected)
     if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise InputError("a focal length is not positive", file=path, field=field, expected=expected)
+        raise at.error("a focal length is not positive", expected)
     return matrix
 
 
-def _rotation(path: str | PathLike[str], field: str, value: object) -> _Floats:
+def _rotation(at: Location, value: object) -> _Floats:
     matrix = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
     if matrix and value != [value[0]] * 3:  # type: ignore[index]
-        rotation = _numbers(path, field, value, 2)
+        rotation = _numbers(at, value, 2)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
-            raise InputError("not a rotation matrix", file=path, field=field, expected="orthonormal rows")
+            raise at.error("not a rotation matrix", "orthonormal rows")
         if np.linalg.det(rotation) < 0:
-            raise InputError("a reflection", file=path, field=field, expected="a right-handed rotation")
+            raise at.error("a reflection", "a right-handed rotation")
         return rotation
-    if matrix and not np.any(_numbers(path, field, value, 1)):
+    if matrix and not np.any(_numbers(at, value, 1)):
         expected = "a 3 x 3 matrix of orthonormal rows, or one rotation vector"
-        raise InputError("zeros are no rotation matrix", file=path, field=field, expected=expected)
-    vector = _numbers(path, field, value, 1)
+        raise at.error("zeros are no rotation matrix", expected)
+    vector = _numbers(at, value, 1)
     if vector.shape != (3,) or np.linalg.norm(vector) > 100.0:
-        raise InputError("not a rotation", file=path, field=field, expected="a rotation vector or a 3 x 3 matrix")
-    return _rodrigues(vector)
-
-
-def _rodrigues(vector: _Floats) -> _Floats:
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: _Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    return rotation
+        raise at.error("not a rotation", "a rotation vector or a 3 x 3 matrix")
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())

@@ -11,16 +11,15 @@ those of the 38 joints of CMU are given here.
 from __future__ import annotations
 
 import json
-from os import PathLike
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.motion import Motion, to_z_up
+from poseppl.motion.io.motion import Motion, joint_positions, to_z_up
 from poseppl.motion.io.text_parsing import LARGEST, parse_numbers
 
 UNIT_MM = 25.4 / 0.45
@@ -41,7 +40,7 @@ CMU_JOINTS = (
 Floats = NDArray[np.float64]
 
 
-def read_exponential_maps(path: str | PathLike[str], skeleton: str | PathLike[str], *, rate: float = RATE) -> Motion:
+def read_exponential_maps(path: FilePath, skeleton: FilePath, *, rate: float = RATE) -> Motion:
     """Read a motion.
 
     Args:
@@ -50,29 +49,21 @@ def read_exponential_maps(path: str | PathLike[str], skeleton: str | PathLike[st
         rate: Frames a second, which the file does not tell.
 
     Returns:
-        The motion of the joints, Z up, in mm; ``angles`` is None.
+        The motion of the joints, Z up, in mm.
 
     Raises:
         InputError: A file is malformed, or they do not belong together.
     """
     parents, offsets = _read_skeleton(skeleton)
     rows = _read_rows(path, 3 + 3 * len(parents))
-    places = np.zeros((len(rows), len(parents), 3))
-    turns: list[Rotation] = []
-    for joint, parent in enumerate(parents):
-        turn = Rotation.from_rotvec(-rows[:, 3 + 3 * joint : 6 + 3 * joint])
-        if parent < 0:
-            places[:, joint] = rows[:, :3] + offsets[joint]
-            turns.append(turn)
-        else:
-            places[:, joint] = places[:, parent] + turns[parent].apply(offsets[joint])
-            turns.append(turns[parent] * turn)
+    turns = [Rotation.from_rotvec(-rows[:, column : column + 3]) for column in range(3, rows.shape[1], 3)]
+    places = joint_positions(parents, offsets, turns, rows[:, :3] + offsets[0])
     names = CMU_JOINTS if len(parents) == len(CMU_JOINTS) else tuple(f"joint_{joint}" for joint in range(len(parents)))
-    return to_z_up(Motion(names, places * UNIT_MM, parents, None, rate, "y", str(path)))
+    return to_z_up(Motion(names, places * UNIT_MM, parents, rate, "y", str(path)))
 
 
-def _read_skeleton(path: str | PathLike[str]) -> tuple[tuple[int, ...], Floats]:
-    expected = "a JSON object with parent, a list of whole numbers, and offset, a list of as many triples"
+def _read_skeleton(path: FilePath) -> tuple[tuple[int, ...], Floats]:
+    at, expected = Location(path), "a JSON object with parent, a list of whole numbers, and offset, a list of as many triples"
     try:
         known: Any = json.loads(read_text(path))
         parents, offsets = known["parent"], np.array(known["offset"], np.float64)
@@ -80,27 +71,25 @@ def _read_skeleton(path: str | PathLike[str]) -> tuple[tuple[int, ...], Floats]:
         if not whole or not 0 < len(parents) <= MAX_JOINTS or offsets.shape != (len(parents), 3):
             raise ValueError("lists of another form")
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise InputError(f"no skeleton: {str(error)[:80]}", file=path, expected=expected) from error
+        raise at.error(f"no skeleton: {str(error)[:80]}", expected) from error
     for joint, parent in enumerate(parents):
         if not -1 <= parent < joint or (parent == -1) != (joint == 0):
-            raise InputError(f"the parent of joint {joint} is {parent}", file=path, field="parent", expected="an earlier joint")
+            raise at.in_field("parent").error(f"the parent of joint {joint} is {parent}", "an earlier joint")
     if not (np.abs(offsets) <= LARGEST).all():
-        raise InputError("a number that is not finite, or too large", file=path, field="offset", expected="at most 1e9")
+        raise at.in_field("offset").error("a number that is not finite, or too large", "at most 1e9")
     return tuple(parents), offsets
 
 
-def _read_rows(path: str | PathLike[str], width: int) -> Floats:
+def _read_rows(path: FilePath, width: int) -> Floats:
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).split("\n"), start=1):
-        if not line.strip():
-            continue
-        words = [word.strip() for word in line.split(",")]
-        if len(words) != width:
-            expected = f"{width}, a translation and a triple a joint of the skeleton"
-            raise InputError(f"{len(words)} numbers", file=path, line=number, expected=expected)
-        rows.append(parse_numbers(words, file=path, line=number))
-        if len(rows) * width > 3 * MAX_POINTS:
-            raise InputError("too many frames", file=path, line=number, expected=f"at most {MAX_POINTS} positions")
+        if line.strip():
+            words, at = [word.strip() for word in line.split(",")], Location(path, number)
+            if len(words) != width:
+                raise at.error(f"{len(words)} numbers", f"{width}, a translation and a triple a joint of the skeleton")
+            rows.append(parse_numbers(words, at))
+            if len(rows) * width > 3 * MAX_POINTS:
+                raise at.error("too many frames", f"at most {MAX_POINTS} positions")
     if not rows:
-        raise InputError("no frame", file=path, expected="rows of numbers")
+        raise Location(path).error("no frame", "rows of numbers")
     return np.array(rows)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import glob
 import re
 from collections.abc import Iterator, Sequence
-from os import PathLike
 from pathlib import Path
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.motion.io.opencv import Image, place, read_image
 
 SUFFIXES = frozenset((".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"))
 
 
-def images_in(source: str | PathLike[str], camera: str) -> list[Path]:
+def images_in(source: FilePath, camera: str) -> list[Path]:
     """List the images of a folder or of a pattern, in the order of the numbers in their names.
 
     Args:
@@ -68,7 +67,7 @@ def _natural_order(path: Path) -> list[tuple[int, int, str]]:
     return [(0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts]
 
 
-def _check_numbers(source: str | PathLike[str], camera: str, paths: Sequence[Path]) -> None:
+def _check_numbers(source: FilePath, camera: str, paths: Sequence[Path]) -> None:
     found = [re.findall(r"\d+", path.stem) for path in paths]
     if len(paths) < 3 or not all(found):
         return

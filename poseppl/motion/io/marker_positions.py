@@ -13,12 +13,11 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from os import PathLike
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.text_parsing import parse_number
@@ -26,9 +25,7 @@ from poseppl.motion.io.text_parsing import parse_number
 COLUMNS = ("frame", "marker", "x", "y", "z")
 
 
-def write_places(
-    path: str | PathLike[str], frames: NDArray[np.int64], names: Sequence[str], places: NDArray[np.float64]
-) -> None:
+def write_places(path: FilePath, frames: NDArray[np.int64], names: Sequence[str], places: NDArray[np.float64]) -> None:
     """Write places, atomically; reading gives the same values back.
 
     Args:
@@ -48,7 +45,7 @@ def write_places(
             writer.writerow([int(frames[t]), names[k], *(repr(float(value)) for value in places[t, k])])
 
 
-def read_places(path: str | PathLike[str], names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_places(path: FilePath, names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Read the places of some markers; others in the file are passed over.
 
     Args:
@@ -65,16 +62,17 @@ def read_places(path: str | PathLike[str], names: Sequence[str]) -> tuple[NDArra
     rows: dict[tuple[int, str], tuple[float, ...]] = {}
     lines = csv.reader(io.StringIO(read_text(path), newline=""))
     for number, row in enumerate(lines, start=1):
+        at = Location(path, number)
         if number == 1:
             if tuple(row) != COLUMNS:
-                raise InputError(f"columns {','.join(row)[:80]!r}", file=path, line=1, expected=",".join(COLUMNS))
+                raise at.error(f"columns {','.join(row)[:80]!r}", ",".join(COLUMNS))
         elif row:
-            key, place = _row(path, number, row)
+            key, place = _row(at, row)
             if key in rows:
-                raise InputError(f"frame {key[0]} has {key[1]!r} twice", file=path, line=number)
+                raise at.error(f"frame {key[0]} has {key[1]!r} twice")
             rows[key] = place
     if not rows:
-        raise InputError("the file holds no place", file=path, expected="at least one row after the header")
+        raise Location(path).error("the file holds no place", "at least one row after the header")
     frames = np.array(sorted({frame for frame, _ in rows}), np.int64)
     places = np.full((len(frames), len(names), 3), np.nan)
     for (frame, name), place in rows.items():
@@ -83,12 +81,10 @@ def read_places(path: str | PathLike[str], names: Sequence[str]) -> tuple[NDArra
     return frames, places
 
 
-def _row(path: str | PathLike[str], line: int, row: list[str]) -> tuple[tuple[int, str], tuple[float, ...]]:
+def _row(at: Location, row: list[str]) -> tuple[tuple[int, str], tuple[float, ...]]:
     if len(row) != len(COLUMNS):
-        raise InputError(f"{len(row)} values", file=path, line=line, expected=f"{len(COLUMNS)}, one a column")
+        raise at.error(f"{len(row)} values", f"{len(COLUMNS)}, one a column")
     if not re.fullmatch("[0-9]{1,9}", row[0]):
-        raise InputError(f"{row[0][:40]!r} is no frame number", file=path, line=line, field="frame", expected="0, 1, 2, ...")
-    place = tuple(
-        parse_number(text, file=path, line=line, field=field) for field, text in zip(COLUMNS[2:], row[2:], strict=True)
-    )
+        raise at.in_field("frame").error(f"{row[0][:40]!r} is no frame number", "0, 1, 2, ...")
+    place = tuple(parse_number(text, at.in_field(field)) for field, text in zip(COLUMNS[2:], row[2:], strict=True))
     return (int(row[0]), row[1]), place

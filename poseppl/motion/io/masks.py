@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import zipfile
 from collections.abc import Iterator
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import check_file
 from poseppl.motion.io.opencv import Image, to_rgb
 from poseppl.motion.io.video import Video, digest_of_files, open_video
@@ -39,7 +38,7 @@ def pack_mask(mask: Mask) -> NDArray[np.uint8]:
     return np.packbits(mask, axis=-1)
 
 
-def read_masks(path: str | PathLike[str]) -> Mask:
+def read_masks(path: FilePath) -> Mask:
     """Read masks (T, H, W) back.
 
     Raises:
@@ -49,7 +48,7 @@ def read_masks(path: str | PathLike[str]) -> Mask:
     return np.unpackbits(packed, axis=-1, count=width).astype(np.bool_)
 
 
-def open_masks(path: str | PathLike[str], camera: str = "camera") -> Video:
+def open_masks(path: FilePath, camera: str = "camera") -> Video:
     """Open masks as a video, white on the person.
 
     Args:
@@ -70,7 +69,7 @@ def open_masks(path: str | PathLike[str], camera: str = "camera") -> Video:
     return Video(camera, (width, height), count, None, str(path), stream, lambda: digest_of_files([Path(path)]))
 
 
-def _read_packed(path: str | PathLike[str]) -> tuple[NDArray[np.uint8], tuple[int, int, int]]:
+def _read_packed(path: FilePath) -> tuple[NDArray[np.uint8], tuple[int, int, int]]:
     """Packed bits, and T, H, W; what the headers of the file's parts declare is checked before the parts are read."""
     source = check_file(path, max_bytes=MAX_BYTES)
     try:

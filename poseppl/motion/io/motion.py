@@ -5,11 +5,12 @@ Every reader yields millimetres and Z up: a Y-up recording's (x, y, z) becomes (
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from poseppl.errors import InputError
 from poseppl.motion.io.frame_range import FrameRange
@@ -24,7 +25,6 @@ class Motion:
         names: J names, of joints or markers.
         positions: (T, J, 3) mm; NaN where a marker was not seen.
         parents: For each joint the index of its parent, -1 for a root; empty for a cloud of markers.
-        angles: For each joint (T, k) rotation channels in radians, in the file's order and axes; None where there are none.
         rate: Frames a second.
         up: The axis that points up, "x", "y" or "z"; readers yield "z".
         source: Where it came from.
@@ -33,7 +33,6 @@ class Motion:
     names: tuple[str, ...]
     positions: NDArray[np.float64]
     parents: tuple[int, ...]
-    angles: Mapping[str, NDArray[np.float64]] | None
     rate: float
     up: str
     source: str
@@ -60,11 +59,38 @@ def to_z_up(motion: Motion) -> Motion:
         motion: A motion with any of the three axes up.
 
     Returns:
-        The motion with Z up; ``angles`` stay as the file has them.
+        The motion with Z up.
     """
     x, y, z = np.moveaxis(motion.positions, -1, 0)
     turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[motion.up]
     return replace(motion, positions=np.stack(turned, axis=-1), up="z")
+
+
+def joint_positions(
+    parents: Sequence[int],
+    offsets: Sequence[NDArray[np.float64]] | NDArray[np.float64],
+    rotations: Sequence[Rotation],
+    root: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Forward kinematics: p_child = p_parent + R_parent t_child, R_child = R_parent Q_child.
+
+    Args:
+        parents: Index of each joint's parent, which precedes it; -1 for the root.
+        offsets: t, of each joint from its parent in the parent's axes, (3,) or (T, 3).
+        rotations: Q, of each joint relative to its parent, T each.
+        root: Positions (T, 3) of the root.
+
+    Returns:
+        Positions (T, J, 3), in the unit of the offsets.
+    """
+    positions = np.repeat(root[:, None], len(parents), axis=1)
+    world: list[Rotation] = []
+    for joint, (parent, rotation) in enumerate(zip(parents, rotations, strict=True)):
+        if parent >= 0:
+            positions[:, joint] = positions[:, parent] + world[parent].apply(offsets[joint])
+            rotation = world[parent] * rotation
+        world.append(rotation)
+    return positions
 
 
 def slice_frames(motion: Motion, frames: str | FrameRange) -> Motion:
@@ -81,5 +107,4 @@ def slice_frames(motion: Motion, frames: str | FrameRange) -> Motion:
         InputError: The range is malformed, empty or goes beyond the recording.
     """
     part = (FrameRange.parse(frames) if isinstance(frames, str) else frames).within(len(motion.positions), motion.source)
-    angles = None if motion.angles is None else {name: values[part] for name, values in motion.angles.items()}
-    return replace(motion, positions=motion.positions[part], angles=angles, rate=motion.rate / part.step)
+    return replace(motion, positions=motion.positions[part], rate=motion.rate / part.step)

@@ -17,16 +17,15 @@ import io
 import re
 from array import array
 from collections.abc import Iterator, Sequence
-from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import parse_number, some
+from poseppl.motion.io.text_parsing import Line, parse_number, some
 
 REQUIRED = ("frame", "marker", "x", "y")
 OPTIONAL = ("camera", "confidence")
@@ -52,9 +51,7 @@ class Observations(NamedTuple):
     cameras: tuple[str, ...]
 
 
-def read_observations(
-    path: str | PathLike[str], marker_names: Sequence[str], camera_names: Sequence[str] = ("camera",)
-) -> Observations:
+def read_observations(path: FilePath, marker_names: Sequence[str], camera_names: Sequence[str] = ("camera",)) -> Observations:
     """Read 2-D observations.
 
     Args:
@@ -69,19 +66,19 @@ def read_observations(
         InputError: The file is empty, lacks a column, names an unknown marker or camera, repeats an observation, or holds
             something that is not a finite number; the message gives the line.
     """
-    lines = _lines(path, read_text(path))
-    _, header = next(lines, (1, []))
-    columns = _columns(path, header)
+    at, lines = Location(path), _lines(path, read_text(path))
+    _, header = next(lines, (at, []))
+    columns = _columns(at.in_line(1), header)
     if "camera" not in columns and len(camera_names) != 1:
-        raise InputError("no column camera", file=path, line=1, field="camera", expected="one of " + some(camera_names))
+        raise at.in_line(1).in_field("camera").error("no column camera", "one of " + some(camera_names))
     rows = array("d")
-    for line, values in lines:
-        rows.extend(_row(path, line, values, columns, marker_names, camera_names))
+    for here, values in lines:
+        rows.extend(_row(here, values, columns, marker_names, camera_names))
     if not rows:
-        raise InputError("the file holds no observation", file=path, expected="at least one row after the header")
+        raise at.error("the file holds no observation", "at least one row after the header")
     table = np.array(rows).reshape(-1, 7)
     line_numbers, numbers, camera, marker = table[:, :4].astype(np.int64).T
-    first, total = _frame_range(path, numbers, line_numbers, len(camera_names) * len(marker_names))
+    first, total = _frame_range(at, numbers, line_numbers, len(camera_names) * len(marker_names))
     points = np.full((total, len(camera_names), len(marker_names), 2), np.nan)
     confidence = np.full(points.shape[:3], np.nan)
     place = np.ravel_multi_index((numbers - first, camera, marker), confidence.shape)
@@ -91,7 +88,7 @@ def read_observations(
         before, after = order[twice[0]], order[twice[0] + 1]
         name = marker_names[marker[after]]
         problem = f"frame {numbers[after]} observes {name!r} twice (before in line {line_numbers[before]})"
-        raise InputError(problem, file=path, line=int(line_numbers[after]))
+        raise at.in_line(int(line_numbers[after])).error(problem)
     points.reshape(-1, 2)[place] = table[:, 4:6]
     confidence.reshape(-1)[place] = table[:, 6]
     frames = np.arange(first, first + total, dtype=np.int64)
@@ -99,7 +96,7 @@ def read_observations(
     return Observations(points, confidence if has_confidence else None, frames, tuple(marker_names), tuple(camera_names))
 
 
-def write_observations(path: str | PathLike[str], observations: Observations) -> None:
+def write_observations(path: FilePath, observations: Observations) -> None:
     """Write 2-D observations, atomically; reading gives the same values back.
 
     Args:
@@ -123,7 +120,7 @@ def write_observations(path: str | PathLike[str], observations: Observations) ->
             writer.writerow(row)
 
 
-def _lines(path: str | PathLike[str], text: str) -> Iterator[tuple[int, list[str]]]:
+def _lines(path: FilePath, text: str) -> Iterator[Line]:
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
     while True:
         try:
@@ -131,68 +128,65 @@ def _lines(path: str | PathLike[str], text: str) -> Iterator[tuple[int, list[str
         except StopIteration:
             return
         except csv.Error as error:
-            raise InputError(f"malformed CSV: {error}", file=path, line=reader.line_num) from error
+            raise Location(path, reader.line_num).error(f"malformed CSV: {error}") from error
         values = [value.strip() for value in row]
         if any(values):
-            yield reader.line_num, values
+            yield Location(path, reader.line_num), values
 
 
-def _columns(path: str | PathLike[str], header: list[str]) -> dict[str, int]:
+def _columns(at: Location, header: list[str]) -> dict[str, int]:
     names = [name.lower() for name in header]
     for name in REQUIRED:
         if name not in names:
             found = ", ".join(names)[:80] or "nothing"
-            raise InputError(f"no column {name!r}", file=path, line=1, expected=f"{','.join(REQUIRED)}; found {found}")
+            raise at.error(f"no column {name!r}", f"{','.join(REQUIRED)}; found {found}")
     for name in names:
         if name not in REQUIRED + OPTIONAL or names.count(name) > 1:
             problem = "column is unknown" if name not in REQUIRED + OPTIONAL else "column is repeated"
-            raise InputError(problem, file=path, line=1, field=name[:40], expected=",".join(REQUIRED + OPTIONAL))
+            raise at.in_field(name[:40]).error(problem, ",".join(REQUIRED + OPTIONAL))
     return {name: index for index, name in enumerate(names)}
 
 
 def _row(
-    path: str | PathLike[str],
-    line: int,
+    at: Location,
     values: list[str],
     columns: dict[str, int],
     markers: Sequence[str],
     cameras: Sequence[str],
 ) -> tuple[float, ...]:
     if len(values) != len(columns):
-        raise InputError(f"{len(values)} values", file=path, line=line, expected=f"{len(columns)}, one a column")
+        raise at.error(f"{len(values)} values", f"{len(columns)}, one a column")
     frame = values[columns["frame"]]
     if not re.fullmatch("[0-9]{1,9}", frame):
-        raise InputError(f"{frame[:40]!r} is no frame number", file=path, line=line, field="frame", expected="0, 1, 2, ...")
-    marker = _known(path, line, "marker", values[columns["marker"]], markers)
-    camera = _known(path, line, "camera", values[columns["camera"]], cameras) if "camera" in columns else 0
-    x, y = (parse_number(values[columns[name]], file=path, line=line, field=name) for name in ("x", "y"))
+        raise at.in_field("frame").error(f"{frame[:40]!r} is no frame number", "0, 1, 2, ...")
+    marker = _known(at, "marker", values[columns["marker"]], markers)
+    camera = _known(at, "camera", values[columns["camera"]], cameras) if "camera" in columns else 0
+    x, y = (parse_number(values[columns[name]], at.in_field(name)) for name in ("x", "y"))
     confidence = float("nan")
     if "confidence" in columns:
-        confidence = parse_number(values[columns["confidence"]], file=path, line=line, field="confidence")
+        confidence = parse_number(values[columns["confidence"]], at.in_field("confidence"))
         if not 0.0 <= confidence <= 1.0:
-            raise InputError(f"{confidence:g}", file=path, line=line, field="confidence", expected="0 to 1")
-    return (line, int(frame), camera, marker, x, y, confidence)
+            raise at.in_field("confidence").error(f"{confidence:g}", "0 to 1")
+    return (at.line or 0, int(frame), camera, marker, x, y, confidence)
 
 
-def _known(path: str | PathLike[str], line: int, field: str, name: str, names: Sequence[str]) -> int:
+def _known(at: Location, field: str, name: str, names: Sequence[str]) -> int:
     if name in names:
         return list(names).index(name)
     close = difflib.get_close_matches(name[:60], names, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise InputError(f"unknown {field} {name[:60]!r}", file=path, line=line, expected=f"one of {some(names, 20)}{hint}")
+    raise at.error(f"unknown {field} {name[:60]!r}", f"one of {some(names, 20)}{hint}")
 
 
-def _frame_range(
-    path: str | PathLike[str], numbers: NDArray[np.int64], lines: NDArray[np.int64], values: int
-) -> tuple[int, int]:
+def _frame_range(at: Location, numbers: NDArray[np.int64], lines: NDArray[np.int64], values: int) -> tuple[int, int]:
     order = np.argsort(numbers, kind="stable")
     gaps = np.diff(numbers[order])
     if gaps.size and gaps.max() > MAX_GAP:
         after = order[int(gaps.argmax()) + 1]
         problem = f"{gaps.max() - 1} frames without any row before frame {numbers[after]}"
         expected = f"a gap of at most {MAX_GAP}"
-        raise InputError(problem, file=path, line=int(lines[after]), field="frame", expected=expected)
+        raise at.in_line(int(lines[after])).in_field("frame").error(problem, expected)
     first, total = int(numbers.min()), int(np.ptp(numbers)) + 1
     if total * values > MAX_VALUES:
-        raise InputError(f"{total} frames of {values} points", file=path, expected=f"at most {MAX_VALUES} points in a file")
+        raise at.error(f"{total} frames of {values} points", f"at most {MAX_VALUES} points in a file")
     return first, total

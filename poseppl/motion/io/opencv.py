@@ -9,14 +9,13 @@ import importlib
 import io
 import os
 import warnings
-from os import PathLike
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.files.bounded_reading import check_file
 
@@ -43,7 +42,7 @@ def opencv() -> ModuleType:
         raise PosepplError(f"videos and images need OpenCV: pip install 'poseppl[vision]'{reason}") from error
 
 
-def read_image(path: str | PathLike[str], camera: str | None = None, frame: int | None = None) -> Image:
+def read_image(path: FilePath, camera: str | None = None, frame: int | None = None) -> Image:
     """Read an image of any format that OpenCV knows.
 
     Args:
@@ -74,7 +73,7 @@ def read_image(path: str | PathLike[str], camera: str | None = None, frame: int 
     return to_rgb(image)
 
 
-def check_pixels(size: tuple[int, int], *, file: str | PathLike[str], field: str | None) -> None:
+def check_pixels(size: tuple[int, int], *, file: FilePath, field: str | None) -> None:
     """Check the width and height that a picture or a video declares.
 
     Raises:
@@ -85,7 +84,7 @@ def check_pixels(size: tuple[int, int], *, file: str | PathLike[str], field: str
         raise InputError(f"{width} x {height} pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all")
 
 
-def _check_header(data: bytes, file: str | PathLike[str], field: str | None) -> None:
+def _check_header(data: bytes, file: FilePath, field: str | None) -> None:
     """Check the size that an encoded picture declares; one that only OpenCV knows is bounded by OpenCV."""
     from PIL import Image as Header
 
@@ -101,7 +100,7 @@ def _check_header(data: bytes, file: str | PathLike[str], field: str | None) -> 
     check_pixels(size, file=file, field=field)
 
 
-def encode_image(image: Image, suffix: str = ".png", *, file: str | PathLike[str] | None = None) -> bytes:
+def encode_image(image: Image, suffix: str = ".png", *, file: FilePath | None = None) -> bytes:
     """Turn an image into the bytes of a file; PNG keeps every value.
 
     Args:
@@ -124,7 +123,7 @@ def encode_image(image: Image, suffix: str = ".png", *, file: str | PathLike[str
     return bytes(data.tobytes())
 
 
-def write_image(path: str | PathLike[str], image: Image) -> None:
+def write_image(path: FilePath, image: Image) -> None:
     """Write an image, whole or not at all; PNG keeps every value.
 
     Args:
@@ -154,7 +153,7 @@ def to_rgb(image: Image) -> Image:
     return converted
 
 
-def check_name(path: str | PathLike[str]) -> str:
+def check_name(path: FilePath) -> str:
     """Check that OpenCV can open a file by its name: one that is not UTF-8 ends the process.
 
     Raises:

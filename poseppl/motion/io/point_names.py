@@ -7,15 +7,13 @@ knee_l = "lShin"
 
 from __future__ import annotations
 
-from os import PathLike
-
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_toml
 
 MAX_MARKERS = 1000
 
 
-def read_names(path: str | PathLike[str]) -> dict[str, tuple[str, ...]]:
+def read_names(path: FilePath) -> dict[str, tuple[str, ...]]:
     """Read a table of names.
 
     Args:
@@ -27,15 +25,15 @@ def read_names(path: str | PathLike[str]) -> dict[str, tuple[str, ...]]:
     Raises:
         InputError: The file is no TOML, empty, or a marker has neither a name nor a list of names.
     """
-    table = read_toml(path)
+    table, at = read_toml(path), Location(path)
     if not 0 < len(table) <= MAX_MARKERS:
-        raise InputError(f"{len(table)} names", file=path, expected='lines such as knee_l = "LeftLeg"')
-    return {marker: _points(path, marker, value) for marker, value in table.items()}
+        raise at.error(f"{len(table)} names", 'lines such as knee_l = "LeftLeg"')
+    return {marker: _points(at, marker, value) for marker, value in table.items()}
 
 
-def _points(path: str | PathLike[str], marker: str, value: object) -> tuple[str, ...]:
+def _points(at: Location, marker: str, value: object) -> tuple[str, ...]:
     points = value if isinstance(value, list) else [value]
     if not points or not all(isinstance(point, str) and point for point in points):
         expected = 'the name of a point, or a list of names: "LeftLeg", ["LKNE", "LKNM"]'
-        raise InputError("not a name", file=path, field=marker[:40], expected=expected)
+        raise at.in_field(marker[:40]).error("not a name", expected)
     return tuple(points)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from os import PathLike
 from pathlib import Path
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.amc import CMU_RATE, read_amc
 from poseppl.motion.io.asf import read_asf
@@ -20,8 +19,8 @@ SUFFIXES = (".amc", ".bvh", ".c3d", ".trc", ".txt")
 
 
 def read_motion(
-    path: str | PathLike[str],
-    skeleton: str | PathLike[str] | None = None,
+    path: FilePath,
+    skeleton: FilePath | None = None,
     *,
     rate: float | None = None,
     scale: float | None = None,
@@ -59,7 +58,7 @@ def read_motion(
     return read_trc(path, up=up) if suffix == ".trc" else read_c3d(path, up=up)
 
 
-def _read_with_skeleton(path: str | PathLike[str], suffix: str, skeleton: str | PathLike[str] | None, rate: float) -> Motion:
+def _read_with_skeleton(path: FilePath, suffix: str, skeleton: FilePath | None, rate: float) -> Motion:
     if suffix == ".amc":
         if skeleton is None:
             raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf, or FILE.amc,FILE.asf")

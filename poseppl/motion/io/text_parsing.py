@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
-from os import PathLike
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 
+Line = tuple[Location, list[str]]
+"""Where a line stands, and its words."""
 LARGEST = 1e9
 LONGEST = 200
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
@@ -20,13 +21,12 @@ def some(names: Iterable[str], count: int = 8) -> str:
     return ", ".join(listed[:count]) + (f", ... ({len(listed)} in all)" if len(listed) > count else "")
 
 
-def split_words(text: str, *, file: str | PathLike[str], line: int) -> list[str]:
+def split_words(text: str, at: Location) -> list[str]:
     """Split a line at white space.
 
     Args:
         text: The line.
-        file: The file, for the message.
-        line: The line's number, for the message.
+        at: Where it stands, for the message.
 
     Returns:
         The words.
@@ -37,22 +37,26 @@ def split_words(text: str, *, file: str | PathLike[str], line: int) -> list[str]
     words = text.split()
     for word in words if len(text) > LONGEST else ():
         if len(word) > LONGEST:
-            raise InputError(
-                f"{word[:20]!r}... has {len(word)} characters", file=file, line=line, expected=f"at most {LONGEST}"
-            )
+            raise at.error(f"{word[:20]!r}... has {len(word)} characters", f"at most {LONGEST}")
     return words
 
 
-def parse_number(token: str, *, file: str | PathLike[str], line: int, field: str | None = None) -> float:
+def lines_of_words(path: FilePath, text: str) -> Iterator[Line]:
+    """The words of each line that has any, one line at a time: those of a text take many times its memory."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        at = Location(path, number)
+        if words := split_words(line, at):
+            yield at, words
+
+
+def parse_number(token: str, at: Location) -> float:
     """Parse one finite decimal number.
 
     Python's own ``float`` would also take "nan", "infinity", "1_000" and the digits of other scripts.
 
     Args:
         token: The text, without white space around it.
-        file: The file, for the message.
-        line: The line, for the message.
-        field: The field, for the message.
+        at: Where it stands, for the message.
 
     Returns:
         The number.
@@ -64,26 +68,23 @@ def parse_number(token: str, *, file: str | PathLike[str], line: int, field: str
         number = float(token)
         if abs(number) <= LARGEST:
             return number
-        raise InputError(f"the number {token} is too large", file=file, line=line, field=field, expected="at most 1e9")
+        raise at.error(f"the number {token} is too large", "at most 1e9")
     shown = token if len(token) <= 40 else token[:37] + "..."
-    raise InputError(f"{shown!r} is not a number", file=file, line=line, field=field, expected="a finite decimal number")
+    raise at.error(f"{shown!r} is not a number", "a finite decimal number")
 
 
-def parse_numbers(tokens: list[str], *, file: str | PathLike[str], line: int, field: str | None = None) -> list[float]:
+def parse_numbers(tokens: list[str], at: Location) -> list[float]:
     """Parse several numbers of one line; see `parse_number`."""
-    return [parse_number(token, file=file, line=line, field=field) for token in tokens]
+    return [parse_number(token, at) for token in tokens]
 
 
-def finite_numbers(
-    value: Any, names: Collection[str], *, file: str | PathLike[str] | None = None, field: str
-) -> dict[str, float]:
+def finite_numbers(value: Any, names: Collection[str], at: Location) -> dict[str, float]:
     """Check that what a file holds is a mapping of known names to finite numbers.
 
     Args:
         value: What JSON or TOML gave.
         names: The known names.
-        file: The file, for the message.
-        field: The field, for the message.
+        at: Where it stands, for the message.
 
     Returns:
         The numbers by name.
@@ -92,10 +93,10 @@ def finite_numbers(
         InputError: It is no mapping, a name is unknown, or a value is no number or its magnitude is above 1e9.
     """
     if not isinstance(value, dict):
-        raise InputError("no numbers by name", file=file, field=field, expected="a mapping of names to numbers")
+        raise at.error("no numbers by name", "a mapping of names to numbers")
     for name, number in value.items():
         if name not in names:
-            raise InputError(f"unknown name {str(name)[:40]!r}", file=file, field=field, expected=some(names))
+            raise at.error(f"unknown name {str(name)[:40]!r}", some(names))
         if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= LARGEST:
-            raise InputError(f"{name} is {str(number)[:40]!r}", file=file, field=field, expected="a finite number, at most 1e9")
+            raise at.error(f"{name} is {str(number)[:40]!r}", "a finite number, at most 1e9")
     return {name: float(number) for name, number in value.items()}

@@ -13,12 +13,10 @@ header: names, rate and unit. Empty fields are markers that were not seen. Y is 
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.motion import Motion, to_z_up
 from poseppl.motion.io.text_parsing import LONGEST, parse_number
@@ -29,7 +27,7 @@ MAX_VALUES = 40_000_000
 _UNSEEN = ("", "nan")
 
 
-def read_trc(path: str | PathLike[str], *, up: str | None = None) -> Motion:
+def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
     """Read the markers of a TRC file.
 
     Args:
@@ -43,63 +41,64 @@ def read_trc(path: str | PathLike[str], *, up: str | None = None) -> Motion:
     Raises:
         InputError: The file is malformed, its unit is unknown, or it holds no marker.
     """
-    lines = read_text(path).split("\n")
+    lines, at = read_text(path).split("\n"), Location(path)
     separator = "," if "," in lines[0] and "\t" not in lines[0] else "\t"
     rows = [[field.strip() for field in line.split(separator)] for line in lines[:4]]
-    rate, unit = _header(path, rows)
-    names = _names(path, rows[3])
-    places = _places(path, lines, separator, len(names)) * MM_PER_UNIT[unit]
+    rate, unit = _header(at.in_line(3), rows)
+    names = _names(at.in_line(4), rows[3])
+    places = _places(at, lines, separator, len(names)) * MM_PER_UNIT[unit]
     seen = [index for index in range(len(names)) if np.isfinite(places[:, index]).all(-1).any()]
     if not seen:
-        raise InputError("no frame shows a marker", file=path)
+        raise at.error("no frame shows a marker")
     kept = tuple(names[index] for index in seen)
-    return to_z_up(Motion(kept, places[:, seen], (), None, rate, up or "y", str(path)))
+    return to_z_up(Motion(kept, places[:, seen], (), rate, up or "y", str(path)))
 
 
-def _header(path: str | PathLike[str], rows: list[list[str]]) -> tuple[float, str]:
+def _header(at: Location, rows: list[list[str]]) -> tuple[float, str]:
     """Rate, and unit of length."""
     if len(rows) < 4 or rows[3][:1] != ["Frame#"]:
-        raise InputError("no line Frame#, Time, ...", file=path, line=4, expected="a TRC file, separated by tabs or commas")
+        raise at.in_line(4).error("no line Frame#, Time, ...", "a TRC file, separated by tabs or commas")
     keys, values = ([field for field in row if field] for row in rows[1:3])  # some programs double the tabs of one line
     known = dict(zip(map(str.lower, keys), values, strict=False))
-    rate = parse_number(known.get("datarate", ""), file=path, line=3, field="DataRate")
+    rate = parse_number(known.get("datarate", ""), at.in_field("DataRate"))
     if not 1e-3 <= rate <= 1e5:
-        raise InputError(f"{rate:g} frames a second", file=path, line=3, field="DataRate", expected="a positive rate")
+        raise at.in_field("DataRate").error(f"{rate:g} frames a second", "a positive rate")
     unit = known.get("units", "mm").lower()
     if unit not in MM_PER_UNIT:
-        raise InputError(f"unit {unit[:20]!r}", file=path, line=3, field="Units", expected=", ".join(MM_PER_UNIT))
+        raise at.in_field("Units").error(f"unit {unit[:20]!r}", ", ".join(MM_PER_UNIT))
     return rate, unit
 
 
-def _names(path: str | PathLike[str], row: list[str]) -> list[str]:
+def _names(at: Location, row: list[str]) -> list[str]:
     names = [name for name in row[2:] if name]
     longest = max(map(len, names), default=0)
     if not 0 < len(names) <= MAX_MARKERS or longest > LONGEST:
-        raise InputError(f"{len(names)} markers", file=path, line=4, expected=f"1 to {MAX_MARKERS}, with names")
+        raise at.error(f"{len(names)} markers", f"1 to {MAX_MARKERS}, with names")
     repeated = [name for name in names if names.count(name) > 1] if len(set(names)) < len(names) else []
     if repeated:
-        raise InputError(f"two markers are called {repeated[0]!r}", file=path, line=4)
+        raise at.error(f"two markers are called {repeated[0]!r}")
     return names
 
 
-def _places(path: str | PathLike[str], lines: list[str], separator: str, count: int) -> NDArray[np.float64]:
+def _places(at: Location, lines: list[str], separator: str, count: int) -> NDArray[np.float64]:
     """(T, K, 3) in the file's unit."""
     rows: list[list[float]] = []
     for number, line in enumerate(lines[5:], start=6):
+        here = at.in_line(number)
         fields = [field.strip() for field in line.split(separator)]
         if not any(fields):
             continue
         values = fields[2 : 2 + 3 * count]
         if len(fields) < 2 or any(fields[2 + 3 * count :]):
-            raise InputError(f"{len(fields)} fields", file=path, line=number, expected=f"{2 + 3 * count}, or fewer")
+            raise here.error(f"{len(fields)} fields", f"{2 + 3 * count}, or fewer")
         numbers = [
-            np.nan if text.lower() in _UNSEEN else parse_number(text, file=path, line=number, field=f"column {column}")
+            np.nan if text.lower() in _UNSEEN else parse_number(text, here.in_field(f"column {column}"))
             for column, text in enumerate(values, start=3)
         ]
         rows.append(numbers + [np.nan] * (3 * count - len(numbers)))
         if len(rows) * 3 * count > MAX_VALUES:
-            raise InputError("too many values", file=path, line=number, expected=f"at most {MAX_VALUES}")
+            raise here.error("too many values", f"at most {MAX_VALUES}")
     if not rows:
-        raise InputError("no frame", file=path, expected="rows of numbers after the header")
+        raise at.error("no frame", "rows of numbers after the header")
     places = np.array(rows).reshape(len(rows), count, 3)
     return np.where(np.isfinite(places).all(-1, keepdims=True), places, np.nan)

@@ -17,13 +17,13 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import check_file
 from poseppl.motion.io.image_sequence import SUFFIXES, images_in, read_images
 from poseppl.motion.io.opencv import Image, check_image, place, to_rgb
 from poseppl.motion.io.video_decoding import MAX_VIDEO_BYTES, probe, read_video
 
-_Source = str | PathLike[str] | Sequence[Image] | Image
+_Source = FilePath | Sequence[Image] | Image
 
 
 class Video(NamedTuple):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from os import PathLike
 from pathlib import Path
 
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import FilePath, InputError, PosepplError
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.motion.io.opencv import Image, check_image, check_name, opencv
 
@@ -24,7 +23,7 @@ class VideoWriter:
         codec: OpenCV's four letters.
     """
 
-    def __init__(self, path: str | PathLike[str], temporary: Path, rate: float, codec: str) -> None:
+    def __init__(self, path: FilePath, temporary: Path, rate: float, codec: str) -> None:
         self._writer = opencv().VideoWriter()
         self._path, self._temporary, self._rate, self._codec = path, temporary, rate, codec
         self._size, self._count = (0, 0), 0
@@ -81,7 +80,7 @@ class VideoWriter:
 
 
 @contextmanager
-def video_writer(path: str | PathLike[str], rate: float, *, codec: str = "mp4v") -> Iterator[VideoWriter]:
+def video_writer(path: FilePath, rate: float, *, codec: str = "mp4v") -> Iterator[VideoWriter]:
     """Write a video frame by frame, whole or not at all, in a ``with`` block.
 
     The images are encoded under a temporary name; the file is opened again and counted before it gets its own.
@@ -111,7 +110,7 @@ def video_writer(path: str | PathLike[str], rate: float, *, codec: str = "mp4v")
         writer.check()
 
 
-def write_video(path: str | PathLike[str], images: Iterable[Image], rate: float, *, codec: str = "mp4v") -> int:
+def write_video(path: FilePath, images: Iterable[Image], rate: float, *, codec: str = "mp4v") -> int:
     """Write images as a video, whole or not at all.
 
     Args:
@@ -133,7 +132,7 @@ def write_video(path: str | PathLike[str], images: Iterable[Image], rate: float,
     return writer.count
 
 
-def _check_written(path: str | PathLike[str], temporary: Path, count: int) -> None:
+def _check_written(path: FilePath, temporary: Path, count: int) -> None:
     # The encoder reports neither a full disk nor a frame that it dropped.
     cv2 = opencv()
     capture = cv2.VideoCapture(str(temporary))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from os import PathLike
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import Array, edges, mean_points, some_draws
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.motion.io import Video, write_video
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.text_parsing import some
@@ -50,7 +49,7 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
             yield _even(draw_skeletons(image, samples[:, index, camera], means[index, camera], pairs))
 
 
-def write_overlay(path: str | PathLike[str], tree: xr.DataTree, video: Video) -> int:
+def write_overlay(path: FilePath, tree: xr.DataTree, video: Video) -> int:
     """Write the overlay of a camera as a video, whole or not at all; the number of its frames."""
     return write_video(path, overlay_frames(tree, video), video.rate or _DEFAULT_RATE)
 

@@ -19,14 +19,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
 from poseppl.motion.io.cameras import write_cameras
 from poseppl.motion.io.marker_positions import write_places
@@ -64,7 +63,7 @@ def _nothing(*_: object) -> None:
 
 
 def write_scene(
-    path: str | PathLike[str],
+    path: FilePath,
     setting: Setting,
     truth: Truth,
     *,

@@ -7,9 +7,8 @@ shank = 420.0
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.io.text_parsing import finite_numbers
@@ -34,7 +33,7 @@ def stature_lengths(model: str, stature: float) -> dict[str, float]:
     return {name: value * stature / STATURE for name, value in standard.items()}
 
 
-def read_lengths(path: str | PathLike[str], model: str) -> dict[str, float]:
+def read_lengths(path: FilePath, model: str) -> dict[str, float]:
     """Read segment lengths (mm) from a TOML file.
 
     Args:
@@ -45,7 +44,7 @@ def read_lengths(path: str | PathLike[str], model: str) -> dict[str, float]:
         InputError: The file is no TOML, or holds another name or something that is no length.
     """
     table = read_toml(path)
-    lengths = finite_numbers(table, load_builder(model)(None).lengths, file=path, field="--lengths")
+    lengths = finite_numbers(table, load_builder(model)(None).lengths, Location(path, field="--lengths"))
     for name, value in lengths.items():
         if abs(value) > 3000.0:
             raise InputError(f"{value:g} mm", file=path, field=name, expected="at most 3000 mm")
@@ -53,7 +52,7 @@ def read_lengths(path: str | PathLike[str], model: str) -> dict[str, float]:
 
 
 def subject_lengths(
-    model: str, stature: float | None, path: str | PathLike[str] | None, known: Mapping[str, float] | None = None
+    model: str, stature: float | None, path: FilePath | None, known: Mapping[str, float] | None = None
 ) -> Mapping[str, float] | None:
     """Lengths as a stature and a file tell them, the file first; otherwise those that are known, if any.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import xarray as xr
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, Location
 from poseppl.motion.bodies.body import Body, installed_builder, load_builder, source_of_model
 from poseppl.motion.io.text_parsing import finite_numbers
 from poseppl.runs.contents import names_of
@@ -45,11 +45,11 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
         raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name[:80])
     builder = installed_builder(name) if model is None else load_builder(model)
     standard = builder(None)
-    lengths = finite_numbers(known.get("lengths"), standard.lengths, field="lengths")
+    lengths = finite_numbers(known.get("lengths"), standard.lengths, Location(field="lengths"))
     body = builder({**standard.lengths, **lengths})
     settings = known.get("settings")
     asked = {name: value for name, value in settings.items() if name in body.params} if isinstance(settings, dict) else None
-    params = {**body.params, **finite_numbers(asked, body.params, field="settings")}
+    params = {**body.params, **finite_numbers(asked, body.params, Location(field="settings"))}
     _check_coordinates(tree, body)
     return RecordedModel(chosen, body, params)
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, project
@@ -158,7 +157,7 @@ def observe_motion(
 
 
 def scene_of_observations(
-    path: str | PathLike[str],
+    path: FilePath,
     records: Sequence[CameraRecord],
     *,
     model: str = DEFAULT_MODEL,
@@ -166,7 +165,7 @@ def scene_of_observations(
     noise: float | None = None,
     rate: float | None = None,
     stature: float | None = None,
-    lengths: str | PathLike[str] | None = None,
+    lengths: FilePath | None = None,
 ) -> Scene[PointData]:
     """Read 2-D observations that come without truth.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from os import PathLike
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject
 from poseppl.motion.geometry import marker_positions
@@ -52,22 +51,22 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
         problem = f"the body has {body.tree.dimension} coordinates, and the built-in walk {states.shape[1]}"
         raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
     markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
-    whole = Motion(body.tree.marker_names, markers, (), None, rate, "z", "built-in walk")
+    whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
 
 
 def recorded_subject(
-    path: str | PathLike[str],
-    skeleton: str | PathLike[str] | None = None,
+    path: FilePath,
+    skeleton: FilePath | None = None,
     *,
     model: str = DEFAULT_MODEL,
     frames: str | None = None,
     rate: float | None = None,
     scale: float | None = None,
     up: str | None = None,
-    names: str | PathLike[str] | None = None,
-    lengths: str | PathLike[str] | None = None,
+    names: FilePath | None = None,
+    lengths: FilePath | None = None,
 ) -> MovingSubject:
     """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-from os import PathLike
 
 import xarray as xr
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.tracking.scene import Scene, SceneData
 
 
-def save_truth(scene: Scene[SceneData], path: str | PathLike[str]) -> None:
+def save_truth(scene: Scene[SceneData], path: FilePath) -> None:
     """Write the truth of a scene as NetCDF: ``state`` (frame, dof), ``markers`` (frame, marker, axis) in mm.
 
     Args:
@@ -32,7 +31,7 @@ def save_truth(scene: Scene[SceneData], path: str | PathLike[str]) -> None:
     )
 
 
-def save_subject_truth(subject: MovingSubject, path: str | PathLike[str]) -> None:
+def save_subject_truth(subject: MovingSubject, path: FilePath) -> None:
     """Write a body in motion as :func:`save_truth` does."""
     tree = subject.body.tree
     truth = xr.Dataset(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
@@ -61,12 +60,12 @@ class VideoSources(NamedTuple):
 
 
 def sources_of_files(
-    videos: Sequence[str | PathLike[str]],
-    calibration: str | PathLike[str],
+    videos: Sequence[FilePath],
+    calibration: FilePath,
     *,
-    plates: Sequence[str | PathLike[str]] = (),
-    occlusion: Sequence[str | PathLike[str]] = (),
-    masks: Sequence[str | PathLike[str]] = (),
+    plates: Sequence[FilePath] = (),
+    occlusion: Sequence[FilePath] = (),
+    masks: Sequence[FilePath] = (),
 ) -> VideoSources:
     """Open videos and what goes with them.
 
@@ -100,7 +99,7 @@ def sources_of_files(
     return VideoSources(kept, tuple(sorted(opened, key=lambda video: order[video.camera])), backgrounds, occlusions, given)
 
 
-def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -> VideoSources:
+def sources_of_scene(folder: FilePath, cameras: Sequence[str] = ()) -> VideoSources:
     """Open a rendered scene, a folder that ``poseppl simulate --video`` has made.
 
     Args:
@@ -126,7 +125,7 @@ def sources_of_scene(folder: str | PathLike[str], cameras: Sequence[str] = ()) -
     return VideoSources(records, videos, plates, occlusion, {}, truth)
 
 
-def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
+def read_scene_truth(path: FilePath) -> SceneTruth:
     """Read the truth that ``poseppl simulate`` wrote as NetCDF.
 
     Raises:
@@ -141,7 +140,7 @@ def read_scene_truth(path: str | PathLike[str]) -> SceneTruth:
         raise InputError(f"no truth: {error}", file=path, expected="a file of poseppl simulate") from error
 
 
-def is_video(path: str | PathLike[str]) -> bool:
+def is_video(path: FilePath) -> bool:
     """Whether a path looks like a video, and not like a rendered scene."""
     return Path(path).suffix.lower() in _SUFFIXES or not (Path(path) / "scene.toml").is_file()
 
@@ -151,7 +150,7 @@ def see_silhouettes(
     *,
     model: str = DEFAULT_MODEL,
     stature: float | None = None,
-    lengths: str | PathLike[str] | None = None,
+    lengths: FilePath | None = None,
     settings: SilhouetteSettings | None = None,
     background: BackgroundSettings | None = None,
     facing: str | None = None,
@@ -221,7 +220,9 @@ def _found(sources: VideoSources, background: BackgroundSettings | None, facing:
 
 
 def _known_lengths(model: str, truth: SceneTruth | None) -> Mapping[str, float] | None:
-    return None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, field="lengths")
+    return (
+        None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, Location(field="lengths"))
+    )
 
 
 def _background(video: Video, plate: Video | None, settings: BackgroundSettings | None) -> Background:
@@ -231,7 +232,7 @@ def _background(video: Video, plate: Video | None, settings: BackgroundSettings 
     return learn_background(pictures, settings)
 
 
-def _named(word: str | PathLike[str]) -> tuple[str, str]:
+def _named(word: FilePath) -> tuple[str, str]:
     """``NAME=FILE``, or a file whose name without suffix is the camera's."""
     name, equals, path = str(word).partition("=")
     return (name, path) if equals else (Path(str(word)).stem, str(word))

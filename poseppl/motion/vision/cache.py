@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from os import PathLike
 from pathlib import Path
 
-from poseppl.errors import InputError
+from poseppl.errors import FilePath, InputError
 from poseppl.files.store import Arrays, Note, Store, key_of
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.io.video import Video
@@ -27,7 +26,7 @@ def video_features(
     video: Video,
     settings: FeatureSettings | None = None,
     *,
-    folder: str | PathLike[str] | None = None,
+    folder: FilePath | None = None,
     plate: Image | None = None,
     ignore: Mask | None = None,
     start: int = 0,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from os import PathLike
-
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.errors import FilePath
 from poseppl.motion.io.opencv import Image, opencv, write_image
 from poseppl.motion.vision.features import FrameFeatures, scale_image
 from poseppl.motion.vision.flow import Flow
@@ -51,7 +50,7 @@ def features_picture(image: Image, features: FrameFeatures) -> Image:
     return np.concatenate(rows, axis=0)
 
 
-def save_features_picture(path: str | PathLike[str], image: Image, features: FrameFeatures) -> None:
+def save_features_picture(path: FilePath, image: Image, features: FrameFeatures) -> None:
     """Write ``features_picture`` to a file, whole or not at all.
 
     Args:

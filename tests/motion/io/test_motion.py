@@ -11,17 +11,16 @@ from poseppl.motion.io.recording import read_motion
 
 def motion(up="z", frames=10):
     positions = np.arange(frames * 6, dtype=np.float64).reshape(frames, 2, 3)
-    angles = {"b": np.arange(frames, dtype=np.float64)[:, None]}
-    return Motion(("a", "b"), positions, (-1, 0), angles, 100.0, up, "walk")
+    return Motion(("a", "b"), positions, (-1, 0), 100.0, up, "walk")
 
 
 @pytest.mark.parametrize(("up", "expected"), [("x", [2, 3, 1]), ("y", [1, -3, 2]), ("z", [1, 2, 3])])
 def test_z_up_is_a_rotation(up, expected):
-    basis = Motion(("x", "y", "z"), np.eye(3)[None], (), None, 1.0, up, "")
+    basis = Motion(("x", "y", "z"), np.eye(3)[None], (), 1.0, up, "")
     turned = to_z_up(basis).positions[0]
     assert np.linalg.det(turned) == 1.0
     np.testing.assert_array_equal(turned["xyz".index(up)], [0, 0, 1])
-    single = Motion(("p",), np.array([[[1.0, 2.0, 3.0]]]), (), None, 1.0, up, "")
+    single = Motion(("p",), np.array([[[1.0, 2.0, 3.0]]]), (), 1.0, up, "")
     np.testing.assert_array_equal(to_z_up(single).positions[0, 0], expected)
 
 
@@ -32,7 +31,6 @@ def test_z_up_is_a_rotation(up, expected):
 def test_frames(frames, expected):
     part = slice_frames(motion(), frames)
     np.testing.assert_array_equal(part.positions, motion().positions[expected])
-    np.testing.assert_array_equal(part.angles["b"][:, 0], expected)
 
 
 def test_the_step_divides_the_rate():
@@ -52,11 +50,11 @@ def test_out_of_range_tells_the_range():
 
 def test_shapes_are_checked():
     with pytest.raises(ValueError, match="shape"):
-        Motion(("a",), np.zeros((3, 2, 3)), (), None, 1.0, "z", "")
+        Motion(("a",), np.zeros((3, 2, 3)), (), 1.0, "z", "")
     with pytest.raises(ValueError, match="parents"):
-        Motion(("a",), np.zeros((3, 1, 3)), (-1, 0), None, 1.0, "z", "")
+        Motion(("a",), np.zeros((3, 1, 3)), (-1, 0), 1.0, "z", "")
     with pytest.raises(ValueError, match="up"):
-        Motion(("a",), np.zeros((3, 1, 3)), (-1,), None, 1.0, "w", "")
+        Motion(("a",), np.zeros((3, 1, 3)), (-1,), 1.0, "w", "")
     with pytest.raises(InputError, match="one of a, b"):
         motion().index("c")
 

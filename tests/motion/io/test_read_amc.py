@@ -27,16 +27,15 @@ def test_skeleton(tmp_path):
     assert [bone.parent for bone in skeleton.bones] == [-1, 0, 1, 2]
     femur = skeleton.bones[1]
     assert femur.length == pytest.approx(7.5 * UNIT, rel=1e-12)
-    np.testing.assert_allclose(femur.limits, [np.radians((-160, 20)), np.radians((-70, 70)), (-np.inf, np.inf)])
     assert femur.dof == ("rx", "ry", "rz")
 
 
 @pytest.mark.parametrize("order", ["XYZ", "ZYX", "YZX", "ZXY"])
-def test_euler_rotation_matches_scipy(order):
+def test_euler_rotation_turns_about_fixed_axes(order):
     angles = np.random.default_rng(0).uniform(-3, 3, (20, 3))
-    ordered = angles[:, ["XYZ".index(letter) for letter in order]]
-    expected = Rotation.from_euler(order.lower(), ordered).as_matrix()
-    np.testing.assert_allclose(euler_rotation(angles, order), expected, atol=1e-14)
+    about = {letter: Rotation.from_rotvec(angles * np.eye(3)[axis]).as_matrix() for axis, letter in enumerate("XYZ")}
+    first, second, third = (about[letter] for letter in order)
+    np.testing.assert_allclose(euler_rotation(angles, order).as_matrix(), third @ second @ first, atol=1e-14)
 
 
 def test_kinematics_by_hand(tmp_path):
@@ -55,8 +54,6 @@ def test_kinematics_by_hand(tmp_path):
     toe = ankle + 2 * UNIT * tibia.apply([0.0, 0.0, 1.0])
     expected = np.stack([hip, knee, ankle, toe])[:, [0, 2, 1]] * (1, -1, 1)
     np.testing.assert_allclose(motion.positions[1], expected, rtol=1e-10)
-    np.testing.assert_allclose(motion.angles["femur"], np.radians([[5, -6, 7]] * 2), rtol=1e-12)
-    np.testing.assert_allclose(motion.angles["root"], np.radians([[10, 20, 30]] * 2), rtol=1e-12)
     assert motion.rate == 120.0 and motion.up == "z"
 
 
@@ -105,8 +102,8 @@ def test_wrong_conventions_are_no_walk(data_dir, monkeypatch, wrong):
             return euler_rotation(angles, order[::-1])
         axes = angles.ndim == 1
         if wrong == "inverse":
-            return euler_rotation(angles, order).T if axes else euler_rotation(angles, order)
-        return np.eye(3) if axes else euler_rotation(angles, order)
+            return euler_rotation(angles, order).inv() if axes else euler_rotation(angles, order)
+        return Rotation.identity() if axes else euler_rotation(angles, order)
 
     monkeypatch.setattr(amc, "euler_rotation", rotation)
     folder = data_dir / "cmu_amc"
@@ -154,9 +151,6 @@ def test_amc_without_frames(tmp_path, text):
         ("length 0.45", "length 0", "unit of length"),
         ("axis 0 0 20  XYZ", "axis 0 0 20 XYY", "axis order"),
         ("dof rx ry rz", "dof rx ry tz", "line 20: channel 'tz' is not supported"),
-        ("dof rx ry rz", "dof rx ry", "3 limits for 2 dof"),
-        ("(-70.0 70.0)", "(70.0 -70.0)", "lower above upper"),
-        ("(-70.0 70.0)", "(-70.0 70.0", "limits"),
         ("name tibia", "name femur", "bone 'femur' is repeated"),
         ("    femur tibia\n", "", "'tibia' is named before its parent"),
         ("femur tibia\n", "femur shin\n", "'shin' is not in :bonedata"),

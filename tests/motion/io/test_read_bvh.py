@@ -31,7 +31,6 @@ def test_kinematics_by_hand(tmp_path):
     points.append(points[1] + (hip * knee).apply([0.0, -80.0, 0.0]))
     expected = 10.0 * np.stack(points)[:, [0, 2, 1]] * (1, -1, 1)
     np.testing.assert_allclose(motion.positions[1], expected, rtol=1e-9)
-    np.testing.assert_allclose(motion.angles["Knee"], np.radians([[1, 2, 3], [1, 2, 4]]), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1.0, 10.0), (10.0, 1.0), (0.01, 1000.0), (0.4, 25.4)])
@@ -139,7 +138,6 @@ def test_positions_on_every_joint(tmp_path, data_dir):
     plain, full = read(tmp_path, text), read(tmp_path, with_positions(text))
     assert full.names == plain.names and "56.44 mm" in full.source
     np.testing.assert_allclose(full.positions, plain.positions, atol=1e-3)
-    np.testing.assert_array_equal(full.angles["LeftArm"], plain.angles["LeftArm"])
 
 
 def test_a_joint_that_slides_takes_its_children_along(tmp_path):
