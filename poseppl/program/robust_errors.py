@@ -168,7 +168,8 @@ class Lorentzian(RobustError):
         normal = jax.random.normal(key_normal, (*shape, self.size))
         # s / nu is a ratio of two chi-squares, that below of nu - n degrees of freedom
         chi_squared = 2.0 * jax.random.gamma(key_scale, 0.5 * (jnp.asarray(self.strength) - self.size), shape)
-        return self._place(normal * jnp.sqrt(jnp.asarray(self.strength) / chi_squared)[..., None])
+        draws: jax.Array = self._place(normal * jnp.sqrt(jnp.asarray(self.strength) / chi_squared)[..., None])
+        return draws
 
     @property
     def mean(self) -> jax.Array:
@@ -246,4 +247,5 @@ class Leclerc(RobustError):
         shape = (*sample_shape, *self.batch_shape)
         term = 1 + jax.random.categorical(key_term, jnp.broadcast_to(self._log_masses(), (*shape, _TERMS)))
         normal = jax.random.normal(key_normal, (*shape, self.size))
-        return self._place(normal * jnp.sqrt(0.5 * jnp.asarray(self.strength) / term)[..., None])
+        draws: jax.Array = self._place(normal * jnp.sqrt(0.5 * jnp.asarray(self.strength) / term)[..., None])
+        return draws
