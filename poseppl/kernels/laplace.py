@@ -9,7 +9,7 @@ one step from x goes to the mode of the local quadratic model,
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -132,11 +132,30 @@ _SAME_MODE = 3.0
 """Standard deviations of either Laplace approximation within which two states belong to the same mode."""
 
 
-def group_modes(modes: Modes) -> jax.Array:
-    """Labels (S,) of modes that are the same one: the index of the first of those that are linked by steps of a few sd."""
+class Located(Protocol):
+    """States (S, d) with precisions (S, d, d)."""
+
+    @property
+    def states(self) -> jax.Array:
+        """Shape (S, d)."""
+
+    @property
+    def precisions(self) -> jax.Array:
+        """Shape (S, d, d)."""
+
+
+def group_modes(modes: Located, within: float = _SAME_MODE, *, mutual: bool = False) -> jax.Array:
+    """Labels (S,) of modes that are the same one: the index of the first of those that are linked by steps of a few sd.
+
+    Args:
+        modes: Of which states and precisions count.
+        within: Standard deviations of either Laplace approximation that a step has at most.
+        mutual: Whether it has to be short for both of them.
+    """
     offset = modes.states[:, None] - modes.states
     distance = jnp.einsum("ski,kij,skj->sk", offset, modes.precisions, offset)
-    linked = jnp.minimum(distance, distance.T) < _SAME_MODE**2
+    apart = jnp.maximum(distance, distance.T) if mutual else jnp.minimum(distance, distance.T)
+    linked = apart < within**2
     linked = linked | jnp.eye(len(linked), dtype=bool)
 
     def chained(_: Any, reached: jax.Array) -> jax.Array:

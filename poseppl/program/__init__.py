@@ -28,6 +28,8 @@ Example:
 """
 
 from poseppl.program.bijector import Site as Site
+from poseppl.program.bounded import Bounded as Bounded
+from poseppl.program.bounded import bounded as bounded
 from poseppl.program.clamped import Clamped as Clamped
 from poseppl.program.clamped import ClampedModel as ClampedModel
 from poseppl.program.closed_forms import SummedDensity as SummedDensity

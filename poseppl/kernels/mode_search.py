@@ -1,0 +1,80 @@
+"""Mode search under constraints: climb from many starts, merge the climbs that came to one mode, keep the best."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from poseppl.kernels.constraints import Constraints
+from poseppl.kernels.face_laplace import FaceModes, face_modes
+from poseppl.kernels.laplace import group_modes
+from poseppl.kernels.trust_region import Curvature, LogDensity, climb_modes
+
+_COINCIDE = 1.0
+"""Standard deviations of both Laplace approximations within which two climbs came to the same mode."""
+
+
+class Found(NamedTuple):
+    """Distinct modes, the heaviest first.
+
+    Attributes:
+        modes: With a leading axis of K; those beyond the number found are copies of the heaviest, of log-mass -inf.
+        log_mass: Logarithm of the sum of all distinct modes' masses, those included that were not kept, a scalar.
+        number: How many distinct modes there are, int32.
+        labels: For each start the index of the start that stands for its mode (S,); its own where its climb has no mass.
+        evaluations: Of density, gradient and curvature, all climbs together, int32.
+    """
+
+    modes: FaceModes
+    log_mass: jax.Array
+    number: jax.Array
+    labels: jax.Array
+    evaluations: jax.Array
+
+
+def search_modes(
+    starts: jax.Array,
+    log_density: LogDensity,
+    curvature: Curvature,
+    constraints: Constraints,
+    num_modes: int,
+    *,
+    num_steps: int = 40,
+    tolerance: float = 1e-4,
+) -> Found:
+    """Find the heaviest modes of a density under constraints.
+
+    Args:
+        starts: Shape (S, d).
+        log_density: Unnormalised log-density of one state, a scalar.
+        curvature: Curvature (d, d) of its negative at one state.
+        constraints: What states keep to.
+        num_modes: K, how many are kept, at most S.
+        num_steps: Steps of each climb at most.
+        tolerance: Rise of the log-density that is not worth another step.
+    """
+    climbs = climb_modes(starts, log_density, curvature, constraints, num_steps=num_steps, tolerance=tolerance)
+    modes = face_modes(climbs, constraints)
+    labels = representatives(modes)
+    distinct = (labels == jnp.arange(len(starts))) & jnp.isfinite(modes.log_masses)
+    masses = jnp.where(distinct, modes.log_masses, -jnp.inf)
+    values, order = jax.lax.top_k(masses, min(num_modes, len(starts)))
+    order = jnp.where(jnp.isfinite(values), order, order[0])
+    kept: FaceModes = jax.tree.map(lambda leaf: leaf[order], modes)
+    return Found(
+        kept._replace(log_masses=values),
+        jax.nn.logsumexp(masses),
+        jnp.sum(distinct, dtype=jnp.int32),
+        labels,
+        jnp.sum(climbs.evaluations),
+    )
+
+
+def representatives(modes: FaceModes) -> jax.Array:
+    """For each of S climbs the index (S,) of the one that stands for its mode: the heaviest of those that coincide."""
+    labels = group_modes(modes, _COINCIDE, mutual=True)
+    together = labels[:, None] == labels
+    heaviest = jnp.argmax(jnp.where(together, modes.log_masses, -jnp.inf), 1)
+    return jnp.where(jnp.isfinite(modes.log_masses), heaviest, jnp.arange(len(labels)))

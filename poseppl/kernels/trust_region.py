@@ -1,0 +1,262 @@
+r"""Local modes of a density under linear constraints, by a second-order trust region method.
+
+Section 4.1 of Sminchisescu and Triggs 2001 (CVPR): with gradient g and curvature H of the cost f = -log p, a step solves
+
+    (H + lambda W) dx = -g    on the face of the active constraints,
+
+W being the diagonal of H (Marquardt 1963, doi:10.1137/0111030), and lambda follows the ratio of the cost's fall to that which
+the quadratic model promised. A bound is active where the state lies on it and the gradient pulls it outward; the coordinates of
+active bounds are held, the rest of the step is clipped at the bounds (the projected Newton method of Bertsekas 1982,
+doi:10.1137/0320018). Where there are rows of C, the quadratic programme of the step is solved by a primal-dual active set
+method (Hintermueller, Ito and Kunisch 2002, doi:10.1137/S1052623401383558). H may be indefinite or singular: where
+H + lambda W is not positive definite, lambda grows. The cost never rises.
+
+All starts climb side by side, each with a lambda of its own, until all have converged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import cho_factor, cho_solve
+
+from poseppl.kernels.constraints import Constraints
+
+LogDensity = Callable[[jax.Array], jax.Array]
+Curvature = Callable[[jax.Array], jax.Array]
+
+_FIRST, _LEAST, _MOST = 1e-2, 1e-7, 1e9
+"""Lambda to start with, and the range that it keeps to; beyond the last a search gives up."""
+_FLAT = 1e-6
+"""Share of the largest entry of W that every entry has at least."""
+_PASSES = 12
+"""Times that the active constraints of a step are revised, where there are rows."""
+
+
+class Climb(NamedTuple):
+    """Where a search is, one for each start.
+
+    Attributes:
+        states: Shape (d,).
+        costs: -log p there, a scalar.
+        gradients: Of the cost (d,).
+        curvatures: Of the cost (d, d), as the search was given them.
+        damping: lambda, a scalar.
+        converged: Whether another step would gain less than the tolerance.
+        stopped: Whether it converged or gave up.
+        evaluations: Times that density, gradient and curvature were evaluated, int32.
+    """
+
+    states: jax.Array
+    costs: jax.Array
+    gradients: jax.Array
+    curvatures: jax.Array
+    damping: jax.Array
+    converged: jax.Array
+    stopped: jax.Array
+    evaluations: jax.Array
+
+
+def climb_modes(
+    starts: jax.Array,
+    log_density: LogDensity,
+    curvature: Curvature,
+    constraints: Constraints,
+    *,
+    num_steps: int = 40,
+    tolerance: float = 1e-4,
+) -> Climb:
+    """Climb from many starts to local modes, side by side.
+
+    Args:
+        starts: Shape (S, d); they are projected onto the constraints.
+        log_density: Unnormalised log-density of one state, a scalar.
+        curvature: Curvature (d, d) of its negative at one state: Gauss-Newton's, or the Hessian itself, definite or not.
+        constraints: What states keep to.
+        num_steps: Steps of each start at most; steps that are refused count.
+        tolerance: Rise of the log-density that is not worth another step, or eight units in the last place of it.
+
+    Returns:
+        The climbs, with a leading axis of S. A start at which the density or its derivatives are not finite stays where it is,
+        and has the cost inf.
+    """
+
+    def evaluate(x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        value, gradient = jax.value_and_grad(log_density)(x)
+        hessian = curvature(x)
+        usable = jnp.isfinite(value) & jnp.all(jnp.isfinite(gradient)) & jnp.all(jnp.isfinite(hessian))
+        return (
+            jnp.where(usable, -value, jnp.inf),
+            jnp.where(usable, -gradient, 0.0),
+            jnp.where(usable, 0.5 * (hessian + hessian.T), jnp.eye(x.shape[0], dtype=x.dtype)),
+        )
+
+    def begin(x: jax.Array) -> Climb:
+        x = constraints.project(x)
+        no = jnp.zeros((), bool)
+        return Climb(x, *evaluate(x), jnp.asarray(_FIRST, x.dtype), no, no, jnp.ones((), jnp.int32))
+
+    def advance(at: Climb) -> Climb:
+        step = constrained_step(at, constraints)
+        after = _judged(at, step, evaluate(at.states + step.feasible), tolerance)
+        kept: Climb = jax.tree.map(lambda new, old: jnp.where(at.stopped, old, new), after, at)
+        return kept
+
+    def unfinished(carry: tuple[jax.Array, Climb]) -> jax.Array:
+        return (carry[0] < num_steps) & ~jnp.all(carry[1].stopped)
+
+    def turn(carry: tuple[jax.Array, Climb]) -> tuple[jax.Array, Climb]:
+        return carry[0] + 1, jax.vmap(advance)(carry[1])
+
+    climbs: Climb = jax.lax.while_loop(unfinished, turn, (jnp.zeros((), jnp.int32), jax.vmap(begin)(starts)))[1]
+    return climbs
+
+
+class Step(NamedTuple):
+    """A step of one climb.
+
+    Attributes:
+        feasible: Within all constraints (d,).
+        whole: On the face, as if nothing but the active constraints were in its way (d,).
+        possible: Whether this damping allows a step; both are 0 otherwise.
+    """
+
+    feasible: jax.Array
+    whole: jax.Array
+    possible: jax.Array
+
+
+def _judged(at: Climb, step: Step, trial: tuple[jax.Array, jax.Array, jax.Array], tolerance: float) -> Climb:
+    """The climb after a trial, whether or not it was taken."""
+
+    def promise(step: jax.Array) -> jax.Array:
+        return -(at.gradients @ step + 0.5 * step @ at.curvatures @ step)
+
+    promised = promise(step.feasible)
+    gained = jnp.where(jnp.isfinite(trial[0]), at.costs - trial[0], -jnp.inf)
+    taken = step.possible & (trial[0] <= at.costs) & jnp.isfinite(trial[0])
+    ratio = jnp.where(taken, jnp.where(promised > 0, gained / promised, 1.0), -1.0)
+    worthwhile = jnp.maximum(tolerance, 8 * np.finfo(promised.dtype).eps * jnp.abs(at.costs))
+    # a step that is short for its damping, or for what it met, says nothing of what another one would gain
+    long = step.possible & (at.damping <= 2 * _FIRST) & jnp.isfinite(at.costs)
+    converged = long & (jnp.abs(promise(step.whole)) < worthwhile) & (jnp.abs(gained) < worthwhile)
+    factor = jnp.where(ratio < 0, 8.0, jnp.where(ratio < 0.25, 3.0, jnp.where(ratio > 0.75, 0.1, 0.5)))
+    damping = jnp.maximum(at.damping * factor, _LEAST)
+    moved = (at.states + step.feasible, *trial)
+    kept = at.states, at.costs, at.gradients, at.curvatures
+    states, costs, gradients, curvatures = (jnp.where(taken, new, old) for new, old in zip(moved, kept, strict=True))
+    stopped = converged | (damping > _MOST)
+    return Climb(states, costs, gradients, curvatures, damping, converged, stopped, at.evaluations + 1)
+
+
+class Face(NamedTuple):
+    """Active constraints, and the step on their face.
+
+    Attributes:
+        lower: Coordinates (d,) that are held at their lower bounds.
+        upper: Coordinates (d,) that are held at their upper bounds.
+        rows: Rows (m,) that hold.
+        step: Shape (d,).
+        multipliers: Of all constraints (d + m,), in the order of `Constraints.normals`: at a constrained minimum of the cost,
+            gradient + normals^T multipliers = 0 with multipliers >= 0; 0 where a constraint is not active.
+    """
+
+    lower: jax.Array
+    upper: jax.Array
+    rows: jax.Array
+    step: jax.Array
+    multipliers: jax.Array
+
+
+def constrained_step(at: Climb, constraints: Constraints) -> Step:
+    """The step of one climb."""
+    whole = _face(at.states, at.gradients, at.curvatures, at.damping, constraints).step
+    step = jnp.clip(at.states + whole, constraints.lower, constraints.upper) - at.states
+    possible = jnp.all(jnp.isfinite(whole))
+    if constraints.rows.shape[0]:
+        slack, tolerance = constraints.limits - constraints.rows @ at.states, constraints.row_tolerance(at.states)
+        toward = constraints.rows @ step
+        meets = toward > jnp.maximum(slack, 0.0) + tolerance
+        # a step through a row that it starts on was to be held by it: with more damping it is
+        possible = possible & ~jnp.any(meets & (slack <= tolerance))
+        step = jnp.min(jnp.where(meets, slack / jnp.where(meets, toward, 1.0), 1.0)) * step
+    return Step(jnp.where(possible, step, 0.0), jnp.where(possible, whole, 0.0), possible)
+
+
+def active_face(x: jax.Array, gradient: jax.Array, curvature: jax.Array, constraints: Constraints) -> Face:
+    """The active constraints at a state (d,), given the cost's gradient (d,) and a positive definite curvature (d, d) there."""
+    return _face(x, gradient, curvature, jnp.zeros((), x.dtype), constraints)
+
+
+def _face(x: jax.Array, gradient: jax.Array, curvature: jax.Array, damping: jax.Array, constraints: Constraints) -> Face:
+    """The active constraints, and the damped Newton step on their face.
+
+    With bounds alone those are active that the state lies on and the gradient pulls outward. Where there are rows, the sets are
+    revised by the solution that they lead to (a primal-dual active set method): constraints that it breaks join, those whose
+    multipliers pull inward go.
+    """
+    model = curvature + jnp.diag(damping * _metric(curvature))
+    lower = (x <= constraints.lower) & (gradient > 0)
+    upper = (x >= constraints.upper) & (gradient < 0)
+    touched = constraints.limits - constraints.rows @ x <= constraints.row_tolerance(x)
+    first = Face(lower, upper, touched, jnp.zeros_like(x), jnp.zeros(x.shape[0] + len(touched), x.dtype))
+
+    def revise(_: Any, face: Face) -> Face:
+        step, pull, multipliers = _on_face(x, gradient, model, face, constraints)
+        beyond = constraints.limits - constraints.rows @ (x + step) < -constraints.row_tolerance(x)
+        return Face(
+            (face.lower & (pull > 0)) | (~face.lower & (x + step < constraints.lower)),
+            (face.upper & (pull < 0)) | (~face.upper & (x + step > constraints.upper)),
+            (face.rows & (multipliers > 0)) | (~face.rows & beyond),
+            step,
+            first.multipliers,
+        )
+
+    face = jax.lax.fori_loop(0, _PASSES, revise, first) if len(touched) else first
+    step, pull, multipliers = _on_face(x, gradient, model, face, constraints)
+    every = jnp.concatenate([jnp.where(face.lower, pull, 0.0) - jnp.where(face.upper, pull, 0.0), multipliers])
+    return face._replace(step=step, multipliers=jnp.maximum(every, 0.0))
+
+
+def _on_face(
+    x: jax.Array, gradient: jax.Array, model: jax.Array, face: Face, constraints: Constraints
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The step (d,) to the least value of a quadratic model on a face, the gradient left there, and the rows' multipliers."""
+    tiny, eps = np.finfo(x.dtype).tiny, np.finfo(x.dtype).eps
+    free = (~(face.lower | face.upper)).astype(x.dtype)
+    onto = jnp.where(face.lower, constraints.lower - x, jnp.where(face.upper, constraints.upper - x, 0.0))
+    reduced = model * free[:, None] * free + jnp.diag(1.0 - free)
+    # scaled to a unit diagonal: millimetres and radians side by side cost float32 its digits
+    unit = jax.lax.rsqrt(jnp.maximum(jnp.diagonal(reduced), tiny))
+    factor = cho_factor(reduced * unit[:, None] * unit, lower=True)
+
+    def solve(right: jax.Array) -> Any:
+        """The inverse of the reduced model times vectors (..., d)."""
+        return unit * free * cho_solve(factor, (right * unit * free).T).T
+
+    if not len(face.rows):
+        step = onto - solve(gradient)  # what is held lies on its bound: onto is 0
+        return step, gradient, jnp.zeros(0, x.dtype)
+    slope = gradient + model @ onto
+    kept = constraints.rows * face.rows[:, None]
+    moved = solve(kept)
+    schur = kept @ moved.T
+    active = face.rows & (jnp.diagonal(schur) > 0)
+    size = jnp.where(active, jnp.sqrt(jnp.maximum(jnp.diagonal(schur), tiny)), 1.0)
+    # rows that say the same share their multiplier
+    scaled = schur / size[:, None] / size * active[:, None] * active + jnp.diag(jnp.where(active, 16 * eps, 1.0))
+    excess = constraints.rows @ (x + onto - solve(slope)) - constraints.limits
+    multipliers = jnp.linalg.solve(scaled, jnp.where(active, excess, 0.0) / size) / size
+    step = onto - solve(slope + kept.T @ multipliers)
+    return step, gradient + model @ step + kept.T @ multipliers, multipliers
+
+
+def _metric(curvature: jax.Array) -> jax.Array:
+    """W (d,): the diagonal of the curvature, positive everywhere."""
+    diagonal = jnp.abs(jnp.diagonal(curvature))
+    largest = jnp.max(diagonal)
+    return jnp.where(largest > 0, jnp.maximum(diagonal, _FLAT * largest), 1.0)
