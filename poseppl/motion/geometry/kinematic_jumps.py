@@ -1,0 +1,184 @@
+r"""Kinematic jumps: other poses of the limbs that look the same to a camera.
+
+A limb of two bones, from a ball joint at a over a hinge at b to an end at c, looks the same whether each bone leans towards the
+camera or away (Sminchisescu and Triggs 2001, section 1.2, and 2003, doi:10.1109/CVPR.2003.1211339): b may be where its line of
+sight meets the sphere around a of the bone's length, and c likewise around b. With the line from the camera's centre o in the
+direction u through the point b, the other point is
+
+    b' = o + (2 u . (a - o) - |b - o|) u,
+
+for a distant camera b mirrored about the image plane through a. The hinge's angle follows from the distance of a and c, of
+whose two solutions that is kept which bends it to the side that it was bent to, and the ball's rotation from the triangle a, b,
+c. Each limb has three such poses beside its own. A line of sight that misses a sphere leaves the bone pointing to the point of
+the sphere that is nearest to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.motion.geometry.cameras import Cameras
+from poseppl.motion.geometry.kinematics import frames_of
+from poseppl.motion.geometry.tree import KinematicTree
+
+_STRAIGHT = 1e-3
+"""Sine of the angle between two bones below which a limb counts as straight: its twist then stays what it was."""
+
+
+class Limb(NamedTuple):
+    """Two bones of a tree.
+
+    Attributes:
+        ball: Link of the ball joint, which turns about Z, Y and X.
+        hinge: Link of the hinge, which turns about one axis.
+        axis: That axis, 0 to 2.
+        marker: The marker at the end.
+    """
+
+    ball: int
+    hinge: int
+    axis: int
+    marker: int
+
+
+def limbs_of(tree: KinematicTree) -> tuple[Limb, ...]:
+    """The limbs of a tree: every ball joint of one link (`"ZYX"`) that bears a hinge of one link with a marker away from it."""
+    limbs = []
+    for hinge, (parent, angles) in enumerate(zip(tree.parents, tree.angle_index, strict=True)):
+        turning = [axis for axis, index in zip((2, 1, 0), angles, strict=True) if index >= 0]
+        if parent < 0 or len(turning) != 1 or any(index < 0 for index in tree.angle_index[parent]):
+            continue
+        markers = [m for m, link in enumerate(tree.marker_link) if link == hinge and any(tree.marker_pattern[m])]
+        if markers and any(tree.offset_pattern[hinge]):
+            limbs.append(Limb(parent, hinge, turning[0], markers[-1]))
+    return tuple(limbs)
+
+
+def kinematic_jumps(tree: KinematicTree) -> Callable[[jax.Array, Any], jax.Array]:
+    """Other poses of each limb, for states of this tree's coordinates.
+
+    Args:
+        tree: Its limbs are sought once; lengths and cameras are those of the inputs.
+
+    Returns:
+        A function of a state (d,) and of inputs with fields `tree` and `cameras`, which gives states (3 * limbs, d), each with
+        one limb changed in the sight of the first camera.
+
+    Raises:
+        ValueError: The tree has no limb.
+    """
+    limbs = limbs_of(tree)
+    if not limbs:
+        raise ValueError("the tree has no limb. Expected a joint of axes ZYX that bears a joint of one axis with a marker.")
+
+    def jump(state: jax.Array, inputs: Any) -> jax.Array:
+        return jnp.concatenate([limb_poses(inputs.tree, inputs.cameras, limb, state) for limb in limbs])
+
+    return jump
+
+
+def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: jax.Array) -> jax.Array:
+    """States (3, d) with one limb in its other poses: the far bone alone, the near bone, and both leaning the other way."""
+    frames = frames_of(jax.tree.map(lambda leaf: leaf[..., None], tree), state[:, None])
+    rotation, origin = frames.rotation[..., 0], frames.origin[..., 0]
+    ball, hinge = origin[limb.ball], origin[limb.hinge]
+    end = hinge + rotation[limb.hinge] @ tree.marker_offsets[limb.marker]
+    eye = cameras.centre[0]
+    other = _crossings(eye, hinge, ball, jnp.linalg.norm(hinge - ball))
+    # of the two points in the line of sight that of the hinge is not
+    near = other[jnp.argmax(jnp.linalg.norm(other - hinge, axis=1))]
+    length = jnp.linalg.norm(end - hinge)
+    stays = _crossings(eye, end, hinge, length)
+    stays = stays[jnp.argmax(jnp.linalg.norm(stays - end, axis=1))]
+    ends = jnp.concatenate([stays[None], _crossings(eye, end, near, length)])
+    hinges = jnp.stack([hinge, near, near])
+    return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
+
+
+def _crossings(eye: jax.Array, seen: jax.Array, centre: jax.Array, radius: jax.Array) -> jax.Array:
+    """Both points (2, 3) of a sphere in a line of sight; where that misses it, twice the point of the sphere nearest to it."""
+    sight = (seen - eye) / jnp.linalg.norm(seen - eye)
+    along = sight @ (centre - eye)
+    foot = eye + along * sight
+    half = jnp.sqrt(jnp.maximum(radius**2 - jnp.sum((foot - centre) ** 2), 0.0))
+    points = foot + jnp.stack([-half, half])[:, None] * sight
+    offset = points - centre
+    onto: jax.Array = centre + radius * offset / jnp.linalg.norm(offset, axis=1, keepdims=True)
+    return onto
+
+
+def _reach(
+    tree: KinematicTree, limb: Limb, state: jax.Array, rotation: jax.Array, a: jax.Array, b: jax.Array, c: jax.Array
+) -> jax.Array:
+    """The state (d,) whose limb passes through three points, as to its ball joint, hinge and end."""
+    angles = np.array(tree.angle_index[limb.ball])
+    index = tree.angle_index[limb.hinge][2 - limb.axis]
+    bone, end = tree.offsets[limb.hinge], tree.marker_offsets[limb.marker]
+    bend = _hinge_angle(bone, end, np.eye(3)[limb.axis], jnp.sum((c - a) ** 2), state[index])
+    local = bone + _turn(end, np.eye(3)[limb.axis], bend)
+    turned, straight = _triad(b - a, c - a)
+    still, _ = _triad(bone, local)
+    before = rotation[limb.ball]
+    shortest = _shortest_turn(before @ bone, b - a) @ before
+    parent = tree.parents[limb.ball]
+    above = rotation[parent] if parent >= 0 else jnp.eye(3, dtype=state.dtype)
+    inner = above.T @ jnp.where(straight, shortest, turned @ still.T)
+    return state.at[index].set(bend).at[angles].set(_euler_angles(inner, state[angles]))
+
+
+def _hinge_angle(bone: jax.Array, end: jax.Array, axis: Any, squared: jax.Array, before: jax.Array) -> jax.Array:
+    """The angle at which a hinge's end has a squared distance from the joint above, on the side of the angle before."""
+    axis = jnp.asarray(axis, bone.dtype)
+    flat = end - (end @ axis) * axis
+    cosine, sine = bone @ flat, bone @ jnp.cross(axis, end)
+    phase, size = jnp.arctan2(sine, cosine), jnp.sqrt(cosine**2 + sine**2)
+    wanted = 0.5 * (squared - bone @ bone - end @ end) - (bone @ axis) * (end @ axis)
+    angle = jnp.arccos(jnp.clip(wanted / size, -1.0, 1.0))
+    side = jnp.where(jnp.sin(before - phase) >= 0, 1.0, -1.0)
+    return _near(phase + side * angle, before)
+
+
+def _turn(vector: jax.Array, axis: Any, angle: jax.Array) -> jax.Array:
+    """A vector turned about an axis, by Rodrigues' formula."""
+    axis = jnp.asarray(axis, vector.dtype)
+    along = (vector @ axis) * axis
+    turned: jax.Array = along + jnp.cos(angle) * (vector - along) + jnp.sin(angle) * jnp.cross(axis, vector)
+    return turned
+
+
+def _triad(first: jax.Array, second: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The rotation (3, 3) whose columns begin with the direction of the first of two vectors, and whether they are parallel."""
+    x = first / jnp.linalg.norm(first)
+    normal = jnp.cross(x, second / jnp.linalg.norm(second))
+    size = jnp.linalg.norm(normal)
+    z = normal / jnp.maximum(size, 1e-12)
+    return jnp.stack([x, jnp.cross(z, x), z], 1), size < _STRAIGHT
+
+
+def _shortest_turn(start: jax.Array, target: jax.Array) -> jax.Array:
+    """The rotation (3, 3) of least angle from one direction to another."""
+    u, v = start / jnp.linalg.norm(start), target / jnp.linalg.norm(target)
+    w = jnp.cross(u, v)
+    cross = jnp.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) * w[2]
+    cross = cross + jnp.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]) * w[1]
+    cross = cross + jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) * w[0]
+    return jnp.eye(3, dtype=u.dtype) + cross + cross @ cross / jnp.maximum(1.0 + u @ v, 1e-6)
+
+
+def _euler_angles(rotation: jax.Array, before: jax.Array) -> jax.Array:
+    """Angles (3,) about Z, Y and X of a rotation: of the two sets that mean it, that nearer to the angles before."""
+    y = jnp.arcsin(jnp.clip(-rotation[2, 0], -1.0, 1.0))
+    z, x = jnp.arctan2(rotation[1, 0], rotation[0, 0]), jnp.arctan2(rotation[2, 1], rotation[2, 2])
+    one = _near(jnp.stack([z, y, x]), before)
+    twin = _near(jnp.stack([z + jnp.pi, jnp.pi - y, x + jnp.pi]), before)
+    return jnp.where(jnp.sum(jnp.abs(one - before)) <= jnp.sum(jnp.abs(twin - before)), one, twin)
+
+
+def _near(angles: jax.Array, before: jax.Array) -> jax.Array:
+    """Angles within half a turn of those before."""
+    return angles - 2 * jnp.pi * jnp.round((angles - before) / (2 * jnp.pi))
