@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.frame_sequence import FrameSequence, Layout
@@ -153,7 +154,7 @@ class Calls:
         self._programs = _programs(filter, collect, predict, sequence.layout)
         shapes = self._programs[0].eval_shape(*self._first_data())
         self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-        self.blank: Kept = jax.tree.map(lambda leaf: leaf[0], kept)
+        self.blank: Kept = rows_of(kept, 0)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SHORT if size > _LARGE else _LONG
         self._before: Any = None

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.checks import check_at_least
+from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 from poseppl.program.observation import check_is_observation
 
@@ -81,13 +82,13 @@ class FrameSequence(NamedTuple):
 
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
-        observation, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        observation, varying = rows_of((self.observations, self.varying), index)
         return observation, varying
 
     def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
         """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
         index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
-        observations, varying = jax.tree.map(lambda leaf: leaf[index], (self.observations, self.varying))
+        observations, varying = rows_of((self.observations, self.varying), index)
         return observations, varying
 
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 
 
@@ -45,14 +46,14 @@ def simulate(model: CompiledModel, rng_key: jax.Array, num_frames: int, inputs: 
 
 @partial(jax.jit, static_argnums=0)
 def _simulate(model: CompiledModel, keys: jax.Array, inputs: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
-    first = model.sample_initial(keys[0, 0], jax.tree.map(lambda leaf: leaf[0], inputs))
+    first = model.sample_initial(keys[0, 0], rows_of(inputs, 0))
 
     def advance(x: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
         key, inputs = row
         x = model.sample_transition(key, x, inputs)
         return x, x
 
-    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    later = rows_of(inputs, slice(1, None))
     _, rest = jax.lax.scan(advance, first, (keys[1:, 0], later))
     states = jnp.concatenate([first[None], rest])
     return states, jax.vmap(model.sample_observation)(keys[:, 1], states, inputs)

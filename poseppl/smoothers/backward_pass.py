@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_transitions_into
 
@@ -61,7 +62,7 @@ def backward_pass(
     Returns:
         Indices (T, ...), and what else the steps returned, stacked (T - 1, ...).
     """
-    later = jax.tree.map(lambda leaf: leaf[1:], (particles, ancestors, inputs))
+    later = rows_of((particles, ancestors, inputs), slice(1, None))
     frames = Earlier(particles[:-1], log_weights[:-1], *later)
 
     def back(chosen: jax.Array, row: tuple[jax.Array, Earlier]) -> tuple[jax.Array, Any]:

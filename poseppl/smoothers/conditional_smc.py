@@ -24,6 +24,7 @@ import jax.numpy as jnp
 
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
+from poseppl.particles.stacks import split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
@@ -99,9 +100,7 @@ def _run(
         return (particles, log_weights), (particles, log_weights, jnp.concatenate([past[None], chosen]))
 
     key_first, key_later = jax.random.split(rng_key)
-    first, later = (
-        jax.tree.map(lambda leaf, rows=rows: leaf[rows], (reference, observations, inputs)) for rows in (0, slice(1, None))
-    )
+    first, later = split_first((reference, observations, inputs))
     drawn = draw_initial(model, particle_keys(key_first, num_free), first[2])
     particles = jnp.concatenate([first[0][None], drawn])
     log_weights = weigh(particles, *first[1:])

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 
 _SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
@@ -43,9 +44,9 @@ def trajectory_precision(model: CompiledModel, xs: jax.Array, observations: Obse
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
     """
-    later = jax.tree.map(lambda leaf: leaf[1:], inputs)
+    later = rows_of(inputs, slice(1, None))
     diagonal = jax.vmap(model.observation_information)(xs, observations, inputs)
-    diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], jax.tree.map(lambda leaf: leaf[0], inputs)))
+    diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], rows_of(inputs, 0)))
     before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
     diagonal = diagonal.at[:-1].add(before).at[1:].add(after)
     return BlockTridiagonal(_floored(diagonal), below)
@@ -93,7 +94,7 @@ def _initial_precision(model: CompiledModel, x: jax.Array, inputs: Any) -> jax.A
 def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[jax.Array, jax.Array, jax.Array]]:
     """`(previous, x, inputs) -> blocks (t-1, t-1), (t, t-1), (t, t)`, each (d, d)."""
     d = model.dimension
-    first = jax.tree.map(lambda leaf: leaf[0], inputs)
+    first = rows_of(inputs, 0)
 
     def gaussian(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
         return transition_curvature(*transition_around(model, previous, inputs)[1:])

@@ -1,10 +1,20 @@
-"""How many independent draws the Markov chains of a smoother amount to, frame by frame, inside jit."""
+"""Draws of Markov chains as the result of a smoother, and how many independent draws they amount to, frame by frame."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import blackjax
 import jax
 import jax.numpy as jnp
+
+from poseppl.smoothers.base import Smoothed, smoothing_info
+
+
+def smoothed_chains(draws: jax.Array, **diagnosis: Any) -> Smoothed:
+    """The result of chains (T, M, R, d), whose draws weigh the same; what else there is to say goes to `smoothing_info`."""
+    info = smoothing_info(len(draws), effective_draws_by_frame(draws), **diagnosis)
+    return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
 
 
 def effective_draws_by_frame(particles: jax.Array) -> jax.Array:

@@ -20,6 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -56,7 +57,7 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
     def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
         last = normalise(history.log_weights[-1])
-        later = jax.tree.map(lambda leaf: leaf[1:], (history.particles, inputs))
+        later = rows_of((history.particles, inputs), slice(1, None))
         frames = (history.particles[:-1], history.log_weights[:-1], *later)
         _, (log_weights, ess) = jax.lax.scan(reweigh, last.weights, frames, reverse=True)
         info = smoothing_info(

@@ -27,12 +27,13 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import RangeError, check_at_least, check_choice
-from poseppl.filters.chains import effective_draws
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
@@ -114,14 +115,11 @@ def gibbs_smoother(
             blocked=blocked,
         )
         draws = jnp.moveaxis(_rounded(chains.draws, quantise), 2, 0)
-        num_frames = draws.shape[0]
-        info = smoothing_info(
-            num_frames,
-            jax.vmap(effective_draws)(draws),
+        return smoothed_chains(
+            draws,
             acceptance=chains.acceptance,
-            num_transition=float(0 if blocked else 4 * num_chains * num_rounds * num_frames),
+            num_transition=float(0 if blocked else 4 * num_chains * num_rounds * len(draws)),
         )
-        return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
 
     return Smoother(smooth, joint=True)
 
@@ -200,7 +198,7 @@ def _round(
         rng_key, place = row
         end = num_frames - 1
         here = jnp.minimum(place, end)
-        rows = jax.tree.map(lambda a: a[here], frames)
+        rows = rows_of(frames, here)
 
         def move_chain(keys: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
             befores, afters = x[jnp.maximum(here - 1, 0)], x[jnp.minimum(here + 1, end)]

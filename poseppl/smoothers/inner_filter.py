@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.filters.base import Filter, Info
+from poseppl.particles.stacks import prepend, split_first
 from poseppl.program import Observation
 from poseppl.smoothers.base import History, collect_history
 
@@ -18,7 +19,7 @@ Keep = Callable[[Any, Info], Any]
 def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any, keep: Keep) -> Any:
     """Run a filter, and stack what `keep(state, info)` returns for each frame."""
     key_first, key_later = jax.random.split(rng_key)
-    first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], (observations, inputs)) for rows in (0, slice(1, None)))
+    first, later = split_first((observations, inputs))
     state, info = filter.init(key_first, *first)
     num_later = jax.tree.leaves(observations)[0].shape[0] - 1
 
@@ -28,7 +29,7 @@ def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, i
 
     kept = keep(state, info)
     _, rest = jax.lax.scan(advance, state, (jnp.arange(num_later), later))
-    return jax.tree.map(lambda one, many: jnp.concatenate([one[None], many]), kept, rest)
+    return prepend(kept, rest)
 
 
 def filter_history(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> History:

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from poseppl.checks import check_at_least, check_choice
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
-from poseppl.smoothers.effective import effective_draws_by_frame
+from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.starts import draw_trajectories
 
 
@@ -68,14 +68,10 @@ def particle_gibbs_smoother(
             return moved, (moved, jnp.mean(jnp.any(moved != xs, -1), 0))
 
         _, (draws, changed) = jax.lax.scan(advance, starts, jax.random.split(key_moves, num_moves))
-        particles = jnp.transpose(draws[num_warmup:], (2, 1, 0, 3))
-        num_frames = particles.shape[0]
-        info = smoothing_info(
-            num_frames,
-            effective_draws_by_frame(particles),
+        return smoothed_chains(
+            jnp.transpose(draws[num_warmup:], (2, 1, 0, 3)),
             acceptance=jnp.mean(changed[num_warmup:], 0),
-            num_transition=float(num_moves * num_chains * (num_frames - 1) * num_particles),
+            num_transition=float(num_moves * num_chains * (starts.shape[1] - 1) * num_particles),
         )
-        return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)
 
     return Smoother(smooth, joint=True)

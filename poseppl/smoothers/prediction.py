@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.particles.resampling import systematic
+from poseppl.particles.stacks import prepend, rows_of, split_first
 from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel
 from poseppl.program.population import log_initials, log_transition_matrix, transition_moments
@@ -33,7 +34,7 @@ def map_frames(function: Any, arguments: Any, num_frames: int, elements: int) ->
         return jax.vmap(function)(arguments)
     blocks = -(-num_frames // batch)
     rows = jnp.minimum(jnp.arange(blocks * batch), num_frames - 1).reshape(blocks, batch)
-    mapped = jax.lax.map(lambda row: jax.vmap(function)(jax.tree.map(lambda a: a[row], arguments)), rows)
+    mapped = jax.lax.map(lambda row: jax.vmap(function)(rows_of(arguments, row)), rows)
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:num_frames], mapped)
 
 
@@ -49,7 +50,8 @@ def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tu
         ValueError: The programs have no Gaussian moments.
     """
     num_frames, num_particles, dimension = history.particles.shape
-    mean, covariance = model.initial_moments(jax.tree.map(lambda a: a[0], inputs))
+    first, later = split_first(inputs)
+    mean, covariance = model.initial_moments(first)
 
     def predict(row: Any) -> tuple[jax.Array, jax.Array]:
         particles, log_weights, row_inputs = row
@@ -59,10 +61,9 @@ def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tu
 
     if num_frames == 1:
         return mean[None], covariance[None]
-    later = jax.tree.map(lambda a: a[1:], inputs)
     rows = history.particles[:-1], history.log_weights[:-1], later
     means, covariances = map_frames(predict, rows, num_frames - 1, num_particles * dimension**2)
-    return jnp.concatenate([mean[None], means]), jnp.concatenate([covariance[None], covariances])
+    return prepend((mean, covariance), (means, covariances))
 
 
 def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, inputs: Any, num_predecessors: int) -> jax.Array:
@@ -76,7 +77,7 @@ def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, in
         num_predecessors: J, particles of the frame before, resampled by their weights.
     """
     num_frames, num_particles, _ = history.particles.shape
-    first = jax.tree.map(lambda a: a[0], inputs)
+    first, later = split_first(inputs)
     start = log_initials(model, history.particles[0], first)
     if num_frames == 1:
         return start[None]
@@ -88,6 +89,5 @@ def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, in
         return jax.nn.logsumexp(log_transition_matrix(model, particles, chosen, row_inputs), axis=1) - jnp.log(size)
 
     keys = jax.random.split(rng_key, num_frames - 1)
-    later = jax.tree.map(lambda a: a[1:], inputs)
     rows = keys, history.particles[1:], history.particles[:-1], history.log_weights[:-1], later
     return jnp.concatenate([start[None], map_frames(density, rows, num_frames - 1, num_particles * size)])

@@ -20,6 +20,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import Method, linearise, predict
+from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
@@ -46,7 +47,7 @@ def rauch_tung_striebel_smoother(
         filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
         num_frames = filtered.mean.shape[0]
         keys = jax.random.split(rng_key, num_frames)
-        last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+        last = rows_of(filtered, -1)
         start = _draw(keys[-1], jnp.broadcast_to(last.mean, (num_draws, model.dimension)), last.covariance)
 
         def back(later: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
@@ -54,7 +55,7 @@ def rauch_tung_striebel_smoother(
             draws = _draw(key, mean + (later - ahead.mean) @ gain.T, covariance - gain @ ahead.covariance @ gain.T)
             return draws, draws
 
-        earlier, ahead = jax.tree.map(lambda leaf: leaf[:-1], filtered), jax.tree.map(lambda leaf: leaf[1:], predicted)
+        earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
         _, draws = jax.lax.scan(back, start, (keys[:-1], earlier, ahead, gains[1:]), reverse=True)
         info = smoothing_info(
             num_frames, jnp.asarray(num_draws), num_transition=float(num_frames), num_gradient=2.0 * num_frames
@@ -70,7 +71,7 @@ def smoothed_moments(
 ) -> Gaussian:
     """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
     filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
-    last = jax.tree.map(lambda leaf: leaf[-1], filtered)
+    last = rows_of(filtered, -1)
 
     def back(later: Gaussian, row: Any) -> tuple[Gaussian, Gaussian]:
         (mean, covariance), ahead, gain = row
@@ -79,17 +80,16 @@ def smoothed_moments(
         )
         return smoothed, smoothed
 
-    earlier, ahead = jax.tree.map(lambda leaf: leaf[:-1], filtered), jax.tree.map(lambda leaf: leaf[1:], predicted)
+    earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
     _, rest = jax.lax.scan(back, last, (earlier, ahead, gains[1:]), reverse=True)
-    smoothed: Gaussian = jax.tree.map(lambda many, one: jnp.concatenate([many, one[None]]), rest, last)
-    return smoothed
+    return append(rest, last)
 
 
 def _forward(
     model: CompiledModel, observations: Observation, inputs: Any, method: Method
 ) -> tuple[Gaussian, Gaussian, jax.Array]:
     """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
-    first = jax.tree.map(lambda leaf: leaf[0], (observations, inputs))
+    first, later = split_first((observations, inputs))
     predicted = Gaussian(*model.initial_moments(first[1]))
     filtered = update(model, predicted, first[0], first[1], method)[0]
 
@@ -101,11 +101,9 @@ def _forward(
         new = update(model, predicted, observation, inputs, method)[0]
         return new, (new, predicted, gain)
 
-    rows = jax.tree.map(lambda leaf: leaf[1:], (observations, inputs))
-    _, rest = jax.lax.scan(advance, filtered, rows)
+    _, rest = jax.lax.scan(advance, filtered, later)
     start = (filtered, predicted, jnp.zeros_like(filtered.covariance))
-    frames: tuple[Gaussian, Gaussian, jax.Array] = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), start, rest)
-    return frames
+    return prepend(start, rest)
 
 
 def _draw(rng_key: jax.Array, means: jax.Array, covariance: jax.Array) -> jax.Array:

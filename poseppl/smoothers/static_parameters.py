@@ -31,11 +31,12 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
-from poseppl.smoothers.base import Smoothed, smoothing_info
+from poseppl.smoothers.base import Smoothed
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
-from poseppl.smoothers.effective import effective_draws_by_frame
+from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.inner_filter import filter_history
 from poseppl.smoothers.particle_marginal import starting_points
 from poseppl.smoothers.starts import draw_trajectories
@@ -134,7 +135,7 @@ def particle_gibbs(
     adaptation = adaptation._replace(log_step_size_avg=adaptation.log_step_size)
     rows = jax.random.split(key_sweeps, num_warmup + num_draws), jnp.arange(num_warmup + num_draws)
     final, kept = jax.lax.scan(partial(_sweep, setting), _State(trajectories, positions, adaptation, known), rows)
-    draws, params, diagnosis = jax.tree.map(lambda leaf: leaf[num_warmup:], kept)
+    draws, params, diagnosis = rows_of(kept, slice(num_warmup, None))
     unconstrained = jnp.swapaxes(params, 0, 1)
     return ParticleGibbs(
         params=jax.vmap(jax.vmap(bijector.to_params))(unconstrained),
@@ -197,12 +198,10 @@ def _first_trajectory(setting: _Setting, rng_key: jax.Array, u: jax.Array) -> ja
 def _smoothed(particles: jax.Array, diagnosis: Any, num_moved: int) -> Smoothed:
     _, changed, divergent, gradients = diagnosis
     num_frames = particles.shape[0]
-    info = smoothing_info(
-        num_frames,
-        effective_draws_by_frame(particles),
+    return smoothed_chains(
+        particles,
         acceptance=jnp.mean(changed, 0),
         divergences=jnp.sum(divergent),
         num_transition=float(num_moved * (num_frames - 1)),
         num_gradient=num_frames * jnp.sum(gradients),
     )
-    return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)

@@ -34,9 +34,9 @@ from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
-from poseppl.smoothers.effective import effective_draws_by_frame
+from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.starts import draw_trajectories
 
 
@@ -101,14 +101,11 @@ def trajectory_smoother(
 
         draws, chains = jax.vmap(run)(jax.random.split(key_chains, num_chains), drawn[:num_chains])
         num_frames = drawn.shape[1]
-        particles = jnp.moveaxis(draws, 2, 0)
-        info = smoothing_info(
-            num_frames,
-            effective_draws_by_frame(particles),
+        return smoothed_chains(
+            jnp.moveaxis(draws, 2, 0),
             acceptance=jnp.mean(chains.acceptance),
             divergences=jnp.sum(chains.divergences),
             num_gradient=num_frames * (jnp.sum(chains.num_gradient) + num_chains * num_mode_steps),
         )
-        return Smoothed(particles, jnp.zeros(particles.shape[:-1], particles.dtype), info)
 
     return Smoother(smooth, joint=True)

@@ -52,6 +52,7 @@ from poseppl.gaussians.linear_transitions import (
     quadratic_prior,
     transition_structure,
 )
+from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -189,8 +190,7 @@ def fit_variational(
 
         tried, energies = jax.vmap(towards)(fractions * moves)
         best = jnp.argmin(jnp.where(jnp.isnan(energies), jnp.inf, energies))
-        least: tuple[_State, jax.Array] = jax.tree.map(lambda a: a[best], (tried, energies))
-        return least
+        return rows_of((tried, energies), best)
 
     def update(state: _State, moves: jax.Array) -> tuple[_State, jax.Array]:
         state, energies = jax.lax.scan(lambda state, chosen: move(state, chosen, moves), state, parts)
@@ -250,7 +250,7 @@ def _expected_prior(
     scales = jax.vmap(_square_root)(covariances)
     reach = jnp.sqrt(float(d)) * scales[0].T
     first = means[0] + jnp.concatenate([reach, -reach])
-    total = jnp.mean(log_initials(model, first, jax.tree.map(lambda a: a[0], inputs)))
+    total = jnp.mean(log_initials(model, first, rows_of(inputs, 0)))
     if num_frames == 1:
         return -total
 
@@ -263,7 +263,7 @@ def _expected_prior(
         befores = before + jnp.concatenate([earlier, -earlier])
         return jnp.mean(log_transitions(model, xs, befores, row_inputs))
 
-    later = jax.tree.map(lambda a: a[1:], inputs)
+    later = rows_of(inputs, slice(1, None))
     rows = means[:-1], means[1:], scales[1:], factor.gains, factor.inverses[:-1], later
     return -total - jnp.sum(jax.vmap(pair)(rows))
 

@@ -20,6 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.particles.stacks import split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
@@ -50,7 +51,7 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
         particles = history.particles
         num_frames, num_particles, _ = particles.shape
         seen = jax.vmap(log_observations)(particles, observations, inputs)
-        first, later = (jax.tree.map(lambda leaf, rows=rows: leaf[rows], inputs) for rows in (0, slice(1, None)))
+        first, later = split_first(inputs)
         start = _usable(log_initials(model, particles[0], first)) + seen[0]
         frames = (particles[:-1], particles[1:], seen[1:], later)
         best, predecessors = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)

@@ -17,6 +17,7 @@ from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, S
 from poseppl.experiments.jobs import Job
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
+from poseppl.particles.stacks import prepend, split_first
 from poseppl.program.population import log_transitions_into
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.frame_sequence import frame_sequence
@@ -169,16 +170,13 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
             return state, measure(key_measure, state, info, observation, inputs) | {"log_prior": prior}
 
         keys = jax.random.split(rng_key, num_frames)
-        first, rest = (
-            jax.tree.map(lambda leaf, part=part: leaf[part], (observations, varying)) for part in (0, slice(1, None))
-        )
+        first, rest = split_first((observations, varying))
         inputs = layout.join(first[1], constant)
         key_init, key_measure = jax.random.split(keys[0])
         state, info = built.init(key_init, first[0], inputs)
         start = measure(key_measure, state, info, first[0], inputs) | {"log_prior": jnp.full((), jnp.nan)}
         _, later = jax.lax.scan(step, state, (keys[1:], *rest, truth[1:]))
-        whole: dict[str, jax.Array] = jax.tree.map(lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b]), start, later)
-        return whole
+        return prepend(start, later)
 
     function = jax.jit(run)
     timed(function, jax.random.key(0), *_arguments(problem, true_states(stage, frames)))

@@ -33,6 +33,7 @@ from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.scene import noise_of
 from poseppl.motion.tracking.subjects import WALK_FRAMES
 from poseppl.motion.tracking.walk import step_scales
+from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 
 Floats = NDArray[np.float64]
@@ -206,8 +207,7 @@ def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
 def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation:
     """The data of one frame in one run."""
     observed = problem.model.observe({"points": noisy_points(stage, slice(frame, frame + 1), run)})
-    first: Observation = jax.tree.map(lambda leaf: leaf[0], observed)
-    return first
+    return rows_of(observed, 0)
 
 
 def _scene(stage: Stage, frames: slice, points: Floats) -> Scene[PointData]:

@@ -27,6 +27,7 @@ from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, marginal_covariances, quadratic_prior
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.smoothers import smoothed_moments
@@ -78,7 +79,7 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
     Raises:
         ValueError: They are not.
     """
-    x, second = jnp.ones(model.dimension), jax.tree.map(lambda leaf: leaf[1], inputs)
+    x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
     mean, covariance = jax.jit(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
     if not np.allclose(mean, x) or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
@@ -104,7 +105,7 @@ def _learn(
     """Scales (d,) of all coordinates in units of the inputs' own steps; 1 where they are clamped."""
     whole = body_inputs(inputs).step_scale
     own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
-    first = Gaussian(*model.initial_moments(jax.tree.map(lambda leaf: leaf[0], inputs)))
+    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
     blank = jnp.zeros(number, own.dtype)
     members = blank.at[group].add(1.0)
 
