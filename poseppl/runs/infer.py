@@ -21,8 +21,8 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import arrays_of, variable
-from poseppl.runs.outcome import history_of_result, result_of_run, result_of_smoothing
+from poseppl.runs.contents import arrays_of, names_of
+from poseppl.runs.outcome import history_of_result, result_of_run, result_of_smoothing, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
 from poseppl.runs.run import Collect, Progress, run_filter
@@ -130,18 +130,19 @@ def smooth(
         raise ValueError(
             "The smoother does not know its model. Use a builder of poseppl.smoothers, or Smoother(..., model=model)."
         )
-    history, known = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model)
-    held = known.pop("data", None)
+    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model)
     given = held if data is None else data
-    if given is None:
+    if not given:
         raise ValueError(
             "There are no data to smooth with: a history holds none. Give those that the filter saw, smooth(..., data=data)."
         )
     observations = given if isinstance(given, Observation) else model.observe(given)
     collect = collect_draws(model) if collect is None else collect
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
-    known["attrs"] = {**known.get("attrs", {}), "smoother": _name(smoother), **(attrs or {})}
-    return result_of_smoothing(run, model, observations, **known)
+    told = {"smoother": _name(smoother), **(attrs or {})}
+    if isinstance(filtered, History):
+        return result_of_smoothing(run, model, observations, attrs=told)
+    return smoothed_result(run, filtered, told, observations)
 
 
 def _check_compiled(model: Any) -> None:
@@ -167,29 +168,21 @@ def _filter_of(filter: Any, model: CompiledModel) -> Filter:
 
 
 def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
-    """The draws of a result, and what else a smoothing takes over from it."""
+    """The draws of a result, and its data by name."""
     if not isinstance(result, xr.DataTree) or "posterior" not in result.children:
         raise ValueError(
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    posterior, attrs = result["posterior"].dataset, provenance(result)
-    names = tuple(posterior.coords["dof"].values.tolist())
+    names = tuple(names_of(result, "dof"))
     if names != model.coordinate_names:
         raise ValueError(
             f"The result is one of the coordinates {list(names)}, the smoother of {list(model.coordinate_names)}. Expected the "
             "same model."
         )
-    if "smoother" in attrs:
+    if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    return history_of_result(result), {
-        "data": arrays_of(result, "observed_data") or None,
-        "filtered": arrays_of(result, "sample_stats"),
-        "truth": variable(result, "truth", "state"),
-        "frames": posterior.coords["frame"].values,
-        "rate": result.attrs.get("rate"),
-        "attrs": {**attrs, "filter seconds": attrs.get("wall_seconds")},
-    }
+    return history_of_result(result), arrays_of(result, "observed_data")
 
 
 def _name(smoother: Smoother) -> str:

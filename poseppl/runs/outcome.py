@@ -10,10 +10,14 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.results import Names, Truth, build_result
+from poseppl.runs.contents import arrays_of, frame_numbers, names_of
+from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
 from poseppl.smoothers.base import History
+
+_KEPT = ("observed_data", "truth", "camera", "body", "inputs")
+"""Groups of a filter's result that its smoothing has, too."""
 
 
 def parts_of_run(run: Run) -> dict[str, Any]:
@@ -23,7 +27,7 @@ def parts_of_run(run: Run) -> dict[str, Any]:
         run: The run.
 
     Returns:
-        ``state``, ``extras``, ``sample_stats``, ``summary``, ``num_particles`` and ``predictive``.
+        ``state``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive`` and ``attrs``.
     """
     stats: dict[str, Any] = run.info._asdict()
     stats.pop("ancestors")
@@ -33,7 +37,8 @@ def parts_of_run(run: Run) -> dict[str, Any]:
     if weighted:
         stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
         stats["unique_ancestors"] = run.unique_ancestors
-    parts = _parts(run.outputs, stats, particles.shape[0] if weighted else None)
+    attrs = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
+    parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
     return parts | {"predictive": None if run.prediction is None else run.prediction._asdict()}
 
 
@@ -61,36 +66,7 @@ def result_of_run(
     Returns:
         The result; see :mod:`poseppl.runs.results`.
     """
-    told = {**(attrs or {}), **provenance_of_run(run)}
-    return _result(parts_of_run(run), model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
-
-
-def provenance_of_run(run: Run) -> dict[str, Any]:
-    """Provenance of a run as a whole."""
-    seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
-    return {**run.method, **seconds, "frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
-
-
-def parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> dict[str, Any]:
-    """Contents of a smoothing that collected draws, as arguments of :func:`poseppl.runs.results.build_result`.
-
-    Args:
-        run: The smoothing.
-        filtered: The filter's ``sample_stats``, (frame,) each; its ``log_evidence`` and ``failed`` are kept.
-
-    Returns:
-        ``state``, ``extras``, ``sample_stats``, ``summary`` and ``num_particles``.
-    """
-    num_frames = len(run.info.ess)
-    moves = run.num_particles is None
-    stats: dict[str, Any] = {name: np.asarray(filtered[name]) for name in ("log_evidence", "failed") if name in filtered}
-    stats |= {
-        "ess": run.info.ess,
-        "acceptance_rate": run.info.acceptance if moves else np.full(num_frames, np.nan),
-        "num_transition": np.full(num_frames, run.info.num_transition / num_frames),
-        "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
-    }
-    return _parts(run.outputs, stats, run.num_particles)
+    return _result(parts_of_run(run), model, observations, attrs, truth=truth, frames=frames, rate=rate)
 
 
 def result_of_smoothing(
@@ -98,7 +74,6 @@ def result_of_smoothing(
     model: CompiledModel,
     observations: Observation | None = None,
     *,
-    filtered: Mapping[str, ArrayLike] | None = None,
     truth: ArrayLike | None = None,
     frames: ArrayLike | None = None,
     rate: float | None = None,
@@ -106,24 +81,35 @@ def result_of_smoothing(
 ) -> xr.DataTree:
     """Assemble the result of a smoothing whose collector was :func:`poseppl.runs.collectors.collect_draws`.
 
+    The arguments are those of :func:`result_of_run`.
+    """
+    return _result(_parts_of_smoothing(run, {}), model, observations, attrs, truth=truth, frames=frames, rate=rate)
+
+
+def smoothed_result(
+    run: SmoothingRun, filtered: xr.DataTree, attrs: Mapping[str, Any], observations: Observation | None = None
+) -> xr.DataTree:
+    """Assemble the result of a smoothing from that of its filter, whose data, truth, cameras and provenance it has, too.
+
     Args:
         run: The smoothing.
-        model: The compiled model; its coordinates give the names of ``dof``.
-        observations: The data with a leading T, kept as ``observed_data`` with NaN where masked.
-        filtered: The filter's ``sample_stats``, of which ``log_evidence`` and ``failed`` are kept.
-        truth: The true flat states (T, d), where known.
-        frames: Frame numbers (T,); 0, 1, ... if None.
-        rate: Frames a second.
-        attrs: Provenance: anything that JSON can hold.
+        filtered: The result of the filter; of its statistics ``log_evidence`` and ``failed`` are kept.
+        attrs: Provenance of the smoothing.
+        observations: The data that were smoothed; those of the filter's result if None.
     """
-    parts, told = parts_of_smoothing(run, filtered or {}), {**(attrs or {}), **provenance_of_smoothing(run)}
-    return _result(parts, model, observations, truth=truth, frames=frames, rate=rate, attrs=told)
-
-
-def provenance_of_smoothing(run: SmoothingRun) -> dict[str, Any]:
-    """Provenance of a smoothing as a whole."""
-    seconds = {"wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds}
-    return {**run.method, **seconds, "frames_run": len(run.info.ess), "divergences": int(run.info.divergences)}
+    parts, known = _parts_of_smoothing(run, arrays_of(filtered, "sample_stats")), provenance(filtered)
+    told = {**known, "filter seconds": known.get("wall_seconds"), **attrs, **parts.pop("attrs")}
+    smoothed = build_result(
+        **parts,
+        names=Names(names_of(filtered, "dof"), names_of(filtered, "marker"), names_of(filtered, "camera", "camera")),
+        observed=None if observations is None else _with_nan(observations),
+        frames=frame_numbers(filtered),
+        rate=filtered.attrs.get("rate"),
+        attrs={name: value for name, value in told.items() if value is not None},
+    )
+    return smoothed.assign(
+        {name: filtered[name] for name in _KEPT if name in filtered.children and name not in smoothed.children}
+    )
 
 
 def history_of_result(tree: xr.DataTree) -> History:
@@ -136,7 +122,23 @@ def history_of_result(tree: xr.DataTree) -> History:
     return History(particles, log_weights, np.zeros((frames, 0), np.int32), failed)  # type: ignore[arg-type]
 
 
-def _parts(outputs: Any, sample_stats: Mapping[str, Any], num_particles: int | None) -> dict[str, Any]:
+def _parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    num_frames = len(run.info.ess)
+    moves = run.num_particles is None
+    stats: dict[str, Any] = {name: np.asarray(filtered[name]) for name in ("log_evidence", "failed") if name in filtered}
+    stats |= {
+        "ess": run.info.ess,
+        "acceptance_rate": run.info.acceptance if moves else np.full(num_frames, np.nan),
+        "num_transition": np.full(num_frames, run.info.num_transition / num_frames),
+        "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
+    }
+    return _parts(run, stats, run.num_particles, {"frames_run": num_frames, "divergences": int(run.info.divergences)})
+
+
+def _parts(
+    run: Run | SmoothingRun, sample_stats: Mapping[str, Any], num_particles: int | None, attrs: Mapping[str, Any]
+) -> dict[str, Any]:
+    outputs = run.outputs
     if not hasattr(outputs, "summary"):
         raise ValueError(
             f"The collector kept a {type(outputs).__name__} of each frame. Expected draws, which a result is made of: use "
@@ -148,14 +150,21 @@ def _parts(outputs: Any, sample_stats: Mapping[str, Any], num_particles: int | N
         "sample_stats": sample_stats,
         "summary": outputs.summary,
         "num_particles": num_particles,
+        "attrs": {**run.method, "wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds, **attrs},
     }
 
 
 def _result(
-    parts: Mapping[str, Any], model: CompiledModel, observations: Observation | None, *, truth: ArrayLike | None, **rest: Any
+    parts: Mapping[str, Any],
+    model: CompiledModel,
+    observations: Observation | None,
+    attrs: Mapping[str, Any] | None,
+    *,
+    truth: ArrayLike | None,
+    **rest: Any,
 ) -> xr.DataTree:
     return build_result(
-        **parts,
+        **{**parts, "attrs": {**(attrs or {}), **parts["attrs"]}},
         names=Names(model.coordinate_names),
         observed=None if observations is None else _with_nan(observations),
         truth=None if truth is None else Truth(state=truth),

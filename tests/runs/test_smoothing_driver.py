@@ -46,8 +46,7 @@ def test_a_result_knows_the_smoothed_states(tmp_path):
     smoother = forward_backward_smoother(POSED.model)
     collect = collect_draws(POSED.model, max_draws=50)
     smoothed = run_smoother(smoother, KEY, run.outputs, POSED.observations, POSED.inputs, collect=collect)
-    stats = {"log_evidence": run.info.log_evidence, "failed": run.info.failed}
-    tree = result_of_smoothing(smoothed, POSED.model, POSED.observations, filtered=stats, attrs={"seed": 1})
+    tree = result_of_smoothing(smoothed, POSED.model, POSED.observations, attrs={"seed": 1})
     exact = smoothed_moments(POSED.model, POSED.observations, POSED.inputs)
     found = tree["summary"]["state_mean"].values
     error = np.sqrt(np.diagonal(exact.covariance, axis1=1, axis2=2) / np.asarray(smoothed.info.ess)[:, None])

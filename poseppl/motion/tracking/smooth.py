@@ -10,13 +10,12 @@ import xarray as xr
 
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
-from poseppl.motion.tracking.problem import Problem, problem_of_result
+from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
-from poseppl.runs.contents import arrays_of, frame_numbers, names_of, variable
-from poseppl.runs.outcome import history_of_result, parts_of_smoothing, provenance_of_smoothing
-from poseppl.runs.results import Names, Truth, build_result, provenance
+from poseppl.runs.outcome import history_of_result, smoothed_result
+from poseppl.runs.results import provenance
 from poseppl.runs.smoothing import run_smoother
 
 
@@ -71,33 +70,11 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
     )
-    stats = arrays_of(tree, "sample_stats")
     attrs = {
-        **known,
         "model": settings.model or known["model"],
         "smoother": settings.method,
         "smoother settings": options,
         "smoother seed": settings.seed,
         "versions": versions(),
-        "filter seconds": known.get("wall_seconds"),
-        **provenance_of_smoothing(run),
     }
-    return diagnose(_result(tree, problem, parts_of_smoothing(run, stats), attrs))
-
-
-def _result(tree: xr.DataTree, problem: Problem, parts: Mapping[str, Any], attrs: Mapping[str, Any]) -> xr.DataTree:
-    """The parts of the smoothing, with what else the result of the filter tells."""
-    cameras = arrays_of(tree, "camera")
-    return build_result(
-        **parts,
-        names=Names(names_of(tree, "dof"), names_of(tree, "marker"), names_of(tree, "camera", "camera")),
-        observed=arrays_of(tree, "observed_data"),
-        truth=Truth(variable(tree, "truth", "state"), variable(tree, "truth", "markers")),
-        cameras=cameras,
-        edges=variable(tree, "body", "edges"),
-        root=problem.body.root,
-        inputs=arrays_of(tree, "inputs"),
-        frames=frame_numbers(tree),
-        rate=tree.attrs.get("rate"),
-        attrs={name: value for name, value in attrs.items() if value is not None},
-    )
+    return diagnose(smoothed_result(run, tree, attrs))

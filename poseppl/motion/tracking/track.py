@@ -22,7 +22,7 @@ from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.outcome import parts_of_run, provenance_of_run
+from poseppl.runs.outcome import parts_of_run
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.results import Names, Truth, build_result
 from poseppl.runs.run import Progress, Run, RunError, frame_inputs, run_filter
@@ -206,8 +206,13 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
     names = [tree.coordinate_names[index] for index in free]
     truth = None if scene.states is None else Truth(scene.states[:, free], scene.markers)
     pairs = [[tree.marker_names.index(end) for end in edge] for edge in body.edges]
+    told = {
+        "input": scene.source,
+        "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
+        "residual_mm": scene.residual,
+    }
     return build_result(
-        **parts,
+        **{**parts, "attrs": {**attrs, **told, **parts["attrs"]}},
         names=Names(names, tree.marker_names, scene.camera_names),
         observed=scene.data.observed(scene.body),
         truth=truth,
@@ -217,13 +222,6 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
         inputs=problem.record(slice(count)),
         frames=scene.frames,
         rate=scene.rate,
-        attrs={
-            **attrs,
-            "input": scene.source,
-            "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
-            "residual_mm": scene.residual,
-            **provenance_of_run(run),
-        },
     )
 
 
