@@ -9,6 +9,7 @@ from poseppl.filters import (
     Filter,
     annealed_filter,
     assumed_density_filter,
+    covariance_scaled_filter,
     demc_filter,
     guided_filter,
     hmc_filter,
@@ -168,6 +169,21 @@ FILTERS: list[FilterRow] = [
         lambda model: tempered_filter(model, 600, moves=RANDOM_WALK_MOVES, chain_length=10, resampling="stratified"),
         num_replicates=40,
         genealogy=True,
+        equal_weights=True,
+    ),
+    FilterRow(
+        "covariance-scaled",
+        covariance_scaled_filter,
+        lambda model: covariance_scaled_filter(model, 500, num_modes=3, num_starts=10, num_directions=2),
+        equal_weights=True,
+    ),
+    FilterRow(
+        "multiple-hypothesis",
+        covariance_scaled_filter,
+        lambda model: covariance_scaled_filter(
+            model, 500, num_modes=2, num_starts=4, sampling="multiple-hypothesis", prior="mixture"
+        ),
+        num_replicates=40,
         equal_weights=True,
     ),
     FilterRow(

@@ -7,6 +7,8 @@ from poseppl.filters.base import Filter as Filter
 from poseppl.filters.base import FilterState as FilterState
 from poseppl.filters.base import Info as Info
 from poseppl.filters.chains import ChainState as ChainState
+from poseppl.filters.covariance_scaled import ModeState as ModeState
+from poseppl.filters.covariance_scaled import covariance_scaled_filter as covariance_scaled_filter
 from poseppl.filters.demc import DEMCState as DEMCState
 from poseppl.filters.demc import demc_filter as demc_filter
 from poseppl.filters.guided import guided_filter as guided_filter

@@ -1,0 +1,180 @@
+r"""Covariance scaled sampling: a tracker of several modes (Sminchisescu and Triggs 2001, section 4; CVPR).
+
+The posterior of a frame is a mixture of K Gaussians (c_i, mu_i, S_i), one for each mode that was found. Each goes through the
+transition, linearised at its mean, and the result is the next frame's prior, section 3.4. From every mode of the prior starts
+are drawn along its most uncertain directions, farther out than its covariance reaches
+(:mod:`poseppl.kernels.mode_proposals`), and climb to modes of
+
+    p(z_t | x) max_i c_i N(x; m_i, P_i)
+
+under the bounds of the sites' own supports and whatever further constraints there are (:mod:`poseppl.kernels.trust_region`).
+Climbs that came to the same mode count once. A mode weighs its Laplace approximation, cut off where constraints are active
+(:mod:`poseppl.kernels.face_laplace`), under the prior mode that is the closest to it: the most probable one at its place. The K
+best are kept. The paper optimises the likelihood and static priors alone, and the prior over time weighs what was found; here
+that prior is part of what is climbed, without which a single camera leaves directions that nothing bounds.
+
+Its rivals are settings: `num_modes=1, num_starts=1` is the tracker of a single mode, Gaussian or robust as the likelihood is;
+`sampling="multiple-hypothesis"` with `num_modes=10` that of Cham and Rehg 1999 (doi:10.1109/CVPR.1999.784636).
+`sampling="dynamic-noise"` scatters starts by the transition's noise alone, as CONDENSATION does, which itself is
+:func:`~poseppl.filters.particle_filter`.
+
+The filter is approximate: it sees no mode that no climb ended in, and a mode is a Gaussian. Exact for linear Gaussian programs;
+elsewhere its evidence is the sum of Laplace's approximations at the modes that were found, without an error that more draws
+would make smaller. Its particles are draws from the modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.checks import RangeError, check_at_least, check_choice
+from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
+from poseppl.gaussians.mixture import GaussianMixture
+from poseppl.kernels.constraints import Constraints, constraints
+from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_scaled, dynamic_noise
+from poseppl.kernels.mode_search import search_modes
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.bounded import bounded
+from poseppl.program.built_once import built_once
+
+Sampling = Literal["covariance-scaled", "multiple-hypothesis", "dynamic-noise"]
+PriorMode = Literal["closest", "mixture"]
+Jumps = Callable[[jax.Array, Any], jax.Array]
+"""Other states (n, d) that a state (d,) may be mistaken for, given the inputs of its frame."""
+
+
+class ModeState(NamedTuple):
+    """Modes, and draws from them.
+
+    Attributes:
+        particles: Draws (N, d).
+        log_weights: Log-weights (N,), all -log N.
+        modes: K Gaussians in bounded coordinates (:mod:`poseppl.program.bounded`), log-weights normalised, -inf where fewer
+            modes were found.
+        started: Whether there has been a frame, a boolean; before the first one `modes` stand for nothing.
+    """
+
+    particles: jax.Array
+    log_weights: jax.Array
+    modes: GaussianMixture
+    started: jax.Array
+
+
+@built_once
+def covariance_scaled_filter(
+    model: CompiledModel,
+    num_particles: int = 1000,
+    *,
+    num_modes: int = 7,
+    num_starts: int = 60,
+    num_directions: int = 6,
+    stretch: float = 10.0,
+    sampling: Sampling = "covariance-scaled",
+    pattern: Pattern = "regular",
+    prior: PriorMode = "closest",
+    num_steps: int = 20,
+    limits: Constraints | None = None,
+    jumps: Jumps | None = None,
+) -> Filter:
+    """Covariance scaled sampling: several modes, sought along the most uncertain directions and followed under constraints.
+
+    Args:
+        model: The compiled model; its initial and transition programs have Gaussian moments, or those of sites with bounds.
+        num_particles: N, draws from each frame's modes.
+        num_modes: K, modes that are kept.
+        num_starts: States that climb to modes in a frame: the means of the K prior modes, and the rest by their weights.
+        num_directions: k, most uncertain directions along which starts lie, in units of the transition's standard deviations.
+        stretch: s, factor of the covariance, or of the noise where that is what is inflated.
+        sampling: How starts are drawn: "covariance-scaled", "multiple-hypothesis" or "dynamic-noise".
+        pattern: "regular", on the axes of the covariance, or "random"; noise is always random.
+        prior: "closest" weighs a mode by the prior mode closest to it, "mixture" by all of them.
+        num_steps: Steps of each climb at most.
+        limits: Constraints beside those of the sites' supports, in bounded coordinates.
+        jumps: Other states to start from, every second one, such as `poseppl.motion.geometry.kinematic_jumps`.
+
+    Returns:
+        The filter; its state is :class:`ModeState`.
+
+    Raises:
+        ValueError: A number below 1, fewer starts than modes, an unknown word, or a discrete site.
+    """
+    check_at_least(1, num_particles=num_particles, num_modes=num_modes, num_directions=num_directions, num_steps=num_steps)
+    check_at_least(num_modes, num_starts=num_starts)
+    check_choice(Sampling, sampling=sampling)
+    check_choice(Pattern, pattern=pattern)
+    check_choice(PriorMode, prior=prior)
+    if not stretch > 0:
+        raise RangeError("stretch", stretch, "a positive number")
+    boxed = bounded(model)
+    seeker = boxed.model
+    kept_to = _joined(limits, boxed.lower, boxed.upper)
+    cuts = limits is not None or bool(np.isfinite([boxed.lower, boxed.upper]).any())
+
+    def proposal(number: int, noise: jax.Array) -> ModeProposal:
+        if sampling == "covariance-scaled":
+            units = jnp.sqrt(jnp.diagonal(noise))
+            return covariance_scaled(number, units, num_directions=num_directions, stretch=stretch, pattern=pattern)
+        return dynamic_noise(number, noise, stretch=stretch, spread=sampling == "multiple-hypothesis")
+
+    def initial_state(observation: Observation, inputs: Any = None) -> ModeState:
+        mean, covariance = seeker.initial_moments(inputs)
+        modes = _one_of(num_modes, mean, covariance)
+        draws = jnp.broadcast_to(boxed.to_unbounded(mean, inputs), (num_particles, *mean.shape))
+        return ModeState(draws, jnp.full(num_particles, -np.log(num_particles), mean.dtype), modes, jnp.zeros((), bool))
+
+    def step(rng_key: jax.Array, state: ModeState, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+        key_starts, key_draws = jax.random.split(rng_key)
+        predicted, noise = predicted_modes(seeker, state.modes, ~state.started, inputs)
+        log_prior, prior_curvature = prior_density(predicted, closest=prior == "closest")
+        jump = None if jumps is None else lambda x: jumps(x, inputs)
+        starts = mode_starts(key_starts, predicted, num_starts, lambda number: proposal(number, noise), jump)
+        found = search_modes(
+            starts,
+            lambda x: seeker.log_observation(x, observation, inputs) + log_prior(x),
+            lambda x: prior_curvature(x) + seeker.observation_information(x, observation, inputs),
+            kept_to,
+            num_modes,
+            num_steps=num_steps,
+        )
+        failed = ~jnp.isfinite(found.log_mass)
+        means, covariances = found.modes.moments()
+        posterior = GaussianMixture(jax.nn.log_softmax(found.modes.log_masses), means, covariances)
+        modes: GaussianMixture = jax.tree.map(lambda old, new: jnp.where(failed, old, new), predicted, posterior)
+        draws = draw_modes(key_draws, modes, num_particles, kept_to if cuts else None, found.modes, failed)
+        info = filter_info(
+            jnp.where(failed, -jnp.inf, found.log_mass),
+            num_particles,
+            num_particles,
+            failed,
+            num_likelihood=found.evaluations,
+            num_gradient=found.evaluations,
+        )
+        particles = jax.vmap(lambda y: boxed.to_unbounded(y, inputs))(draws)
+        return ModeState(
+            particles, jnp.full(num_particles, -np.log(num_particles), draws.dtype), modes, jnp.ones((), bool)
+        ), info
+
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+        return step(rng_key, initial_state(observation, inputs), observation, inputs)
+
+    return Filter(init, step, initial_state=initial_state)
+
+
+def _one_of(number: int, mean: jax.Array, covariance: jax.Array) -> GaussianMixture:
+    """A mixture of K, of which the first has all the weight."""
+    log_weights = jnp.where(jnp.arange(number) == 0, 0.0, -jnp.inf).astype(mean.dtype)
+    return GaussianMixture(log_weights, *(jnp.broadcast_to(part, (number, *part.shape)) for part in (mean, covariance)))
+
+
+def _joined(limits: Constraints | None, lower: np.ndarray[Any, Any], upper: np.ndarray[Any, Any]) -> Constraints:
+    """The bounds of the supports, and further constraints."""
+    own = constraints(len(lower), lower=lower, upper=upper)
+    if limits is None:
+        return own
+    return limits._replace(lower=jnp.maximum(own.lower, limits.lower), upper=jnp.minimum(own.upper, limits.upper))
