@@ -12,12 +12,11 @@ from poseppl.experiments.choo_fleet.estimators import block_size, particle_estim
 from poseppl.experiments.choo_fleet.page import page_of
 from poseppl.experiments.choo_fleet.plan import tasks_of
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_problem, observe, stage_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
 from poseppl.experiments.tables import Table
 from poseppl.filters import particle_filter
-from poseppl.runs.frame_sequence import frame_inputs
 
 TUNING = ("leapfrog", "step_size", "rejection", "rejection_standard_error", "tau", "gradients_per_draw")
 TINY = Scale(
@@ -74,9 +73,8 @@ def test_both_filters_agree_with_the_reference(arm_runs):
 
 def test_blocks_of_particles_are_one_large_filter():
     system = SYSTEMS["arm"]
-    stage = stage_of(BUILT_IN, system)
-    problem = frame_problem(stage, 20)
-    inputs, observation = frame_inputs(problem.inputs, 0), observe(problem, stage, 20, 0)
+    frame = frame_of(BUILT_IN, "arm", 20)
+    inputs, observation = frame.inputs, frame.observe(0)
     model = model_of(BUILT_IN, "arm")
     found = jax.jit(particle_estimates(model, system, 2))(jax.random.key(3), observation, inputs)
     size, number = block_size(system.num_particles)

@@ -12,10 +12,9 @@ import numpy as np
 
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import Settings
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, frame_problem, observe, stage_of
-from poseppl.experiments.jobs import Job
+from poseppl.experiments.choo_fleet.systems import Recording, frame_of
+from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.runs.algorithms import FILTERS
-from poseppl.runs.frame_sequence import frame_inputs
 
 _SEED = 28
 
@@ -55,12 +54,10 @@ def settings_of(method: str) -> tuple[str, Settings]:
 
 
 @dataclass(frozen=True)
-class ContestRuns(Job):
+class ContestRuns(TrackerJob):
     """Runs of one filter at one frame; noise, prior and reference are those of :mod:`.single_frame`.
 
     Attributes:
-        recording: Who is seen.
-        system: The tracker.
         frame: Index of the frame.
         method: What the filter is called in tables.
         filter: Its name in the library.
@@ -68,8 +65,6 @@ class ContestRuns(Job):
         runs: Numbers of the runs.
     """
 
-    recording: Recording
-    system: str
     frame: int
     method: str
     filter: str
@@ -77,10 +72,9 @@ class ContestRuns(Job):
     runs: tuple[int, ...]
 
     @property
-    def name(self) -> str:
+    def words(self) -> tuple[object, ...]:
         """Tracker, recording, frame and method."""
-        words = ("contest", self.system, self.recording.name, str(self.frame), self.method)
-        return "-".join(words).replace(" ", "-").replace(",", "")
+        return "contest", self.system, self.recording.name, self.frame, self.method
 
     @property
     def cost(self) -> float:
@@ -94,15 +88,12 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
     Returns:
         ``mean`` (run, d), ``seconds`` (run,) without compilation, ``num_likelihood`` and ``num_gradient`` (run,).
     """
-    stage = stage_of(job.recording, SYSTEMS[job.system])
-    problem = frame_problem(stage, job.frame)
-    inputs = frame_inputs(problem.inputs, 0)
+    frame = frame_of(job.recording, job.system, job.frame)
     function = _compiled(job.recording, job.system, job.filter, job.settings)
     rows = []
     for run in job.runs:
-        observation = observe(problem, stage, job.frame, run)
         key = jax.random.fold_in(jax.random.key(_SEED), run * 1000 + job.frame)
-        (mean, info), seconds = timed(function, key, observation, inputs)
+        (mean, info), seconds = timed(function, key, frame.observe(run), frame.inputs)
         rows.append((mean, seconds, float(info.num_likelihood), float(info.num_gradient)))
     names = ("mean", "seconds", "num_likelihood", "num_gradient")
     return {name: np.array([row[number] for row in rows]) for number, name in enumerate(names)}
@@ -111,9 +102,8 @@ def contest_frame(job: ContestRuns) -> dict[str, Any]:
 @lru_cache(maxsize=16)
 def _compiled(recording: Recording, system: str, filter: str, settings: Settings) -> Any:
     """The filter at one frame, run once so that it is compiled."""
-    stage = stage_of(recording, SYSTEMS[system])
-    problem = frame_problem(stage, 1)
-    built, _ = FILTERS[filter].build(problem.model, dict(settings))
+    frame = frame_of(recording, system, 1)
+    built, _ = FILTERS[filter].build(frame.problem.model, dict(settings))
 
     def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:
         state, info = built.init(rng_key, observation, inputs)
@@ -121,5 +111,5 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         return jax.nn.softmax(state.log_weights.reshape(-1)) @ particles, info
 
     function = jax.jit(run)
-    timed(function, jax.random.key(0), observe(problem, stage, 1, 0), frame_inputs(problem.inputs, 0))
+    timed(function, jax.random.key(0), frame.observe(0), frame.inputs)
     return function

@@ -100,7 +100,7 @@ def tasks_of(part: str, scale: Scale, recordings: Sequence[Recording]) -> dict[s
 
 def frames_of(recording: Recording) -> tuple[int, ...]:
     """The three frames of a recording."""
-    return single_frames(stage_of(recording, SYSTEMS["full_body"]))
+    return single_frames(stage_of(recording, "full_body"))
 
 
 def _blocks(number: int, size: int) -> list[tuple[int, ...]]:

@@ -16,7 +16,7 @@ from poseppl.experiments.choo_fleet.page import write_page
 from poseppl.experiments.choo_fleet.plan import FULL, PARTS, QUICK, Scale, Task, tasks_of
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns
 from poseppl.experiments.choo_fleet.sequence_tables import performance, sequence_tables
-from poseppl.experiments.choo_fleet.systems import BUILT_IN, SYSTEMS, Recording, stage_of
+from poseppl.experiments.choo_fleet.systems import BUILT_IN, Recording, stage_of
 from poseppl.experiments.choo_fleet.tuning_tables import tuning_tables
 from poseppl.experiments.jobs import Executor, JobProgress, run_jobs
 from poseppl.experiments.jobs.versions import versions
@@ -62,7 +62,7 @@ def reproduce(
         results: dict[str, Any] = {}
         for task in tasks.values():
             results |= run_jobs(task.function, task.jobs, target / "jobs", executor=executor, progress=progress)
-        made = {table.name: table for table in _TABULATE[part](tasks, results)}
+        made = {table.name: table for table in _TABULATE[part]({name: task.jobs for name, task in tasks.items()}, results)}
         tables |= made
         write_folder(target, {name: Kept(table, _provenance(table, part, scale, recordings)) for name, table in made.items()})
         for file, picture in _draw(part, tables, tasks, results).items():
@@ -72,35 +72,16 @@ def reproduce(
     return tables
 
 
-def _tabulate_frames(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> list[Table]:
-    frames: Any = tasks["frames"].jobs
-    timings: Any = tasks["timings"].jobs
-    return frame_tables(frames, timings, results)
-
-
-def _tabulate_contest(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> list[Table]:
-    one: Any = tasks["contest"].jobs
-    frames: Any = tasks["frames"].jobs
-    many: Any = [*tasks["contest sequences"].jobs, *tasks["contest trajectories"].jobs]
-    return [contest_table(one, frames, results), performance("contest_sequences", many, results)]
-
-
-def _tabulate_sequences(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> list[Table]:
-    jobs: Any = tasks["sequences"].jobs
-    return sequence_tables(jobs, results)
-
-
-def _tabulate_tuning(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> list[Table]:
-    jobs: Any = tasks["tuning"].jobs
-    return tuning_tables(jobs, results)
-
-
-_TABULATE: Mapping[str, Callable[[Mapping[str, Task], Mapping[str, Any]], list[Table]]] = {
-    "single-frame": _tabulate_frames,
-    "sequence": _tabulate_sequences,
-    "tuning": _tabulate_tuning,
-    "contest": _tabulate_contest,
+_TABULATE: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], list[Table]]] = {
+    "single-frame": lambda jobs, results: frame_tables(jobs["frames"], jobs["timings"], results),
+    "sequence": lambda jobs, results: sequence_tables(jobs["sequences"], results),
+    "tuning": lambda jobs, results: tuning_tables(jobs["tuning"], results),
+    "contest": lambda jobs, results: [
+        contest_table(jobs["contest"], jobs["frames"], results),
+        performance("contest_sequences", [*jobs["contest sequences"], *jobs["contest trajectories"]], results),
+    ],
 }
+"""Of each part its tables, from the jobs of its tasks and their results."""
 
 
 def _draw(part: str, tables: Tables, tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, Picture]:
@@ -120,7 +101,7 @@ def _poses(tasks: Mapping[str, Task], results: Mapping[str, Any]) -> dict[str, A
     if not jobs:
         return {}
     frame = min(_FRAME, jobs[0].num_frames - 1)
-    stage = stage_of(jobs[0].recording, SYSTEMS["full_body"])
+    stage = stage_of(jobs[0].recording, "full_body")
     names = list(stage.body.tree.marker_names)
     poses: dict[str, Any] = {"edges": [[names.index(end) for end in edge] for edge in stage.body.edges]}
     poses["truth"] = stage.markers[1 + frame]

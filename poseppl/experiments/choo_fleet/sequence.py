@@ -13,8 +13,8 @@ import numpy as np
 
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.clock import timed
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
-from poseppl.experiments.jobs import Job
+from poseppl.experiments.choo_fleet.systems import Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
 from poseppl.particles.stacks import prepend, split_first
@@ -29,12 +29,10 @@ _SEED = 74
 
 
 @dataclass(frozen=True)
-class SequenceRuns(Job):
+class SequenceRuns(TrackerJob):
     """Runs of one filter on one sequence.
 
     Attributes:
-        recording: Who is seen.
-        system: The tracker.
         method: What the filter is called in tables.
         filter: Its name in the library.
         settings: Its settings.
@@ -43,8 +41,6 @@ class SequenceRuns(Job):
     """
 
     version: ClassVar[int] = 2
-    recording: Recording
-    system: str
     method: str
     filter: str
     settings: Settings
@@ -52,10 +48,9 @@ class SequenceRuns(Job):
     runs: tuple[int, ...]
 
     @property
-    def name(self) -> str:
+    def words(self) -> tuple[object, ...]:
         """Tracker, recording, method and the first run."""
-        words = (self.system, self.recording.name, self.method, str(self.runs[0]))
-        return "sequence-" + "-".join(words).replace(" ", "-").replace(",", "")
+        return "sequence", self.system, self.recording.name, self.method, self.runs[0]
 
     @property
     def cost(self) -> float:
@@ -90,7 +85,7 @@ def score_runs(job: SequenceRuns, find: Callable[[jax.Array, Problem, Floats], t
     frames = slice(1, 1 + job.num_frames)
     rows: list[dict[str, Any]] = []
     for run in job.runs:
-        stage = stage_of(job.recording, SYSTEMS[job.system], run)
+        stage = stage_of(job.recording, job.system, run)
         problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
         found, seconds = find(jax.random.fold_in(jax.random.key(_SEED), run), problem, true_states(stage, frames))
         rows.append({"seconds": seconds} | _score(found, stage, frames))
@@ -137,7 +132,7 @@ def _arguments(problem: Problem, truth: Any) -> tuple[Any, ...]:
 @lru_cache(maxsize=8)
 def _compiled(recording: Recording, system: str, filter: str, settings: Settings, num_frames: int) -> Callable[..., Any]:
     """The filter over a whole sequence, run once so that it is compiled."""
-    stage = stage_of(recording, SYSTEMS[system])
+    stage = stage_of(recording, system)
     frames = slice(1, 1 + num_frames)
     problem = pose_sequence(stage, frames, stage.points[frames])
     model = problem.model

@@ -10,10 +10,9 @@ import jax
 import numpy as np
 
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, frame_problem, observe, stage_of
-from poseppl.experiments.jobs import Job
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, frame_of
+from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.program import CompiledModel
-from poseppl.runs.frame_sequence import frame_inputs
 
 METHODS = ("particle", "hmc")
 _COST = {"arm": 0.02, "lower_body": 0.35, "full_body": 1.0}
@@ -21,29 +20,25 @@ _SEED = 2001
 
 
 @dataclass(frozen=True)
-class FrameRuns(Job):
+class FrameRuns(TrackerJob):
     """Runs of both filters and of the reference at one frame.
 
     Attributes:
-        recording: Who is seen.
-        system: The tracker.
         frame: Index of the frame.
         runs: Numbers of the runs; each has noise of its own.
         num_settings: How many settings of the row of Table 1.
         num_chains: Of the reference.
     """
 
-    recording: Recording
-    system: str
     frame: int
     runs: tuple[int, ...]
     num_settings: int
     num_chains: int
 
     @property
-    def name(self) -> str:
+    def words(self) -> tuple[object, ...]:
         """Tracker, recording, frame and the first run."""
-        return f"frame-{self.system}-{self.recording.name.replace(' ', '-')}-{self.frame}-{self.runs[0]}"
+        return "frame", self.system, self.recording.name, self.frame, self.runs[0]
 
     @property
     def cost(self) -> float:
@@ -59,28 +54,25 @@ def estimate_frame(job: FrameRuns) -> dict[str, Any]:
         ``METHOD_num_gradient`` (run, setting), ``METHOD_rejection`` (run,); ``reference_mean`` and
         ``reference_standard_error`` (run, d), ``reference_covariance`` (run, d, d) and ``prior_sd`` (d,).
     """
-    system = SYSTEMS[job.system]
-    stage = stage_of(job.recording, system)
-    problem = frame_problem(stage, job.frame)
-    inputs = frame_inputs(problem.inputs, 0)
+    frame = frame_of(job.recording, job.system, job.frame)
     functions = compiled(job.recording, job.system, job.num_settings, job.num_chains)
     rows: list[dict[str, Any]] = []
     for run in job.runs:
-        observation = observe(problem, stage, job.frame, run)
+        observation = frame.observe(run)
         row: dict[str, Any] = {}
         for number, (method, function) in enumerate(functions.items()):
             key = jax.random.fold_in(jax.random.key(_SEED), (run * 1000 + job.frame) * 4 + number)
-            found = jax.device_get(function(key, observation, inputs))
+            found = jax.device_get(function(key, observation, frame.inputs))
             row |= {f"{method}_{name}": values for name, values in found._asdict().items()}
         rows.append(row)
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
-    scale = np.asarray(problem.record()["start_scale"])
-    return arrays | {"prior_sd": scale[list(stage.body.free_coordinates)]}
+    scale = np.asarray(frame.problem.record()["start_scale"])
+    return arrays | {"prior_sd": scale[list(frame.stage.body.free_coordinates)]}
 
 
 def model_of(recording: Recording, system: str) -> CompiledModel:
     """The model of a tracker for the limbs of a recorded person; frames differ in their inputs alone."""
-    return frame_problem(stage_of(recording, SYSTEMS[system]), 1).model
+    return frame_of(recording, system, 1).problem.model
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,7 @@ from poseppl.motion.tracking.subjects import WALK_FRAMES
 from poseppl.motion.tracking.walk import step_scales
 from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
+from poseppl.runs.frame_sequence import frame_inputs
 
 Floats = NDArray[np.float64]
 UPDATES = (8, 16, 32, 64, 128, 256, 512)
@@ -139,13 +140,13 @@ class Stage(NamedTuple):
     residual: float | None
 
 
-def stage_of(recording: Recording, system: System, run: int = 0) -> Stage:
+def stage_of(recording: Recording, system: str, run: int = 0) -> Stage:
     """Place a subject before the camera; each run of :data:`SIMULATED` has a motion of its own.
 
     Raises:
         InputError: The recording cannot be used.
     """
-    return _simulated(system, run) if recording == SIMULATED else _recorded(recording, system)
+    return _simulated(SYSTEMS[system], run) if recording == SIMULATED else _recorded(recording, SYSTEMS[system])
 
 
 @lru_cache(maxsize=16)
@@ -194,20 +195,40 @@ def noisy_points(stage: Stage, frames: slice, run: int) -> Floats:
     return np.asarray(stage.points[frames] + stage.noise[..., None] * np.array(noise))
 
 
-def frame_problem(stage: Stage, frame: int) -> Problem:
-    """The problem of one frame alone, whose prior is a step of the random walk from the true state of the frame before."""
-    return make_problem(_scene(stage, slice(frame, frame + 1), stage.points[frame : frame + 1]), start=stage.states[frame - 1])
+class Frame(NamedTuple):
+    """One frame alone, whose prior is a step of the random walk from the true state of the frame before.
+
+    Attributes:
+        stage: The sequence that it is of.
+        number: Its index.
+        problem: Its problem, without noise.
+    """
+
+    stage: Stage
+    number: int
+    problem: Problem
+
+    @property
+    def inputs(self) -> Any:
+        """The inputs of the model."""
+        return frame_inputs(self.problem.inputs, 0)
+
+    def observe(self, run: int) -> Observation:
+        """The data in one run."""
+        points = noisy_points(self.stage, slice(self.number, self.number + 1), run)
+        return rows_of(self.problem.model.observe({"points": points}), 0)
+
+
+def frame_of(recording: Recording, system: str, number: int) -> Frame:
+    """The problem of one frame."""
+    stage = stage_of(recording, system)
+    scene = _scene(stage, slice(number, number + 1), stage.points[number : number + 1])
+    return Frame(stage, number, make_problem(scene, start=stage.states[number - 1]))
 
 
 def pose_sequence(stage: Stage, frames: slice, points: Floats) -> Problem:
     """The problem of a sequence, whose prior is a step of the random walk from the true state of the frame before."""
     return make_problem(_scene(stage, frames, points), start=stage.states[frames.start - 1])
-
-
-def observe(problem: Problem, stage: Stage, frame: int, run: int) -> Observation:
-    """The data of one frame in one run."""
-    observed = problem.model.observe({"points": noisy_points(stage, slice(frame, frame + 1), run)})
-    return rows_of(observed, 0)
 
 
 def _scene(stage: Stage, frames: slice, points: Floats) -> Scene[PointData]:

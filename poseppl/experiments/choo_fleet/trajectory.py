@@ -13,7 +13,7 @@ import numpy as np
 
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, score_runs
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Floats, Recording, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import Floats, Recording, pose_sequence, stage_of
 from poseppl.filters import assumed_density_filter
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
@@ -49,7 +49,7 @@ def _compiled(
     recording: Recording, system: str, settings: Settings, num_frames: int
 ) -> Callable[[jax.Array, Problem], dict[str, Any]]:
     """Filter and smoother, run once so that they are compiled."""
-    stage = stage_of(recording, SYSTEMS[system])
+    stage = stage_of(recording, system)
     frames = slice(1, 1 + num_frames)
     first = pose_sequence(stage, frames, stage.points[frames])
     model = first.model

@@ -15,20 +15,11 @@ import numpy as np
 
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
-from poseppl.experiments.choo_fleet.systems import (
-    NUM_WARMUP,
-    SYSTEMS,
-    Recording,
-    frame_problem,
-    observe,
-    single_frames,
-    stage_of,
-)
-from poseppl.experiments.jobs import Job
+from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, frame_of, single_frames, stage_of
+from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
 from poseppl.kernels import HMCSettings
-from poseppl.runs.frame_sequence import frame_inputs
 
 STEP_SIZES = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 NUM_LAGS = 40
@@ -37,29 +28,25 @@ _SETTLING = 128
 
 
 @dataclass(frozen=True)
-class TuningRuns(Job):
+class TuningRuns(TrackerJob):
     """Runs at one L.
 
     Attributes:
-        recording: Who is seen.
-        system: The tracker.
         num_leapfrog: L.
         step_sizes: Each epsilon.
         num_updates: R.
         num_runs: How many runs at each epsilon.
     """
 
-    recording: Recording
-    system: str
     num_leapfrog: int
     step_sizes: tuple[float, ...]
     num_updates: int
     num_runs: int
 
     @property
-    def name(self) -> str:
+    def words(self) -> tuple[object, ...]:
         """Tracker and L."""
-        return f"tuning-{self.system}-{self.num_leapfrog}"
+        return "tuning", self.system, self.num_leapfrog
 
     @property
     def cost(self) -> float:
@@ -76,13 +63,11 @@ def tune(job: TuningRuns) -> dict[str, Any]:
         (step size, update), the largest over coordinates of the chains' R-hat over the 16 updates that end there, the median
         over runs; ``num_gradient`` (step size,) a run.
     """
-    row = SYSTEMS[job.system]
-    stage = stage_of(job.recording, row)
-    frame = single_frames(stage)[0]
-    problem = frame_problem(stage, frame)
+    row, stage = job.row, stage_of(job.recording, job.system)
+    frame = frame_of(job.recording, job.system, single_frames(stage)[0])
     settings = HMCSettings(job.num_updates, job.num_leapfrog, 0, row.step_size, None)
-    built = hmc_filter(problem.model, row.num_chains, settings)
-    before = jnp.asarray(stage.states[frame - 1][list(stage.body.free_coordinates)], float)
+    built = hmc_filter(frame.problem.model, row.num_chains, settings)
+    before = jnp.asarray(stage.states[frame.number - 1][list(stage.body.free_coordinates)], float)
     particles = jnp.broadcast_to(before, (row.num_chains, 1, row.dimension))
 
     @jax.jit
@@ -90,11 +75,10 @@ def tune(job: TuningRuns) -> dict[str, Any]:
         state, info = built.step(rng_key, chain_state(particles, jnp.log(step_size)), observation, inputs)
         return state.particles, 1 - info.acceptance, info.num_gradient
 
-    inputs = frame_inputs(problem.inputs, 0)
     rows = []
     for step_size in job.step_sizes:
         found = [
-            jax.device_get(run(jax.random.key(number), jnp.asarray(step_size), observe(problem, stage, frame, number), inputs))
+            jax.device_get(run(jax.random.key(number), jnp.asarray(step_size), frame.observe(number), frame.inputs))
             for number in range(job.num_runs)
         ]
         rows.append(_describe([draws for draws, _, _ in found]) | {"rejection": np.array([each for _, each, _ in found])})

@@ -1,0 +1,37 @@
+"""What all jobs of the reproduction have in common: a tracker, and the person that it sees."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, System
+from poseppl.experiments.jobs import Job
+
+
+@dataclass(frozen=True)
+class TrackerJob(Job, ABC):
+    """A job of one tracker.
+
+    Attributes:
+        recording: Who is seen.
+        system: The tracker.
+    """
+
+    recording: Recording
+    system: str
+
+    @property
+    def row(self) -> System:
+        """The tracker and its row of Table 1."""
+        return SYSTEMS[self.system]
+
+    @property
+    @abstractmethod
+    def words(self) -> tuple[object, ...]:
+        """Words of the name."""
+
+    @property
+    def name(self) -> str:
+        """The words as one."""
+        return "-".join(map(str, self.words)).replace(" ", "-").replace(",", "")
