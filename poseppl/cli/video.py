@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from poseppl.errors import InputError
 
 
@@ -39,7 +37,7 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     subject = find_subject(recording, options)
     setting = build_setting(
         subject.body.tree.marker_names,
-        _complete(subject),
+        subject.complete_markers(),
         toes=_toes(recording, options),
         clutter=options["clutter"] is not False,
         cameras=4 if options["cameras"] is None else options["cameras"],
@@ -83,18 +81,6 @@ def _refuse(options: dict[str, Any]) -> None:
             raise InputError("a video's cameras hang in the corners of the room", field=field, expected="no --video with it")
     if options["missing"]:
         raise InputError("a video has no markers that could be missing", field="--missing", expected="no --video with it")
-
-
-def _complete(subject: Any) -> Any:
-    """The recorded places of the markers, those of the fitted body where a recording has none."""
-    import jax
-    import jax.numpy as jnp
-
-    from poseppl.motion.geometry import marker_positions
-
-    tree = subject.body.tree
-    fitted = np.asarray(jax.vmap(lambda state: marker_positions(tree, state))(jnp.asarray(subject.states)), np.float64)
-    return np.where(np.isfinite(subject.markers), subject.markers, fitted)
 
 
 def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:

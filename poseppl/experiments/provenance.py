@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from poseppl.errors import InputError
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically
 
 RECORD = "tables.json"
 
@@ -56,8 +56,7 @@ def write_folder(folder: Path, made: Mapping[str, Kept]) -> None:
     for name, (table, how) in made.items():
         write_csv(table, folder)
         record[name] = {"about": table.about, **how._asdict()}
-    with atomic_path(folder / RECORD) as temporary:
-        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    write_atomically(folder / RECORD, json.dumps(record, indent=1) + "\n")
 
 
 def read_folder(folder: Path) -> dict[str, Kept]:

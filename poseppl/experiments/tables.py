@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_rows
 from poseppl.files.netcdf_writing import write_netcdf as write_tree
 
 
@@ -40,14 +39,9 @@ class Table(NamedTuple):
         return [row for row in self.rows if all(row[index] == value for index, value in wanted)]
 
 
-def write_csv(table: Table, folder: Path) -> Path:
+def write_csv(table: Table, folder: Path) -> None:
     """Write a table as FOLDER/NAME.csv, with six significant digits."""
-    path = folder / f"{table.name}.csv"
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table.columns)
-        writer.writerows([shown(value) for value in row] for row in table.rows)
-    return path
+    write_rows(folder / f"{table.name}.csv", [table.columns, *(map(shown, row) for row in table.rows)])
 
 
 def shown(value: Any) -> str:

@@ -8,6 +8,7 @@ removes: writers hold a lock, which dies with them.
 
 from __future__ import annotations
 
+import csv
 import errno
 import glob
 import os
@@ -89,6 +90,23 @@ def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_atomically(path: FilePath, content: str | bytes) -> None:
+    """Write a file, whole or not at all; text as UTF-8, with question marks for what is no Unicode.
+
+    Raises:
+        InputError: The folder is missing or cannot be written, or the output is a folder or a device.
+        PosepplError: The disk is full.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content.encode("utf-8", "replace") if isinstance(content, str) else content)
+
+
+def write_rows(path: FilePath, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows as CSV, whole or not at all; errors are those of :func:`write_atomically`."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8", errors="replace") as stream:
+        csv.writer(stream, lineterminator="\n").writerows(rows)
 
 
 @contextmanager

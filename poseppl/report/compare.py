@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-
 import xarray as xr
 
 from poseppl.diagnostics import comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, wins, words
 from poseppl.errors import FilePath
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically, write_rows
 from poseppl.report.compare_charts import comparison_charts
 from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_strip, winners_table
-from poseppl.report.page import DASH, page_html, write_page
+from poseppl.report.page import DASH, page_html
 
 _CARDS = {"ess_per_second": "most ESS a second", "ess_per_evaluation": "most ESS an evaluation", "error": "least error"}
 
@@ -28,7 +26,7 @@ def write_comparison(tree: xr.DataTree, path: FilePath) -> None:
         InputError: The folder is missing or cannot be written.
         PosepplError: The disk is full.
     """
-    write_page(comparison_html(tree), path)
+    write_atomically(path, comparison_html(tree))
 
 
 def write_comparison_table(tree: xr.DataTree, path: FilePath) -> None:
@@ -37,11 +35,8 @@ def write_comparison_table(tree: xr.DataTree, path: FilePath) -> None:
     Arguments and errors are those of :func:`write_comparison`.
     """
     rows = comparison_table(tree)
-    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", errors="replace", newline="") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()})
+    cells = ([f"{value:.6g}" if isinstance(value, float) else value for value in row.values()] for row in rows)
+    write_rows(path, [rows[0].keys(), *cells])
 
 
 def comparison_html(tree: xr.DataTree) -> str:

@@ -16,9 +16,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from poseppl.errors import FilePath
-from poseppl.files.atomic_writing import atomic_path
-
 DASH = "–"
 
 
@@ -78,14 +75,3 @@ def page_html(template: str, **content: Any) -> str:
     policy = f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"
     trusted = {"style": Markup(style), "scripts": [Markup(text) for text in scripts], "policy": Markup(policy)}
     return ENVIRONMENT.get_template(template).render(**trusted, **content).strip() + "\n"
-
-
-def write_page(page: str, path: FilePath) -> None:
-    """Write a page, whole or not at all.
-
-    Raises:
-        InputError: The folder is missing or cannot be written.
-        PosepplError: The disk is full.
-    """
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8", errors="replace")

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from poseppl.errors import FilePath
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically
 
 POSTERIOR = "#1f6f8b"
 SAMPLE = "#6db3c9"
@@ -50,8 +50,7 @@ def save_picture(picture: Figure, path: FilePath) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(png(picture))
+    write_atomically(path, png(picture))
 
 
 def tidy(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> None:

@@ -10,8 +10,9 @@ import xarray as xr
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.errors import FilePath
+from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts
-from poseppl.report.page import page_html, write_page
+from poseppl.report.page import page_html
 from poseppl.report.pose_data import pose_data
 from poseppl.report.tables import cards, error_table, inefficiency_table, settings_table, worst_frames_table
 from poseppl.runs.results import is_weighted, provenance
@@ -28,7 +29,7 @@ def write_report(tree: xr.DataTree, path: FilePath) -> None:
         InputError: The folder is missing or cannot be written.
         PosepplError: The disk is full.
     """
-    write_page(report_html(tree), path)
+    write_atomically(path, report_html(tree))
 
 
 def report_html(tree: xr.DataTree) -> str:

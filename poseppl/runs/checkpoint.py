@@ -23,7 +23,7 @@ from typing import Any
 import jax
 
 from poseppl.errors import FilePath, PosepplError
-from poseppl.files.atomic_writing import atomic_path, remove_strays
+from poseppl.files.atomic_writing import remove_strays, write_atomically
 from poseppl.files.locks import take_lock
 from poseppl.files.store import Arrays, Note, Store, key_of
 
@@ -110,8 +110,7 @@ class Checkpoint:
             note(f"{path}: damaged, and now called {aside.name}; the parts that are of this run are kept")
         elif any(self.folder.iterdir()):
             raise CheckpointError(f"{self.folder}: the folder holds other files; name an empty folder for the checkpoint")
-        with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(described, indent=1) + "\n", encoding="utf-8")
+        write_atomically(path, json.dumps(described, indent=1) + "\n")
 
     def _claim(self) -> None:
         """Make the folder, lock it, and remove what killed runs have left half written."""

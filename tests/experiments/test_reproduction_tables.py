@@ -84,7 +84,8 @@ def test_figures_and_files_carry_the_same_numbers(tmp_path):
     lines = [line for line in picture.axes[0].lines if line.get_label() == "HMC filter"]
     np.testing.assert_allclose(lines[0].get_ydata(), table.column("variance", method="hmc"))
     np.testing.assert_allclose(lines[0].get_xdata(), table.column("seconds", method="hmc"))
-    text = write_csv(table, tmp_path).read_text().splitlines()
+    write_csv(table, tmp_path)
+    text = (tmp_path / f"{table.name}.csv").read_text().splitlines()
     assert text[0] == ",".join(COLUMNS) and text[1] == "arm,walk,3,particle,1,0.1,10,1,0.1"
     write_netcdf([table], tmp_path / "tables.nc")
     import xarray as xr

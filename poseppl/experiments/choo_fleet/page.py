@@ -9,7 +9,7 @@ from poseppl.experiments.choo_fleet.claims import claims
 from poseppl.experiments.choo_fleet.goals import Goal, goals
 from poseppl.experiments.provenance import Kept, read_folder
 from poseppl.experiments.tables import markdown
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically
 
 PAGE = "page.md"
 PICTURES = {
@@ -40,8 +40,7 @@ def write_page(folder: Path) -> Path:
         InputError: Its tables or their record cannot be read.
     """
     path = folder / PAGE
-    with atomic_path(path) as temporary:
-        temporary.write_text(page_of(folder), encoding="utf-8")
+    write_atomically(path, page_of(folder))
     return path
 
 

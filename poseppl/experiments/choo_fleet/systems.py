@@ -14,7 +14,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from poseppl.files.bounded_reading import check_file
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
-from poseppl.motion.geometry import Cameras, marker_positions, paper_camera, project
+from poseppl.motion.geometry import Cameras, paper_camera, project
 from poseppl.motion.io import read_motion
 from poseppl.motion.tracking import Scene, make_problem, recorded_subject, walking_subject
 from poseppl.motion.tracking.placing import cameras_around
@@ -154,10 +153,8 @@ def _recorded(recording: Recording, system: System) -> Stage:
     subject = _subject(recording)
     body = load_builder(system.model)(subject.body.lengths)
     cameras = cameras_around(subject)
-    own = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(subject.states)), np.float64)
-    markers = np.where(np.isnan(subject.markers), own, subject.markers)
-    points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(markers)), np.float64), 0, 1)
-    return Stage(body, cameras, subject.states, markers, points, noise_of(body, cameras, None), subject.residual)
+    markers = subject._replace(body=body).complete_markers()
+    return _staged(body, cameras, subject.states, markers, subject.residual)
 
 
 @lru_cache(maxsize=64)
@@ -168,10 +165,12 @@ def _simulated(system: System, run: int) -> Stage:
     steps = np.random.default_rng((2001, run)).standard_normal((_SIMULATED_FRAMES, len(free)))
     states = np.tile(np.asarray(body.rest, np.float64), (1 + _SIMULATED_FRAMES, 1))
     states[1:, free] += np.cumsum(steps * step_scales(body, body.params)[free], axis=0)
-    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
-    cameras = paper_camera((0.0, -5000.0, 1000.0))
+    return _staged(body, paper_camera((0.0, -5000.0, 1000.0)), states, body.places(states), None)
+
+
+def _staged(body: Body, cameras: Cameras, states: Floats, markers: Floats, residual: float | None) -> Stage:
     points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(markers)), np.float64), 0, 1)
-    return Stage(body, cameras, states, markers, points, noise_of(body, cameras, None), None)
+    return Stage(body, cameras, states, markers, points, noise_of(body, cameras, None), residual)
 
 
 @lru_cache(maxsize=4)

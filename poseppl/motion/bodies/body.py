@@ -20,9 +20,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
 
 from poseppl.errors import InputError
-from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -77,6 +80,11 @@ class Body(NamedTuple):
         """
         leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
         return _compiled(self.program, tree, tuple(leaves), tuple(sorted(params.items())))
+
+    def places(self, states: Any) -> NDArray[np.float64]:
+        """Positions (T, K, 3) of the markers in states (T, d), mm."""
+        of_state: Any = jax.vmap(lambda state: marker_positions(self.tree, state))
+        return np.asarray(of_state(jnp.asarray(states)), np.float64)
 
     @property
     def free_coordinates(self) -> tuple[int, ...]:

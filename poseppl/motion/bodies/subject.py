@@ -38,6 +38,10 @@ class MovingSubject(NamedTuple):
     rate: float
     source: str
 
+    def complete_markers(self) -> NDArray[np.float64]:
+        """The markers, those of the states where their own places are unknown."""
+        return np.where(np.isfinite(self.markers), self.markers, self.body.places(self.states))
+
 
 def match_markers(
     motion: Motion,

@@ -19,6 +19,7 @@ Brown's model, as in OpenCV.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poseppl.errors import FilePath, Location
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.text_parsing import LARGEST, LONGEST
 
@@ -101,20 +102,16 @@ def write_cameras(path: FilePath, cameras: Sequence[CameraRecord]) -> None:
     """
     lines = ['units = "mm"']
     for camera in cameras:
-        lines += ["", f"[camera.{_quoted(camera.name)}]", f"size = [{camera.size[0]}, {camera.size[1]}]"]
+        lines += ["", f"[camera.{quoted(camera.name)}]", f"size = [{camera.size[0]}, {camera.size[1]}]"]
         for field in ("matrix", "distortion", "rotation", "translation"):
             lines.append(f"{field} = {np.asarray(getattr(camera, field), dtype=np.float64).tolist()!r}")
-    with atomic_path(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _quoted(name: str) -> str:
-    def escape(letter: str) -> str:
-        if letter in '"\\':
-            return "\\" + letter
-        return f"\\u{ord(letter):04x}" if ord(letter) < 0x20 or ord(letter) == 0x7F else letter
-
-    return '"' + "".join(escape(letter) for letter in name) + '"'
+def quoted(text: str) -> str:
+    """A TOML string; what is no Unicode, as a file's name may be, becomes question marks."""
+    known = text.encode("utf-8", "replace").decode("utf-8")
+    return json.dumps(known, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _scale(at: Location, document: Mapping[str, Any], default: str) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, Location
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_rows
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.text_parsing import parse_number
 
@@ -38,11 +38,8 @@ def write_places(path: FilePath, frames: NDArray[np.int64], names: Sequence[str]
         InputError: The file cannot be written.
         PosepplError: The disk is full.
     """
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for t, k in np.argwhere(np.isfinite(places).all(-1)):
-            writer.writerow([int(frames[t]), names[k], *(repr(float(value)) for value in places[t, k])])
+    seen = np.argwhere(np.isfinite(places).all(-1))
+    write_rows(path, [COLUMNS, *([int(frames[t]), names[k], *places[t, k].tolist()] for t, k in seen)])
 
 
 def read_places(path: FilePath, names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, Location
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_rows
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.text_parsing import Line, parse_number, some
 
@@ -108,16 +108,15 @@ def write_observations(path: FilePath, observations: Observations) -> None:
         PosepplError: The disk is full.
     """
     many, graded = len(observations.cameras) > 1, observations.confidence is not None
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(("frame", *(["camera"] if many else []), "marker", "x", "y", *(["confidence"] if graded else [])))
-        for t, c, k in np.argwhere(np.isfinite(observations.points).all(axis=-1)):
-            x, y = observations.points[t, c, k]
-            row: list[object] = [int(observations.frames[t])]
-            row += [observations.cameras[c]] if many else []
-            row += [observations.markers[k], repr(float(x)), repr(float(y))]
-            row += [repr(float(observations.confidence[t, c, k]))] if observations.confidence is not None else []
-            writer.writerow(row)
+    columns = ("frame", "camera", "marker", "x", "y", "confidence")
+    kept = [name for name in columns if (name != "camera" or many) and (name != "confidence" or graded)]
+    rows: list[list[object]] = [[*kept]]
+    for t, c, k in np.argwhere(np.isfinite(observations.points).all(axis=-1)):
+        x, y = observations.points[t, c, k].tolist()
+        confidence = None if observations.confidence is None else float(observations.confidence[t, c, k])
+        row = (int(observations.frames[t]), observations.cameras[c], observations.markers[k], x, y, confidence)
+        rows.append([value for name, value in zip(columns, row, strict=True) if name in kept])
+    write_rows(path, rows)
 
 
 def _lines(path: FilePath, text: str) -> Iterator[Line]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, InputError, PosepplError
-from poseppl.files.atomic_writing import atomic_path
+from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import check_file
 
 MAX_IMAGE_BYTES = 2**30
@@ -134,9 +134,7 @@ def write_image(path: FilePath, image: Image) -> None:
         InputError: The file cannot be written, or its suffix is unknown.
         PosepplError: OpenCV is not installed, or the disk is full.
     """
-    data = encode_image(image, Path(path).suffix or ".", file=path)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(data)
+    write_atomically(path, encode_image(image, Path(path).suffix or ".", file=path))
 
 
 def to_rgb(image: Image) -> Image:

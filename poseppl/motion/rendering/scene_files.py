@@ -16,7 +16,6 @@ first pixel, as in OpenCV.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -27,7 +26,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
-from poseppl.motion.io.cameras import write_cameras
+from poseppl.motion.io.cameras import quoted, write_cameras
 from poseppl.motion.io.marker_positions import write_places
 from poseppl.motion.io.masks import pack_mask, write_masks
 from poseppl.motion.io.opencv import write_image
@@ -153,7 +152,7 @@ def _describe(setting: Setting, truth: Truth, noise: SensorNoise, lossless: bool
     """Describe a scene as TOML; lengths in mm, angles in radians."""
     room = setting.room
     lines = [
-        f"source = {_quoted(truth.source)}",
+        f"source = {quoted(truth.source)}",
         f"frames = {truth.frames.tolist()}",
         f"rate = {float(truth.rate)!r}",
         f"seed = {setting.seed}",
@@ -173,9 +172,3 @@ def _describe(setting: Setting, truth: Truth, noise: SensorNoise, lossless: bool
         lines += ["", "[[furniture]]  # mm, radians", f'kind = "{piece.kind}"']
         lines += [f"place = [{piece.x!r}, {piece.y!r}]", f"angle = {piece.angle!r}"]
     return "\n".join(lines) + "\n"
-
-
-def _quoted(text: str) -> str:
-    """A TOML string; what is no Unicode, as a file's name may be, becomes question marks."""
-    known = text.encode("utf-8", "replace").decode("utf-8")
-    return json.dumps(known, ensure_ascii=False).replace("\x7f", "\\u007f")

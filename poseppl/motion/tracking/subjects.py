@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject, fit_subject
-from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
 
@@ -50,7 +47,7 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
     if states.shape[1] != body.tree.dimension:
         problem = f"the body has {body.tree.dimension} coordinates, and the built-in walk {states.shape[1]}"
         raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
-    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
+    markers = body.places(states)
     whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
