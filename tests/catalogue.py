@@ -180,9 +180,7 @@ FILTERS: list[FilterRow] = [
     FilterRow(
         "multiple-hypothesis",
         covariance_scaled_filter,
-        lambda model: covariance_scaled_filter(
-            model, 500, num_modes=2, num_starts=4, sampling="multiple-hypothesis", prior="mixture"
-        ),
+        lambda model: covariance_scaled_filter(model, 500, num_modes=2, num_starts=4, sampling="hypotheses", prior="mixture"),
         num_replicates=40,
         equal_weights=True,
     ),

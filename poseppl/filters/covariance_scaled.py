@@ -14,8 +14,8 @@ best are kept. The paper optimises the likelihood and static priors alone, and t
 that prior is part of what is climbed, without which a single camera leaves directions that nothing bounds.
 
 Its rivals are settings: `num_modes=1, num_starts=1` is the tracker of a single mode, Gaussian or robust as the likelihood is;
-`sampling="multiple-hypothesis"` with `num_modes=10` that of Cham and Rehg 1999 (doi:10.1109/CVPR.1999.784636).
-`sampling="dynamic-noise"` scatters starts by the transition's noise alone, as CONDENSATION does, which itself is
+`sampling="hypotheses"` with `num_modes=10` that of Cham and Rehg 1999 (doi:10.1109/CVPR.1999.784636).
+`sampling="noise"` scatters starts by the transition's noise alone, as CONDENSATION does, which itself is
 :func:`~poseppl.filters.particle_filter`.
 
 The filter is approximate: it sees no mode that no climb ended in, and a mode is a Gaussian. Exact for linear Gaussian programs;
@@ -26,7 +26,8 @@ would make smaller. Its particles are draws from the modes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from functools import partial
+from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -38,15 +39,20 @@ from poseppl.filters.mode_mixture import draw_modes, mode_starts, predicted_mode
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
 from poseppl.kernels.mode_proposals import ModeProposal, Pattern, covariance_scaled, dynamic_noise
-from poseppl.kernels.mode_search import search_modes
+from poseppl.kernels.mode_search import Found, search_modes
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.bounded import bounded
+from poseppl.program.bounded import Bounded, bounded
 from poseppl.program.built_once import built_once
 
-Sampling = Literal["covariance-scaled", "multiple-hypothesis", "dynamic-noise"]
+Sampling = Literal["covariance", "hypotheses", "noise"]
 PriorMode = Literal["closest", "mixture"]
-Jumps = Callable[[jax.Array, Any], jax.Array]
-"""Other states (n, d) that a state (d,) may be mistaken for, given the inputs of its frame."""
+
+
+class Jumps(Protocol):
+    """Other states that a state may be mistaken for."""
+
+    def __call__(self, state: jax.Array, inputs: Any) -> jax.Array:
+        """States (n, d) for a state (d,), given the inputs of its frame."""
 
 
 class ModeState(NamedTuple):
@@ -75,7 +81,7 @@ def covariance_scaled_filter(
     num_starts: int = 60,
     num_directions: int = 6,
     stretch: float = 10.0,
-    sampling: Sampling = "covariance-scaled",
+    sampling: Sampling = "covariance",
     pattern: Pattern = "regular",
     prior: PriorMode = "closest",
     num_steps: int = 20,
@@ -91,7 +97,7 @@ def covariance_scaled_filter(
         num_starts: States that climb to modes in a frame: the means of the K prior modes, and the rest by their weights.
         num_directions: k, most uncertain directions along which starts lie, in units of the transition's standard deviations.
         stretch: s, factor of the covariance, or of the noise where that is what is inflated.
-        sampling: How starts are drawn: "covariance-scaled", "multiple-hypothesis" or "dynamic-noise".
+        sampling: How starts are drawn: "covariance", "hypotheses" or "noise".
         pattern: "regular", on the axes of the covariance, or "random"; noise is always random.
         prior: "closest" weighs a mode by the prior mode closest to it, "mixture" by all of them.
         num_steps: Steps of each climb at most.
@@ -112,58 +118,83 @@ def covariance_scaled_filter(
     if not stretch > 0:
         raise RangeError("stretch", stretch, "a positive number")
     boxed = bounded(model)
-    seeker = boxed.model
-    kept_to = _joined(limits, boxed.lower, boxed.upper)
-    cuts = limits is not None or bool(np.isfinite([boxed.lower, boxed.upper]).any())
+    axes = covariance_scaled if sampling == "covariance" else None
+    spread = sampling == "hypotheses"
 
     def proposal(number: int, noise: jax.Array) -> ModeProposal:
-        if sampling == "covariance-scaled":
-            units = jnp.sqrt(jnp.diagonal(noise))
-            return covariance_scaled(number, units, num_directions=num_directions, stretch=stretch, pattern=pattern)
-        return dynamic_noise(number, noise, stretch=stretch, spread=sampling == "multiple-hypothesis")
+        if axes is None:
+            return dynamic_noise(number, noise, stretch=stretch, spread=spread)
+        return axes(number, jnp.sqrt(jnp.diagonal(noise)), num_directions=num_directions, stretch=stretch, pattern=pattern)
 
-    def initial_state(observation: Observation, inputs: Any = None) -> ModeState:
-        mean, covariance = seeker.initial_moments(inputs)
-        modes = _one_of(num_modes, mean, covariance)
-        draws = jnp.broadcast_to(boxed.to_unbounded(mean, inputs), (num_particles, *mean.shape))
-        return ModeState(draws, jnp.full(num_particles, -np.log(num_particles), mean.dtype), modes, jnp.zeros((), bool))
+    tracker = _Tracker(
+        boxed, _joined(limits, boxed), proposal, jumps, num_particles, num_modes, num_starts, num_steps, prior == "closest"
+    )
 
-    def step(rng_key: jax.Array, state: ModeState, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+        return tracker.step(rng_key, tracker.initial_state(observation, inputs), observation, inputs)
+
+    return Filter(init, tracker.step, initial_state=tracker.initial_state)
+
+
+class _Tracker(NamedTuple):
+    """The filter: its model in bounded coordinates, the constraints (None where there are none), and its settings."""
+
+    boxed: Bounded
+    limits: Constraints | None
+    proposal: Callable[[int, jax.Array], ModeProposal]
+    jumps: Jumps | None
+    num_particles: int
+    num_modes: int
+    num_starts: int
+    num_steps: int
+    closest: bool
+
+    def initial_state(self, observation: Observation, inputs: Any = None) -> ModeState:
+        """The state before the first frame."""
+        mean, covariance = self.boxed.model.initial_moments(inputs)
+        draws = jnp.broadcast_to(mean, (self.num_particles, *mean.shape))
+        return self._state(draws, _one_of(self.num_modes, mean, covariance), inputs, started=False)
+
+    def step(
+        self, rng_key: jax.Array, state: ModeState, observation: Observation, inputs: Any = None
+    ) -> tuple[ModeState, Info]:
+        """One frame."""
         key_starts, key_draws = jax.random.split(rng_key)
-        predicted, noise = predicted_modes(seeker, state.modes, ~state.started, inputs)
-        log_prior, prior_curvature = prior_density(predicted, closest=prior == "closest")
-        jump = None if jumps is None else lambda x: jumps(x, inputs)
-        starts = mode_starts(key_starts, predicted, num_starts, lambda number: proposal(number, noise), jump)
-        found = search_modes(
-            starts,
-            lambda x: seeker.log_observation(x, observation, inputs) + log_prior(x),
-            lambda x: prior_curvature(x) + seeker.observation_information(x, observation, inputs),
-            kept_to,
-            num_modes,
-            num_steps=num_steps,
-        )
+        predicted, noise = predicted_modes(self.boxed.model, state.modes, ~state.started, inputs)
+        jump = None if self.jumps is None else partial(self.jumps, inputs=inputs)
+        starts = mode_starts(key_starts, predicted, self.num_starts, lambda number: self.proposal(number, noise), jump)
+        found = self._search(starts, predicted, observation, inputs)
         failed = ~jnp.isfinite(found.log_mass)
-        means, covariances = found.modes.moments()
-        posterior = GaussianMixture(jax.nn.log_softmax(found.modes.log_masses), means, covariances)
+        posterior = GaussianMixture(jax.nn.log_softmax(found.modes.log_masses), *found.modes.moments())
         modes: GaussianMixture = jax.tree.map(lambda old, new: jnp.where(failed, old, new), predicted, posterior)
-        draws = draw_modes(key_draws, modes, num_particles, kept_to if cuts else None, found.modes, failed)
+        draws = draw_modes(key_draws, modes, self.num_particles, self.limits, found.modes, failed)
         info = filter_info(
             jnp.where(failed, -jnp.inf, found.log_mass),
-            num_particles,
-            num_particles,
+            self.num_particles,
+            self.num_particles,
             failed,
             num_likelihood=found.evaluations,
             num_gradient=found.evaluations,
         )
-        particles = jax.vmap(lambda y: boxed.to_unbounded(y, inputs))(draws)
-        return ModeState(
-            particles, jnp.full(num_particles, -np.log(num_particles), draws.dtype), modes, jnp.ones((), bool)
-        ), info
+        return self._state(draws, modes, inputs, started=True), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
-        return step(rng_key, initial_state(observation, inputs), observation, inputs)
+    def _search(self, starts: jax.Array, prior: GaussianMixture, observation: Observation, inputs: Any) -> Found:
+        """The modes of a frame."""
+        model, limits = self.boxed.model, constraints(starts.shape[1]) if self.limits is None else self.limits
+        log_prior, prior_curvature = prior_density(prior, closest=self.closest)
+        return search_modes(
+            starts,
+            lambda x: model.log_observation(x, observation, inputs) + log_prior(x),
+            lambda x: prior_curvature(x) + model.observation_information(x, observation, inputs),
+            limits,
+            self.num_modes,
+            num_steps=self.num_steps,
+        )
 
-    return Filter(init, step, initial_state=initial_state)
+    def _state(self, draws: jax.Array, modes: GaussianMixture, inputs: Any, *, started: bool) -> ModeState:
+        particles = jax.vmap(lambda y: self.boxed.to_unbounded(y, inputs))(draws)
+        log_weights = jnp.full(len(draws), -np.log(len(draws)), draws.dtype)
+        return ModeState(particles, log_weights, modes, jnp.asarray(started))
 
 
 def _one_of(number: int, mean: jax.Array, covariance: jax.Array) -> GaussianMixture:
@@ -172,9 +203,9 @@ def _one_of(number: int, mean: jax.Array, covariance: jax.Array) -> GaussianMixt
     return GaussianMixture(log_weights, *(jnp.broadcast_to(part, (number, *part.shape)) for part in (mean, covariance)))
 
 
-def _joined(limits: Constraints | None, lower: np.ndarray[Any, Any], upper: np.ndarray[Any, Any]) -> Constraints:
-    """The bounds of the supports, and further constraints."""
-    own = constraints(len(lower), lower=lower, upper=upper)
+def _joined(limits: Constraints | None, boxed: Bounded) -> Constraints | None:
+    """The bounds of the supports, and further constraints; None where there are none of either."""
+    own = constraints(len(boxed.lower), lower=boxed.lower, upper=boxed.upper)
     if limits is None:
-        return own
+        return own if np.isfinite([boxed.lower, boxed.upper]).any() else None
     return limits._replace(lower=jnp.maximum(own.lower, limits.lower), upper=jnp.minimum(own.upper, limits.upper))

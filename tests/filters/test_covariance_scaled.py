@@ -183,7 +183,7 @@ def test_settings_out_of_range_are_refused():
     for settings, words in (
         ({"num_modes": 7, "num_starts": 3}, "num_starts is 3. Expected at least 7"),
         ({"stretch": 0.0}, "stretch is 0.0. Expected a positive number"),
-        ({"sampling": "noise"}, "sampling is 'noise'. Expected one of covariance-scaled"),
+        ({"sampling": "axes"}, "sampling is 'axes'. Expected one of covariance"),
         ({"prior": "best"}, "prior is 'best'. Expected one of closest, mixture"),
     ):
         with pytest.raises(ValueError, match=words):
