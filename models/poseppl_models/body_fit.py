@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions
 from poseppl_models.anthropometry import LENGTH_SHARES
 from poseppl_models.cone_body import ConeBody
 
-Floats = NDArray[np.float64]
 MARGIN = 0.05
 """Radians by which fitted poses keep clear of the limits, so that poses around them are possible."""
 _PULLS = (20.0, 5.0)

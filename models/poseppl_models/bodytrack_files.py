@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.geometry import Cameras
@@ -31,7 +32,6 @@ from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 from poseppl.motion.vision import benchmark_edge_map
 from poseppl_models.bodytrack import BodytrackBody, ImageInputs, bodytrack_body
 
-Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 _DIMENSION = 31
 _ORTHOGONAL = 1e-3

@@ -17,8 +17,8 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.motion.bodies.gait_fit import Gait, fit_gait, from_table, to_table
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.io.motion import Motion
@@ -30,7 +30,7 @@ NUM_HARMONICS = 4
 class Walk(NamedTuple):
     """States (T, 28) of a walk, and the walker's segment lengths in mm."""
 
-    states: NDArray[np.float64]
+    states: Floats
     lengths: dict[str, float]
 
 

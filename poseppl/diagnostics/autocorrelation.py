@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 from arviz_stats.base import array_stats
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from poseppl.arrays import Booleans, Floats
 
 
 def autocovariance(draws: Floats) -> Floats:
@@ -60,7 +60,7 @@ def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
     return np.asarray(rho if max_lag is None else rho[: max_lag + 1])
 
 
-def is_constant(draws: Floats) -> NDArray[np.bool_]:
+def is_constant(draws: Floats) -> Booleans:
     """Whether all draws of a quantity are equal to within the rounding of ``float64``, as ArviZ tests it, or not finite.
 
     Args:

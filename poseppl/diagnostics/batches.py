@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Floats
 
 CONFIDENCE = 0.95
 

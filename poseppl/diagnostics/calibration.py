@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from arviz_stats.base import array_stats
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Booleans, Floats, Integers
 
 LEVELS = (0.5, 0.8, 0.9)
 
@@ -40,7 +40,7 @@ class JointError(NamedTuple):
     relative: Floats
 
 
-def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> NDArray[np.bool_]:
+def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> Booleans:
     """Whether the truth lies in the central interval of the draws.
 
     Args:
@@ -55,7 +55,7 @@ def inside_interval(draws: ArrayLike, truth: ArrayLike, level: float) -> NDArray
     return between(interval[..., 0], interval[..., 1], truth)
 
 
-def between(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> NDArray[np.bool_]:
+def between(lower: ArrayLike, upper: ArrayLike, truth: ArrayLike) -> Booleans:
     """Whether the truth lies between two bounds, which belong to the interval.
 
     Args:
@@ -135,7 +135,7 @@ def probability_transform(draws: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray((below + 0.5 * equal + 0.5) / (values.shape[0] * values.shape[1] + 1))
 
 
-def _batches(hits: Floats, trials: NDArray[np.int64]) -> list[tuple[float, float]]:
+def _batches(hits: Floats, trials: Integers) -> list[tuple[float, float]]:
     """About sqrt(frames) batches of consecutive frames, so that both their number and their length grow."""
     number = max(int(np.sqrt(len(hits))), min(2, len(hits)))
     parts = zip(np.array_split(hits, number), np.array_split(trials, number), strict=True)

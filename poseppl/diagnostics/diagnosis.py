@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
@@ -124,7 +125,7 @@ def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
     return data
 
 
-def _coverage(name: str, inside: NDArray[np.bool_], valid: NDArray[np.bool_]) -> dict[str, Any]:
+def _coverage(name: str, inside: Booleans, valid: Booleans) -> dict[str, Any]:
     found = [coverage(part, level, valid=valid) for part, level in zip(inside, LEVELS, strict=True)]
     return {
         name: (("level",), np.array([part.estimate for part in found])),
@@ -132,12 +133,12 @@ def _coverage(name: str, inside: NDArray[np.bool_], valid: NDArray[np.bool_]) ->
     }
 
 
-def _free(draws: NDArray[Any]) -> NDArray[np.bool_]:
+def _free(draws: NDArray[Any]) -> Booleans:
     """Where the draws differ at all: a clamped coordinate has no interval."""
     return np.asarray(draws.max(axis=(0, 1)) > draws.min(axis=(0, 1)))
 
 
-def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> NDArray[np.bool_]:
+def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> Booleans:
     """From the quantiles over all draws or particles where the summary has them, else from the stored draws."""
     summary = tree["summary"].dataset
     ends = ((1 - level) / 2, (1 + level) / 2)

@@ -29,7 +29,8 @@ import numpy as np
 from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike, NDArray
 
-from poseppl.diagnostics.autocorrelation import Floats, autocorrelation, is_constant
+from poseppl.arrays import Booleans, Floats
+from poseppl.diagnostics.autocorrelation import autocorrelation, is_constant
 from poseppl.diagnostics.labelled_draws import over_draws
 
 MIN_DRAWS = 4
@@ -130,7 +131,7 @@ def split_rhat(draws: ArrayLike) -> Floats:
     return np.asarray(np.where(constant, np.nan, rhat))
 
 
-def _first(condition: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _first(condition: Booleans) -> NDArray[np.intp]:
     """Index of the first True along axis 0; the length of the axis less one where there is none."""
     marked = condition.copy()
     marked[-1] = True

@@ -15,9 +15,9 @@ from typing import Any, Protocol, overload
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from poseppl.arrays import Floats
 
 
 class OverDraws(Protocol):

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Floats
 from poseppl.diagnostics.calibration import joint_error
 
 _LIMBS = tuple(f"{joint}_{side}" for side in "lr" for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))

@@ -22,9 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Booleans, Floats
 from poseppl.diagnostics.batches import log_ratio
 
 QUANTITIES = ("ess_per_second", "ess_per_evaluation", "error")
@@ -48,7 +47,7 @@ class PairedComparison(NamedTuple):
         high: (run,) upper end.
     """
 
-    not_worse: NDArray[np.bool_]
+    not_worse: Booleans
     ratio: Floats
     low: Floats
     high: Floats
@@ -84,12 +83,12 @@ def compare_losses(losses: Floats, noise: float = 0.0) -> PairedComparison:
     return outcome
 
 
-def is_miscalibrated(coverage: Floats, standard_error: Floats) -> NDArray[np.bool_]:
+def is_miscalibrated(coverage: Floats, standard_error: Floats) -> Booleans:
     """Whether 90 % intervals cover too little of the truth, (run,) each; False where the truth is not known."""
     return np.asarray(coverage + 2 * standard_error < LEAST_COVERAGE)
 
 
-def compare_quantities(figures: xr.Dataset, miscalibrated: NDArray[np.bool_]) -> tuple[xr.Dataset, xr.Dataset]:
+def compare_quantities(figures: xr.Dataset, miscalibrated: Booleans) -> tuple[xr.Dataset, xr.Dataset]:
     """Compare the runs by every quantity.
 
     Args:

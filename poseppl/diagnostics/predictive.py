@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, ratio_interval
 from poseppl.runs.predictive import Prediction
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import mean_interval
 
 

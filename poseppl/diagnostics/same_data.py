@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from poseppl.arrays import Integers
 from poseppl.diagnostics.verdicts import frame_ranges
 from poseppl.runs.contents import arrays_of, frame_numbers, group_of, names_of
 
@@ -32,7 +33,7 @@ class Data(NamedTuple):
         cameras: Names and calibration of the cameras, by name; empty where there are none.
     """
 
-    frames: NDArray[np.int64]
+    frames: Integers
     dofs: tuple[str, ...]
     observed: dict[str, NDArray[Any]]
     truth: dict[str, NDArray[Any]]
@@ -106,7 +107,7 @@ def _different_dofs(first: tuple[str, ...], second: tuple[str, ...]) -> str:
     return f"coordinate {second[place]!r}, but {first[place]!r}"
 
 
-def _different_values(label: str, first: NDArray[Any], second: NDArray[Any], frames: NDArray[np.int64]) -> str | None:
+def _different_values(label: str, first: NDArray[Any], second: NDArray[Any], frames: Integers) -> str | None:
     if first.shape != second.shape:
         return f"{label} of shape {second.shape}, but {first.shape}"
     if first.dtype.kind not in "fiub" or second.dtype.kind not in "fiub":

@@ -8,13 +8,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from poseppl.arrays import Integers
 from poseppl.runs.contents import frame_numbers, variable
 from poseppl.runs.results import is_weighted
 
 Array = NDArray[Any]
 
 
-def evenly(count: int, most: int) -> NDArray[np.int64]:
+def evenly(count: int, most: int) -> Integers:
     """Choose at most ``most`` of ``count`` indices, evenly spaced, with the first and the last.
 
     Args:
@@ -60,13 +61,13 @@ def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:
     return np.asarray(pooled[evenly(len(pooled), most)])
 
 
-def edges(tree: xr.DataTree) -> NDArray[np.int64]:
+def edges(tree: xr.DataTree) -> Integers:
     """Pairs of markers between which the skeleton is drawn, (edge, 2); none if the result names none."""
     found = variable(tree, "body", "edges")
     return np.zeros((0, 2), np.int64) if found is None else found.astype(np.int64)
 
 
-def segments(points: Array, pairs: NDArray[np.int64]) -> Array:
+def segments(points: Array, pairs: Integers) -> Array:
     """Lay a skeleton out as one broken line.
 
     Args:

@@ -7,9 +7,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Floats, Integers
 
 
 def effective_number(log_weights: ArrayLike) -> Floats:
@@ -30,7 +30,7 @@ def effective_number(log_weights: ArrayLike) -> Floats:
     return np.asarray(np.where(valid, np.square(total) / np.where(valid, squares, 1.0), np.nan))
 
 
-def unique_ancestors(ancestors: ArrayLike) -> NDArray[np.int64]:
+def unique_ancestors(ancestors: ArrayLike) -> Integers:
     """Number of particles of the previous frame that have a descendant in this one.
 
     Args:
@@ -43,7 +43,7 @@ def unique_ancestors(ancestors: ArrayLike) -> NDArray[np.int64]:
     return np.asarray(1 + (np.diff(ordered, axis=-1) != 0).sum(axis=-1), dtype=np.int64)
 
 
-def survival(ancestors: ArrayLike) -> NDArray[np.int64]:
+def survival(ancestors: ArrayLike) -> Integers:
     """Number of particles of each frame that have a descendant in the last one.
 
     Args:

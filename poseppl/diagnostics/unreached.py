@@ -22,9 +22,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poseppl.diagnostics.autocorrelation import Floats
+from poseppl.arrays import Booleans, Floats
 from poseppl.diagnostics.batches import Interval, ratio_interval
 from poseppl.runs.predictive import Prediction
 
@@ -42,7 +42,7 @@ class UnreachedFigures(NamedTuple):
         explained: Share that the data can tell.
     """
 
-    coordinates: NDArray[np.bool_]
+    coordinates: Booleans
     inflation: Interval
     lost: float
     explained: float

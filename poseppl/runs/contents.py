@@ -13,6 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from poseppl.arrays import Integers
+
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
     """A group of a result, empty where it has none of this name."""
@@ -36,6 +38,6 @@ def names_of(tree: xr.DataTree, dim: str, group: str = "posterior") -> list[str]
     return [str(name) for name in data[dim].values] if dim in data.coords else []
 
 
-def frame_numbers(tree: xr.DataTree) -> NDArray[np.int64]:
+def frame_numbers(tree: xr.DataTree) -> Integers:
     """Frame numbers of a result, (frame,)."""
     return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Booleans
 from poseppl.errors import PosepplError
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
@@ -106,7 +106,7 @@ def run_smoother(
     return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
 
 
-def mask_failed(observations: Observation, failed: jax.Array | NDArray[np.bool_]) -> Observation:
+def mask_failed(observations: Observation, failed: jax.Array | Booleans) -> Observation:
     """Hide the data of failed frames; `failed` is (T,)."""
 
     def hide(mask: jax.Array) -> jax.Array:

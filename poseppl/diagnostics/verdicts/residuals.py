@@ -20,13 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of
 from poseppl.runs.contents import names_of
-
-Floats = NDArray[np.float64]
 
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""

@@ -16,11 +16,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, where
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
-
-Floats = NDArray[np.float64]
 
 STEPS_HIGH, STEPS_ERROR = 2.0, 3.0
 """Scales of a group of coordinates above which its verdict is a warning, an error."""

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from poseppl.arrays import Floats, Integers
 from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
 
@@ -52,20 +53,20 @@ def frame_ranges(frames: Iterable[int], limit: int = MAX_RANGES) -> str:
 
 def where(tree: xr.DataTree, mask: ArrayLike) -> str:
     """Name the frames of a mask (frame,)."""
-    frames: NDArray[np.int64] = tree["posterior"].dataset["frame"].values
+    frames: Integers = tree["posterior"].dataset["frame"].values
     chosen = np.asarray(mask, bool)
     if chosen.all() and len(chosen) > 1:
         return "every frame"
     return frame_ranges(frames[chosen].tolist())
 
 
-def array_of(tree: xr.DataTree, group: str, name: str) -> NDArray[np.float64] | None:
+def array_of(tree: xr.DataTree, group: str, name: str) -> Floats | None:
     """A variable of a group; None where the result has none of this name."""
     values = variable(tree, group, name)
     return None if values is None else np.asarray(values, np.float64)
 
 
-def statistic(tree: xr.DataTree, name: str) -> NDArray[np.float64] | None:
+def statistic(tree: xr.DataTree, name: str) -> Floats | None:
     """One of the sample statistics (frame,); None where the result has none of this name."""
     return array_of(tree, "sample_stats", name)
 

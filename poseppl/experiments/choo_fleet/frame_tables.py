@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES
 from poseppl.experiments.choo_fleet.timing import FrameTiming
 from poseppl.experiments.choo_fleet.variances import (
-    Floats,
     FrameErrors,
     Results,
     frame_errors,

@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.clock import timed
-from poseppl.experiments.choo_fleet.systems import Floats, Recording, Stage, noisy_points, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import Recording, Stage, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem

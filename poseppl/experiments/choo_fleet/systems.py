@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath
 from poseppl.files.bounded_reading import check_file
 from poseppl.kernels import HMCSettings
@@ -36,7 +36,6 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 from poseppl.runs.frame_sequence import frame_inputs
 
-Floats = NDArray[np.float64]
 UPDATES = (8, 16, 32, 64, 128, 256, 512)
 """R of all rows of Table 1."""
 NUM_WARMUP = 6

@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, score_runs
-from poseppl.experiments.choo_fleet.systems import Floats, Recording, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import Recording, pose_sequence, stage_of
 from poseppl.filters import assumed_density_filter
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem

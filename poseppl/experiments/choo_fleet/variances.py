@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns
 
-Floats = NDArray[np.float64]
 Results = Mapping[str, Mapping[str, Any]]
 _RESAMPLES = 400
 _LEAST = 1e-12

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
@@ -81,7 +81,7 @@ class Body(NamedTuple):
         leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
         return _compiled(self.program, tree, tuple(leaves), tuple(sorted(params.items())))
 
-    def places(self, states: Any) -> NDArray[np.float64]:
+    def places(self, states: Any) -> Floats:
         """Positions (T, K, 3) of the markers in states (T, d), mm."""
         of_state: Any = jax.vmap(lambda state: marker_positions(self.tree, state))
         return np.asarray(of_state(jnp.asarray(states)), np.float64)

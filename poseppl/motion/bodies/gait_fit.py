@@ -16,12 +16,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
+from poseppl.arrays import Floats
 from poseppl.checks import check_at_least
-
-Floats = NDArray[np.float64]
 
 ARM = 300.0
 """Lever (mm) at which errors of angles are weighed against those of positions."""

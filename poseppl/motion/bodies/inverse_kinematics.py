@@ -27,9 +27,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from poseppl.arrays import Booleans, Floats
 from poseppl.motion.geometry import KinematicTree, marker_positions
 
 ANGLE_PULL = 5.0
@@ -46,8 +47,6 @@ _MARGIN = 5.0
 """Cost (mm^2) by which a frame sought from rest must be better; a thigh's mirror twin costs 20 mm^2."""
 NUM_HEADINGS = 8
 """Headings from which the first frame is sought."""
-
-Floats = NDArray[np.float64]
 
 
 def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None = None) -> tuple[Floats, Floats]:
@@ -186,7 +185,7 @@ def _nearest_twin(tree: KinematicTree, state: Floats, other: Floats) -> Floats:
     return near
 
 
-def _of_root(tree: KinematicTree) -> NDArray[np.bool_]:
+def _of_root(tree: KinematicTree) -> Booleans:
     return np.array([joint == tree.coordinates[0][0] for joint, _ in tree.coordinates])
 
 

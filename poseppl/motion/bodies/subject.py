@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.bodies.inverse_kinematics import fit_states
@@ -31,14 +32,14 @@ class MovingSubject(NamedTuple):
     """
 
     body: Body
-    states: NDArray[np.float64]
-    markers: NDArray[np.float64]
+    states: Floats
+    markers: Floats
     residual: float | None
-    frames: NDArray[np.int64]
+    frames: Integers
     rate: float
     source: str
 
-    def complete_markers(self) -> NDArray[np.float64]:
+    def complete_markers(self) -> Floats:
         """The markers, those of the states where their own places are unknown."""
         return np.where(np.isfinite(self.markers), self.markers, self.body.places(self.states))
 
@@ -48,7 +49,7 @@ def match_markers(
     names: tuple[str, ...],
     aliases: Mapping[str, tuple[str, ...]],
     given: Mapping[str, tuple[str, ...]] | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Find a body's markers among the points of a recording.
 
     Args:
@@ -102,8 +103,8 @@ def _first_alias(aliases: tuple[str, ...], names: tuple[str, ...], taken: set[st
     return []
 
 
-def _mean_point(motion: Motion, names: list[str]) -> NDArray[np.float64]:
-    mean: NDArray[np.float64] = np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
+def _mean_point(motion: Motion, names: list[str]) -> Floats:
+    mean: Floats = np.mean([motion.positions[:, motion.index(name)] for name in names], axis=0)
     return mean
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.asf import Bone, Skeleton
@@ -19,7 +19,6 @@ from poseppl.motion.io.motion import Motion, to_z_up
 from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 
 CMU_RATE = 120.0
-_Floats = NDArray[np.float64]
 
 
 def read_amc(path: FilePath, skeleton: Skeleton, *, rate: float = CMU_RATE) -> Motion:
@@ -42,7 +41,7 @@ def read_amc(path: FilePath, skeleton: Skeleton, *, rate: float = CMU_RATE) -> M
     return to_z_up(Motion(names, positions, parents, rate, "y", str(path)))
 
 
-def place_skeleton(skeleton: Skeleton, channels: dict[str, _Floats]) -> _Floats:
+def place_skeleton(skeleton: Skeleton, channels: dict[str, Floats]) -> Floats:
     """Forward kinematics of an Acclaim skeleton.
 
     Args:
@@ -73,7 +72,7 @@ def place_skeleton(skeleton: Skeleton, channels: dict[str, _Floats]) -> _Floats:
     return positions
 
 
-def euler_rotation(angles: _Floats, order: str) -> Rotation:
+def euler_rotation(angles: Floats, order: str) -> Rotation:
     """Rotation of Euler angles about fixed axes.
 
     Args:
@@ -83,7 +82,7 @@ def euler_rotation(angles: _Floats, order: str) -> Rotation:
     return Rotation.from_euler(order.lower(), angles[..., ["XYZ".index(letter) for letter in order]])
 
 
-def _read_channels(path: FilePath, skeleton: Skeleton) -> dict[str, _Floats]:
+def _read_channels(path: FilePath, skeleton: Skeleton) -> dict[str, Floats]:
     bones = {bone.name: bone for bone in skeleton.bones}
     moving = [bone.name for bone in skeleton.bones if bone.dof]
     rows = {name: array("d") for name in moving}

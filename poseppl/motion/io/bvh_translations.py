@@ -12,13 +12,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.motion.io.motion import joint_positions
-
-Floats = NDArray[np.float64]
 
 
 class Split(NamedTuple):

@@ -16,8 +16,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.motion.io import c3d_worker
 from poseppl.motion.io.c3d_layout import check_layout
@@ -66,7 +66,7 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
     return to_z_up(Motion(names, markers, (), layout.rate, up or _up(at, texts), str(path)))
 
 
-def _run_worker(path: FilePath, turned: bytes | None) -> tuple[NDArray[np.float64], _Texts]:
+def _run_worker(path: FilePath, turned: bytes | None) -> tuple[Floats, _Texts]:
     at = Location(path)
     if importlib.util.find_spec("ezc3d") is None:
         raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
@@ -130,7 +130,7 @@ def _up(at: Location, texts: _Texts) -> str:
     return screen[1]
 
 
-def _clean(at: Location, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _clean(at: Location, positions: Floats) -> Floats:
     if np.any(np.abs(positions[np.isfinite(positions)]) > LARGEST) or np.any(np.isinf(positions)):
         raise at.in_field("data").error("a position is infinite or beyond 1e9 mm")
     # A marker is seen or not: one missing coordinate takes the others with it.

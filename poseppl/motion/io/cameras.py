@@ -24,9 +24,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_toml
@@ -34,7 +34,6 @@ from poseppl.motion.io.text_parsing import LARGEST, LONGEST
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_CAMERAS = 1000
-_Floats = NDArray[np.float64]
 
 
 class CameraRecord(NamedTuple):
@@ -50,10 +49,10 @@ class CameraRecord(NamedTuple):
     """
 
     name: str
-    matrix: _Floats
-    distortion: _Floats
-    rotation: _Floats
-    translation: _Floats
+    matrix: Floats
+    distortion: Floats
+    rotation: Floats
+    translation: Floats
     size: tuple[int, int]
 
 
@@ -161,7 +160,7 @@ def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -
     )
 
 
-def _numbers(at: Location, value: object, rank: int) -> _Floats:
+def _numbers(at: Location, value: object, rank: int) -> Floats:
     if value is None:
         raise at.error("the field is missing")
     depth, inner = 0, value
@@ -184,7 +183,7 @@ def _numbers(at: Location, value: object, rank: int) -> _Floats:
     return array
 
 
-def _intrinsics(at: Location, value: object) -> _Floats:
+def _intrinsics(at: Location, value: object) -> Floats:
     matrix = _numbers(at, value, 2)
     expected = "[[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with fx, fy > 0"
     if matrix.shape != (3, 3) or not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]):
@@ -194,7 +193,7 @@ def _intrinsics(at: Location, value: object) -> _Floats:
     return matrix
 
 
-def _rotation(at: Location, value: object) -> _Floats:
+def _rotation(at: Location, value: object) -> Floats:
     matrix = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
     if matrix and value != [value[0]] * 3:  # type: ignore[index]
         rotation = _numbers(at, value, 2)

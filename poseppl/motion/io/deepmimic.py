@@ -12,9 +12,9 @@ import json
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.motion import Motion, joint_positions, to_z_up
@@ -29,7 +29,7 @@ class _Joint(NamedTuple):
 
     name: str
     parent: int
-    offset: NDArray[np.float64]
+    offset: Floats
     width: int
 
 
@@ -59,7 +59,7 @@ def read_deepmimic(path: FilePath, character: FilePath) -> Motion:
     return to_z_up(Motion(names, places * _MM, parents, round(rate, 2), "y", str(path)))
 
 
-def _rotation(at: Location, joint: _Joint, values: NDArray[np.float64]) -> Rotation:
+def _rotation(at: Location, joint: _Joint, values: Floats) -> Rotation:
     if joint.width == 0:
         return Rotation.identity(len(values))
     if joint.width == 1:
@@ -94,7 +94,7 @@ def _joint(at: Location, index: int, row: Any) -> _Joint:
     return _Joint(name, parent, offset, _WIDTHS[kind])
 
 
-def _read_rows(path: FilePath, width: int) -> NDArray[np.float64]:
+def _read_rows(path: FilePath, width: int) -> Floats:
     listed, at = _read_json(path).get("Frames"), Location(path, field="Frames")
     if not isinstance(listed, list) or not listed:
         raise at.error("no frames", "a DeepMimic motion file")

@@ -14,9 +14,9 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.motion import Motion, joint_positions, to_z_up
@@ -37,7 +37,6 @@ CMU_JOINTS = (
     *(f"Right{part}" for part in _ARM),
 )
 """Names of the joints of CMU's skeleton where it has 38 of them."""
-Floats = NDArray[np.float64]
 
 
 def read_exponential_maps(path: FilePath, skeleton: FilePath, *, rate: float = RATE) -> Motion:

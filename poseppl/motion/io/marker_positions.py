@@ -15,8 +15,8 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.bounded_reading import read_text
@@ -25,7 +25,7 @@ from poseppl.motion.io.text_parsing import parse_number
 COLUMNS = ("frame", "marker", "x", "y", "z")
 
 
-def write_places(path: FilePath, frames: NDArray[np.int64], names: Sequence[str], places: NDArray[np.float64]) -> None:
+def write_places(path: FilePath, frames: Integers, names: Sequence[str], places: Floats) -> None:
     """Write places, atomically; reading gives the same values back.
 
     Args:
@@ -42,7 +42,7 @@ def write_places(path: FilePath, frames: NDArray[np.int64], names: Sequence[str]
     write_rows(path, [COLUMNS, *([int(frames[t]), names[k], *places[t, k].tolist()] for t, k in seen)])
 
 
-def read_places(path: FilePath, names: Sequence[str]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]:
     """Read the places of some markers; others in the file are passed over.
 
     Args:

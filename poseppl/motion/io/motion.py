@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.text_parsing import some
@@ -31,7 +31,7 @@ class Motion:
     """
 
     names: tuple[str, ...]
-    positions: NDArray[np.float64]
+    positions: Floats
     parents: tuple[int, ...]
     rate: float
     up: str
@@ -68,10 +68,10 @@ def to_z_up(motion: Motion) -> Motion:
 
 def joint_positions(
     parents: Sequence[int],
-    offsets: Sequence[NDArray[np.float64]] | NDArray[np.float64],
+    offsets: Sequence[Floats] | Floats,
     rotations: Sequence[Rotation],
-    root: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    root: Floats,
+) -> Floats:
     """Forward kinematics: p_child = p_parent + R_parent t_child, R_child = R_parent Q_child.
 
     Args:

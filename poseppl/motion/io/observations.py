@@ -20,8 +20,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.bounded_reading import read_text
@@ -44,9 +44,9 @@ class Observations(NamedTuple):
         cameras: C names.
     """
 
-    points: NDArray[np.float64]
-    confidence: NDArray[np.float64] | None
-    frames: NDArray[np.int64]
+    points: Floats
+    confidence: Floats | None
+    frames: Integers
     markers: tuple[str, ...]
     cameras: tuple[str, ...]
 
@@ -177,7 +177,7 @@ def _known(at: Location, field: str, name: str, names: Sequence[str]) -> int:
     raise at.error(f"unknown {field} {name[:60]!r}", f"one of {some(names, 20)}{hint}")
 
 
-def _frame_range(at: Location, numbers: NDArray[np.int64], lines: NDArray[np.int64], values: int) -> tuple[int, int]:
+def _frame_range(at: Location, numbers: Integers, lines: Integers, values: int) -> tuple[int, int]:
     order = np.argsort(numbers, kind="stable")
     gaps = np.diff(numbers[order])
     if gaps.size and gaps.max() > MAX_GAP:

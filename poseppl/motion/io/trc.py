@@ -14,8 +14,8 @@ header: names, rate and unit. Empty fields are markers that were not seen. Y is 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.motion import Motion, to_z_up
@@ -80,7 +80,7 @@ def _names(at: Location, row: list[str]) -> list[str]:
     return names
 
 
-def _places(at: Location, lines: list[str], separator: str, count: int) -> NDArray[np.float64]:
+def _places(at: Location, lines: list[str], separator: str, count: int) -> Floats:
     """(T, K, 3) in the file's unit."""
     rows: list[list[float]] = []
     for number, line in enumerate(lines[5:], start=6):

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from poseppl.motion.rendering.points import Floats, figure_scale, rightwards, unit
+from poseppl.arrays import Floats
+from poseppl.motion.rendering.points import figure_scale, rightwards, unit
 
 FIGURE_GROUP = 1
 """MuJoCo's geometry group of the figure."""
@@ -160,7 +160,7 @@ class Figure(NamedTuple):
 
     points: Mapping[str, Floats]
     scale: float
-    thickness: NDArray[np.float64]
+    thickness: Floats
 
 
 def dress_figure(points: Mapping[str, Floats], seed: int = 0) -> Figure:

@@ -9,11 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.motion.rendering.room import CORNERS, Room
-
-Floats = NDArray[np.float64]
 
 FURNITURE_GROUP = 2
 """MuJoCo's geometry group of the furniture."""

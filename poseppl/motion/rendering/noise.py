@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 
 Pixels = NDArray[np.uint8]
@@ -39,9 +40,9 @@ def check_noise(noise: SensorNoise) -> None:
             raise InputError(f"{name} {value:g}", field="--noise", expected="a fraction of white from 0 to 0.5, such as 0.012")
 
 
-def camera_gain(noise: SensorNoise, seed: int, camera: int) -> NDArray[np.float64]:
+def camera_gain(noise: SensorNoise, seed: int, camera: int) -> Floats:
     """Gains (3,) of a camera's red, green and blue."""
-    gains: NDArray[np.float64] = 1 + noise.gain * np.random.default_rng([seed, 5, camera]).standard_normal(3)
+    gains: Floats = 1 + noise.gain * np.random.default_rng([seed, 5, camera]).standard_normal(3)
     return gains
 
 

@@ -10,12 +10,10 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.io.motion import Motion
-
-Floats = NDArray[np.float64]
 
 JOINTS = (
     "pelvis",

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.motion.rendering.figure import FIGURE_GROUP, SEGMENTS, figure_pose
 from poseppl.motion.rendering.furniture import FURNITURE_GROUP
 from poseppl.motion.rendering.packages import load_mujoco, no_opengl
-from poseppl.motion.rendering.points import Floats
 from poseppl.motion.rendering.setting import BEAD_GROUP, Setting, setting_model
 
 Mask = NDArray[np.bool_]
@@ -46,7 +46,7 @@ class Stage:
         except Exception as error:  # each OpenGL loader fails in a way of its own
             raise no_opengl(error) from error
         self._geom = int(self._mujoco.mjtObj.mjOBJ_GEOM)
-        self._group: NDArray[np.int64] = np.array(self._model.geom_group, np.int64)
+        self._group: Integers = np.array(self._model.geom_group, np.int64)
         self._pose_beads(np.zeros((beads, 3)))
         self.pose(0)
 
@@ -84,7 +84,7 @@ class Stage:
         """Pixels (H, W) that show furniture in the empty room: nobody behind it is seen there."""
         return self._mask(camera, FURNITURE_GROUP, figure=False, furniture=True)
 
-    def beads(self, camera: int, places: Sequence[Sequence[float]] | Floats) -> NDArray[np.int64]:
+    def beads(self, camera: int, places: Sequence[Sequence[float]] | Floats) -> Integers:
         """Show balls at places (B, 3) in mm, alone: for each pixel (H, W) the number of the ball, -1 for none."""
         self._pose_beads(np.asarray(places, np.float64))
         geoms = self._segments(camera, self._option(BEAD_GROUP))
@@ -101,7 +101,7 @@ class Stage:
         mask: Mask = (geoms >= 0) & (self._group[geoms] == group)
         return mask
 
-    def _segments(self, camera: int, option: Any) -> NDArray[np.int64]:
+    def _segments(self, camera: int, option: Any) -> Integers:
         self._renderer.enable_segmentation_rendering()
         self._renderer.update_scene(self._data, self._setting.cameras[camera].name, option)
         found = self._renderer.render()

@@ -12,12 +12,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.io.cameras import CameraRecord
-
-Floats = NDArray[np.float64]
 
 LONG, SHORT, CEILING = 7000.0, 6000.0, 2750.0
 MARGIN = 1200.0

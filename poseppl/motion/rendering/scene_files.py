@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
 from poseppl.motion.io.cameras import quoted, write_cameras
@@ -32,7 +33,6 @@ from poseppl.motion.io.masks import pack_mask, write_masks
 from poseppl.motion.io.opencv import write_image
 from poseppl.motion.io.video_writing import VideoWriter, video_writer
 from poseppl.motion.rendering.noise import SensorNoise, check_noise, expose, expose_long
-from poseppl.motion.rendering.points import Floats
 from poseppl.motion.rendering.render import Stage
 from poseppl.motion.rendering.setting import Setting
 
@@ -50,7 +50,7 @@ class Truth(NamedTuple):
         source: Where the motion comes from.
     """
 
-    frames: NDArray[np.int64]
+    frames: Integers
     rate: float
     names: Sequence[str]
     places: Floats

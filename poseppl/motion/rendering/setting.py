@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.io.cameras import CameraRecord
 from poseppl.motion.rendering.figure import Figure, dress_figure, figure_xml
 from poseppl.motion.rendering.furniture import Piece, furniture_xml, place_furniture
-from poseppl.motion.rendering.points import NO_TOES, Floats, figure_points, floor_height
+from poseppl.motion.rendering.points import NO_TOES, figure_points, floor_height
 from poseppl.motion.rendering.room import Room, camera_xml, corner_cameras, room_around, room_xml
 from poseppl.motion.rendering.textures import PLAIN, clothes_textures, room_textures
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at
@@ -20,7 +20,7 @@ _WALKS = 300.0
 
 
 def place_cameras(
-    path: NDArray[np.float64],
+    path: Floats,
     heading: float,
     *,
     distance: float = 5000.0,
@@ -119,7 +119,7 @@ def camera_names(count: int) -> tuple[str, ...]:
 
 
 def check_in_front(
-    cameras: Cameras, names: Sequence[str], markers: NDArray[np.float64], marker_names: Sequence[str], frames: Sequence[int]
+    cameras: Cameras, names: Sequence[str], markers: Floats, marker_names: Sequence[str], frames: Sequence[int]
 ) -> None:
     """Check that every camera has every marker in front of it.
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.tracking.start import seek_start
 from poseppl.program import CompiledModel, Observation
@@ -16,8 +16,6 @@ from poseppl.runs.run import Constant
 
 if TYPE_CHECKING:
     from poseppl.motion.tracking.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 class PointData(NamedTuple):

@@ -18,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.tracking.point_data import Floats, PointData
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.start import start_scales

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
@@ -17,7 +18,7 @@ from poseppl.motion.io import CameraRecord, Observations, read_observations
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.placing import cameras_of_records, check_in_front
-from poseppl.motion.tracking.point_data import Floats, PointData
+from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.program import CompiledModel, Observation
 
@@ -87,7 +88,7 @@ class Scene(NamedTuple, Generic[Data]):
     cameras: Cameras
     camera_names: tuple[str, ...]
     data: Data
-    frames: NDArray[np.int64]
+    frames: Integers
     rate: float | None
     source: str
     states: Floats | None = None

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Booleans, Floats
 from poseppl.motion.bodies.body import Body, SilhouetteInputs
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -19,8 +20,6 @@ from poseppl.runs.run import Constant
 
 if TYPE_CHECKING:
     from poseppl.motion.tracking.scene import Scene
-
-Floats = NDArray[np.float64]
 
 
 class SilhouetteData(NamedTuple):
@@ -40,10 +39,10 @@ class SilhouetteData(NamedTuple):
     """
 
     contour: Floats
-    on_outline: NDArray[np.bool_]
+    on_outline: Booleans
     distance: NDArray[np.float32]
     scale: Floats
-    usable: NDArray[np.bool_]
+    usable: Booleans
     person: NDArray[np.int8]
     noise: float
     edges: NDArray[np.float32] | None = None

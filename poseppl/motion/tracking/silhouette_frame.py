@@ -8,12 +8,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Booleans, Floats
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.io.synchronised import VideoWarning
-from poseppl.motion.tracking.start import Floats
 from poseppl.motion.vision import EdgeSettings, check_mask, edge_distance, find_edges, silhouette_distance
 from poseppl.motion.vision.contours import contour_points
 
@@ -105,7 +105,7 @@ def silhouette_frame(
     return SilhouetteFrame(contour, on_outline if usable else 0 * on_outline, distance.astype(np.float32), usable, labels)
 
 
-def _reduced(mask: Mask, size: tuple[int, int]) -> NDArray[np.bool_]:
+def _reduced(mask: Mask, size: tuple[int, int]) -> Booleans:
     """A mask of zeros and ones at another size (width, height)."""
     return np.asarray(opencv().resize(mask * np.uint8(255), size, interpolation=opencv().INTER_AREA) > 127)
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from poseppl.motion.tracking.scene import Scene
     from poseppl.motion.tracking.silhouette_data import SilhouetteData
 
-Floats = NDArray[np.float64]
 _LONGER_SIDE = 160
 """Points of the grid along the longer side of a picture, at most."""
 _CHUNK = 8

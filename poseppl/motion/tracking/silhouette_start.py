@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking.start import NUM_HEADINGS, Floats, place_of_points, scales
+from poseppl.motion.tracking.start import NUM_HEADINGS, place_of_points, scales
 
 if TYPE_CHECKING:
     from poseppl.motion.tracking.scene import Scene

@@ -16,14 +16,13 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from poseppl.arrays import Booleans, Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, marker_positions, project
 
-Floats = NDArray[np.float64]
 NUM_HEADINGS = 8
 START_ANGLE = 0.3
 """Standard deviation (radians) of the angles of a start that was sought."""
@@ -105,7 +104,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     return np.asarray(best, np.float64)
 
 
-def _centre(body: Body, state: Floats, seen: NDArray[np.bool_]) -> Floats:
+def _centre(body: Body, state: Floats, seen: Booleans) -> Floats:
     """Mean place (3,) of the seen markers of a state."""
     places = np.asarray(marker_positions(body.tree, jnp.asarray(state)), np.float64)
     return np.asarray(places[seen].mean(0))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.motion.bodies.body import load_builder
@@ -18,7 +19,7 @@ from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.picture_sizes import resized
 from poseppl.motion.tracking.scene import Scene
-from poseppl.motion.tracking.silhouette_data import Floats, SilhouetteData
+from poseppl.motion.tracking.silhouette_data import SilhouetteData
 from poseppl.motion.tracking.silhouette_frame import OnFailure, SilhouetteSettings
 from poseppl.motion.tracking.silhouette_scene import check_names, scene_of_videos
 from poseppl.motion.tracking.silhouette_start import check_facing

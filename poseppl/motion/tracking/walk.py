@@ -14,12 +14,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from poseppl.arrays import Floats
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.start import scales
 
-Floats = NDArray[np.float64]
 ASSUMED_RATE = 30.0
 """Frames a second where nobody has said: the rate that the scales were published for."""
 SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5

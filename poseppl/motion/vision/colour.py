@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats, Integers
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.motion.io.opencv import Image, check_image, opencv
@@ -63,7 +64,7 @@ class ColourSettings(NamedTuple):
         return self.hues * self.saturations + self.grays
 
 
-def colour_bins(image: Image, settings: ColourSettings | None = None) -> NDArray[np.int64]:
+def colour_bins(image: Image, settings: ColourSettings | None = None) -> Integers:
     """Find the bin of each pixel, from which the histograms of many regions are counted.
 
     Args:
@@ -84,12 +85,12 @@ def colour_bins(image: Image, settings: ColourSettings | None = None) -> NDArray
     has_hue = (saturation >= 255 * chosen.min_saturation) & (value >= 255 * chosen.min_brightness)
     # OpenCV's hue of an 8-bit image is half the angle: 0 to 179.
     coloured = hue * chosen.hues // 180 * chosen.saturations + saturation * chosen.saturations // 256
-    without: NDArray[np.int64] = chosen.hues * chosen.saturations + value * chosen.grays // 256
+    without: Integers = chosen.hues * chosen.saturations + value * chosen.grays // 256
     return np.where(has_hue, coloured, without)
 
 
 def colour_histogram(
-    bins: NDArray[np.int64], settings: ColourSettings | None = None, weights: NDArray[np.generic] | None = None
+    bins: Integers, settings: ColourSettings | None = None, weights: NDArray[np.generic] | None = None
 ) -> Histogram:
     """Count the colours of a region.
 
@@ -118,7 +119,7 @@ def colour_histogram(
     return counts / total if total > 0 else counts
 
 
-def bhattacharyya_distance(first: Histogram, second: Histogram) -> NDArray[np.float64]:
+def bhattacharyya_distance(first: Histogram, second: Histogram) -> Floats:
     """Compare histograms: sqrt(1 - sum_b sqrt(p_b q_b)) (Comaniciu et al. 2003, equations 6 and 7).
 
     Args:
@@ -129,11 +130,11 @@ def bhattacharyya_distance(first: Histogram, second: Histogram) -> NDArray[np.fl
         (...) in [0, 1]: 0 for equal histograms, 1 for such as share no bin, and 1 where one is empty.
     """
     overlap = np.sqrt(first * second).sum(axis=-1)
-    distance: NDArray[np.float64] = np.sqrt(np.clip(1.0 - overlap, 0.0, 1.0))
+    distance: Floats = np.sqrt(np.clip(1.0 - overlap, 0.0, 1.0))
     return distance
 
 
-def weighted_distance(first: Histogram, second: Histogram, weights: NDArray[np.float64]) -> float:
+def weighted_distance(first: Histogram, second: Histogram, weights: Floats) -> float:
     """Compare the regions of a body, each with its weight: sqrt(1 - sum_r w_r rho_r), rho_r the overlap in region r.
 
     Args:

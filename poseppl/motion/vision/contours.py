@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.io.opencv import opencv
 from poseppl.motion.vision.masks import Mask
@@ -41,7 +42,7 @@ def outer_contour(mask: Mask) -> Contour:
     return np.asarray(largest, np.float64).reshape(-1, 2)
 
 
-def fourier_descriptors(contour: Contour, count: int = 20) -> NDArray[np.float64]:
+def fourier_descriptors(contour: Contour, count: int = 20) -> Floats:
     """Describe a contour.
 
     Args:
@@ -66,7 +67,7 @@ def fourier_descriptors(contour: Contour, count: int = 20) -> NDArray[np.float64
     coefficients = np.abs(np.fft.fft(even[:, 0] + 1j * even[:, 1]))
     numbers = np.arange(count)
     frequencies = np.where(numbers % 2 == 0, -(numbers // 2 + 1), numbers // 2 + 2)
-    descriptors: NDArray[np.float64] = coefficients[frequencies] / coefficients[1]
+    descriptors: Floats = coefficients[frequencies] / coefficients[1]
     return descriptors
 
 

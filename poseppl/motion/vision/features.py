@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poseppl.arrays import Floats
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.errors import InputError
 from poseppl.motion.io.opencv import Image, check_image, opencv, to_rgb
@@ -92,7 +92,7 @@ class FrameFeatures(NamedTuple):
     edge_distance: Map
     silhouette_distance: Map
     histogram: Histogram
-    descriptors: NDArray[np.float64]
+    descriptors: Floats
     flow: Flow
     flow_outliers: Mask
 

@@ -1,0 +1,10 @@
+"""Types of NumPy arrays, by what they hold; shapes stand in docstrings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
