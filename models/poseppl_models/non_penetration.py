@@ -34,6 +34,7 @@ SOFTNESS = 15.0
 DECAY = 2.0
 """p."""
 WEIGHT = 20.0
+_TINY = 1e-8
 _LATITUDES = np.array([-1.2, -0.55, 0.0, 0.55, 1.2])
 _LONGITUDES = np.arange(4) * np.pi / 2
 _CHAINS = (
@@ -45,32 +46,39 @@ _CHAINS = (
 """Parts that meet: each with the next."""
 
 Penalty = Callable[[jax.Array, KinematicTree, Superquadrics], jax.Array]
-"""A state (d,), the tree and the flesh to a cost (), at least 0, with a gradient by the state."""
+"""A state (d,), the tree and the flesh to a cost () or residuals, with a gradient by the state."""
 
 
-def non_penetration(
+def non_penetration(names: Sequence[str], **settings: float) -> Penalty:
+    """Write the cost f_pa; arguments as of :func:`non_penetration_residuals`."""
+    residuals = non_penetration_residuals(names, **settings)
+    return lambda state, tree, flesh: 0.5 * jnp.sum(residuals(state, tree, flesh) ** 2)
+
+
+def non_penetration_residuals(
     names: Sequence[str], *, softness: float = SOFTNESS, decay: float = DECAY, weight: float = WEIGHT
 ) -> Penalty:
-    """Write the cost f_pa.
+    """Write the cost as residuals (P,), one for what is inside of each part, whose squares add up to 2 f_pa.
 
     Args:
-        names: Of the parts; those that meet at a joint are told by them.
+        names: Of the P parts; those that meet at a joint are told by them.
         softness: Unit of the implicit surfaces, mm.
         decay: p, how fast the potential falls.
         weight: w.
     """
     pairs = apart(names)
+    walls = np.array([[float(wall == part) for wall, _ in pairs] for part in range(len(names))])
 
-    def cost(state: jax.Array, tree: KinematicTree, flesh: Superquadrics) -> jax.Array:
+    def residuals(state: jax.Array, tree: KinematicTree, flesh: Superquadrics) -> jax.Array:
         if not pairs:
-            return jnp.zeros((1, state.shape[-1]), state.dtype)
+            return jnp.zeros((len(names), state.shape[-1]), state.dtype)
         axes, centres = part_axes(flesh, frames_of(tree, state))
         nodes = place_in(axes, centres, local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)))
         found = penetration(flesh, axes, centres, nodes, pairs, softness=softness, decay=decay)
-        return weight * jnp.sum(found, 0)[None]
+        inside = jnp.tensordot(jnp.asarray(walls, found.dtype), found, 1, precision="highest")
+        return jnp.sqrt(2 * weight * inside + _TINY)
 
-    scored = batched_score(cost, chunk=CHUNK)
-    return lambda state, tree, flesh: scored(state, tree, flesh)[0]
+    return batched_score(residuals, chunk=CHUNK)
 
 
 def apart(names: Sequence[str]) -> tuple[tuple[int, int], ...]:

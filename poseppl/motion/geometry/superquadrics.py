@@ -212,7 +212,17 @@ def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Arra
         longitudes: W angles, shape (W,) or (W, N or 1).
     """
     eta = latitudes.reshape(1, latitudes.shape[0], 1, -1)
-    omega = longitudes.reshape(1, 1, longitudes.shape[0], -1)
+    return nodes_at(flesh, eta, longitudes.reshape(1, 1, longitudes.shape[0], -1))
+
+
+def nodes_at(flesh: Superquadrics, eta: jax.Array, omega: jax.Array) -> Nodes:
+    """Nodes in the parts' frames (P, R, W, 3, N or 1) at latitudes and longitudes that differ from part to part.
+
+    Args:
+        flesh: The parts, leaves (P, ..., N or 1).
+        eta: Latitudes, of a shape that broadcasts to (P, R, W, N).
+        omega: Longitudes, likewise.
+    """
     along, around = (flesh.exponents[:, i, None, None] for i in range(2))
     (level, height), (x, y) = _superellipse(eta, along), _superellipse(omega, around)
     a, b, c = (flesh.half_axes[:, i, None, None] for i in range(3))

@@ -16,6 +16,9 @@ from poseppl.motion.vision.colour import colour_histogram as colour_histogram
 from poseppl.motion.vision.colour import weighted_distance as weighted_distance
 from poseppl.motion.vision.contours import fourier_descriptors as fourier_descriptors
 from poseppl.motion.vision.contours import outer_contour as outer_contour
+from poseppl.motion.vision.edge_energy import EnergySettings as EnergySettings
+from poseppl.motion.vision.edge_energy import edge_energy as edge_energy
+from poseppl.motion.vision.edge_energy import motion_boundaries as motion_boundaries
 from poseppl.motion.vision.edges import EdgeSettings as EdgeSettings
 from poseppl.motion.vision.edges import benchmark_edge_map as benchmark_edge_map
 from poseppl.motion.vision.edges import edge_proximity as edge_proximity

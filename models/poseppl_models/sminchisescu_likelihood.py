@@ -1,0 +1,177 @@
+"""The image cost of :mod:`poseppl_models.sminchisescu_cost` as a distribution with gradient and Gauss-Newton curvature.
+
+A residual moves with its own part alone, what other parts hide held fixed, and a part as its link does: six derivatives, by
+shifts and turns of all parts at once, give all d columns of the Jacobian (:func:`derivatives_of_wrenches`).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.batch_last import batch_last
+from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
+from poseppl.motion.geometry.superquadrics import Superquadrics, part_axes
+from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen, residuals_of
+
+_CHUNK = 16
+
+
+def _residuals_last(
+    state: jax.Array,
+    tree: KinematicTree,
+    flesh: Superquadrics,
+    cameras: Cameras,
+    seen: ImageSeen,
+    noise: CostNoise,
+    *,
+    settings: CostSettings,
+) -> jax.Array:
+    """Residuals (C, entries, N) of states (d, N)."""
+    own = part_axes(flesh, frames_of(tree, state))
+    found = residuals_of(settings, (tree, flesh, cameras, seen, noise), own)
+    return found.reshape(len(found), -1, found.shape[-1])
+
+
+def _jacobian_last(
+    state: jax.Array,
+    tree: KinematicTree,
+    flesh: Superquadrics,
+    cameras: Cameras,
+    seen: ImageSeen,
+    noise: CostNoise,
+    *,
+    settings: CostSettings,
+) -> jax.Array:
+    """Derivatives (C, entries, d, N): a residual moves with its own part, as that part's link does."""
+    frames = frames_of(tree, state)
+    axes, centres = part_axes(flesh, frames)
+    count = state.shape[-1]
+
+    def residuals(axes: jax.Array, centres: jax.Array) -> jax.Array:
+        others = jax.lax.stop_gradient((axes, centres))
+        found = residuals_of(settings, (tree, flesh, cameras, seen, noise), (axes, centres), others)
+        return jnp.broadcast_to(found, (*found.shape[:-1], count))
+
+    unit = jnp.eye(3, dtype=state.dtype)
+    shifts = [(jnp.zeros_like(axes), jnp.broadcast_to(row[:, None], centres.shape)) for row in unit]
+    turns = [(_cross(row[:, None, None], axes), _cross(row[:, None], centres)) for row in unit]
+    tangents = jax.tree.map(lambda *rows: jnp.stack(rows), *shifts, *turns)
+    slopes = jax.vmap(lambda way: jax.jvp(residuals, (axes, centres), way)[1])(tangents)  # (6, C, P, entries, N)
+    force, moment = (jnp.moveaxis(part, 0, 3) for part in (slopes[:3], slopes[3:]))
+    link = jnp.broadcast_to(jnp.asarray(flesh.links)[:, None, None], force.shape[1:3] + force.shape[-1:])
+    moved = derivatives_of_wrenches(tree, frames, force, moment, jnp.broadcast_to(link, (len(force), *link.shape)))
+    return moved.reshape(len(moved), -1, *moved.shape[3:])
+
+
+def _cross(row: jax.Array, vectors: jax.Array) -> jax.Array:
+    """Cross product of one vector with vectors (P, 3, ...)."""
+    return jnp.cross(jnp.broadcast_to(row, vectors.shape), vectors, axis=1)
+
+
+class _Functions(NamedTuple):
+    """The batch-last functions of some settings, as functions of single states."""
+
+    residuals: Any
+    density: Any
+    value_and_gradient: Any
+    jacobian: Any
+
+
+@lru_cache(maxsize=8)
+def _functions(settings: CostSettings) -> _Functions:
+    residuals = partial(_residuals_last, settings=settings)
+
+    def density(state: jax.Array, fixed: Any) -> jax.Array:
+        *known, value, mask = fixed
+        offset = residuals(state, *known) - value
+        terms = -0.5 * offset**2 - 0.5 * np.log(2 * np.pi)
+        return jnp.sum(jnp.where(mask > 0, terms, 0.0), (0, 1))
+
+    def value_and_gradient(state: jax.Array, fixed: Any) -> tuple[jax.Array, jax.Array]:
+        value, pull = jax.vjp(partial(density, fixed=fixed), state)
+        return value, pull(jnp.ones_like(value))[0]
+
+    return _Functions(
+        batched_score(residuals, chunk=_CHUNK),
+        batch_last(density, chunk=_CHUNK),
+        batch_last(value_and_gradient, chunk=_CHUNK),
+        batch_last(partial(_jacobian_last, settings=settings), chunk=_CHUNK),
+    )
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _log_density(settings: CostSettings, state: jax.Array, fixed: Any) -> jax.Array:
+    density: jax.Array = _functions(settings).density(state, fixed)
+    return density
+
+
+def _forward(settings: CostSettings, state: jax.Array, fixed: Any) -> tuple[jax.Array, Any]:
+    density, gradient = _functions(settings).value_and_gradient(state, fixed)
+    return density, (gradient, fixed)
+
+
+def _backward(settings: CostSettings, kept: Any, cotangent: jax.Array) -> Any:
+    gradient, fixed = kept
+    return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
+
+
+_log_density.defvjp(_forward, _backward)
+
+
+class ContourAndFlow(dist.Normal):  # type: ignore[misc]
+    """The residuals of a pose in images; the value is 0, of batch shape (C, P * entries a part).
+
+    Only differentiated by the state.
+
+    Args:
+        tree: The body.
+        flesh: Its parts.
+        cameras: C cameras, px.
+        state: Shape (d,).
+        seen: What was seen.
+        noise: Standard deviations and weights.
+        settings: The cost's numbers.
+    """
+
+    is_predictive = False
+    """The images are among the arguments: a draw is of no image."""
+
+    def __init__(
+        self,
+        tree: KinematicTree,
+        flesh: Superquadrics,
+        cameras: Cameras,
+        state: jax.Array,
+        seen: ImageSeen,
+        noise: CostNoise,
+        settings: CostSettings,
+        *,
+        validate_args: Any = None,
+    ) -> None:
+        self.state, self.settings = state, settings
+        self.known = (tree, flesh, cameras, seen, noise)
+        super().__init__(_functions(settings).residuals(state, *self.known), 1.0, validate_args=validate_args)
+
+    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+        """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
+        weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
+        return _log_density(self.settings, self.state, (*self.known, value, weight))
+
+    @property
+    def fixed(self) -> tuple[Any, ...]:
+        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
+        return self.known
+
+    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+        """Derivative of the residuals by ``state`` (C * entries, d), what other parts hide held fixed; 0 where masked."""
+        rows: jax.Array = _functions(self.settings).jacobian(self.state, *self.known)
+        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
+        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])

@@ -1,0 +1,80 @@
+"""Contrast-normalised edge energy, and motion boundaries: image cues of Sminchisescu and Triggs (2001, section 3.1).
+
+"The images are smoothed with a Gaussian kernel, contrast normalized, and a Sobel edge detector is applied": gray levels are
+divided by their standard deviation in a window, so that an edge in the shade counts as much as one in the light. The paper
+gives no widths and no normalisation: here the smoothing has 1 px, the window 12 px, a floor of 4 gray levels keeps flat
+walls flat, and the magnitude m of the gradient becomes m^2 / (m^2 + m_0^2), from 0 to 1.
+
+A motion boundary is where the flow cannot be believed (:mod:`poseppl.motion.vision.flow`), smoothed likewise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.checks import check_at_least
+from poseppl.motion.io.opencv import Image, opencv
+from poseppl.motion.vision.edges import Map, gray
+from poseppl.motion.vision.masks import Mask
+
+
+class EnergySettings(NamedTuple):
+    """How edge energy is found.
+
+    Attributes:
+        smoothing: Standard deviation of the Gaussian before the gradient, px.
+        window: Standard deviation of the window in which contrast is measured, px.
+        floor: Standard deviation of gray levels below which a window counts as flat.
+        half: Gradient of half energy, windows' standard deviations a px.
+        boundary: Standard deviation of the Gaussian that smooths motion boundaries, px.
+    """
+
+    smoothing: float = 1.0
+    window: float = 12.0
+    floor: float = 4.0
+    half: float = 0.12
+    boundary: float = 3.0
+
+    def check(self) -> EnergySettings:
+        """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
+        check_at_least(0.3, smoothing=self.smoothing, window=self.window, boundary=self.boundary)
+        check_at_least(1e-3, floor=self.floor, half=self.half)
+        return self
+
+
+def edge_energy(image: Image, settings: EnergySettings | None = None) -> Map:
+    """Measure the edges of an image.
+
+    Args:
+        image: (H, W, 3) RGB or (H, W) gray.
+        settings: The settings.
+
+    Returns:
+        (H, W) in [0, 1).
+    """
+    cv2, chosen = opencv(), (settings or EnergySettings()).check()
+    smooth = cv2.GaussianBlur(gray(image).astype(np.float32), (0, 0), chosen.smoothing)
+    mean = cv2.GaussianBlur(smooth, (0, 0), chosen.window)
+    variance = cv2.GaussianBlur(np.square(smooth - mean), (0, 0), chosen.window)
+    normal = (smooth - mean) / np.sqrt(variance + np.float32(chosen.floor**2))
+    right, down = (cv2.Sobel(normal, cv2.CV_32F, *way, ksize=3, scale=0.125) for way in ((1, 0), (0, 1)))
+    squared = right * right + down * down
+    energy: Map = squared / (squared + np.float32(chosen.half**2))
+    return energy
+
+
+def motion_boundaries(outliers: Mask, settings: EnergySettings | None = None) -> Map:
+    """Smooth the outliers of a flow into motion boundaries.
+
+    Args:
+        outliers: (H, W) uint8, 1 where the flow cannot be believed.
+        settings: The settings.
+
+    Returns:
+        (H, W) in [0, 1].
+    """
+    cv2, chosen = opencv(), (settings or EnergySettings()).check()
+    boundaries: Map = cv2.GaussianBlur(outliers.astype(np.float32), (0, 0), chosen.boundary)
+    return boundaries
