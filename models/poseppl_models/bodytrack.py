@@ -15,7 +15,7 @@ as a density it stands for temperature 1 / beta, with `beta` among the params.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -29,7 +29,7 @@ from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of, parts_of
 from poseppl.motion.geometry.outline_samples import Room, Spacing, Sums, fixed_sums, spaced_sums
 from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
-from poseppl_models.random_walk import joint_sites, random_walk
+from poseppl_models.random_walk import walking_body
 
 Floats = np.ndarray[Any, Any]
 
@@ -256,11 +256,9 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
         rooms: Numbers of intervals of each part.
         every: Whether every sample of the benchmark is taken.
     """
-    spans = joint_sites(body.tree.coordinates)
 
-    def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
+    def observe(params: Any, pose: jax.Array, inputs: ImageInputs) -> None:
         score = benchmark_score(outline_sums(body.tree, body.flesh, pose, inputs, rooms, every=every))
         numpyro.factor("image", params["beta"] * score)
 
-    return StateSpaceModel(*random_walk(spans), observation)
+    return walking_body(body.tree.coordinates, observe)

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpyro
 
@@ -29,7 +29,7 @@ from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
 from poseppl_models.joint_names import ALIASES
-from poseppl_models.random_walk import joint_sites, random_walk
+from poseppl_models.random_walk import walking_body
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""
@@ -127,14 +127,11 @@ def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
 
 @lru_cache(maxsize=8)
 def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    spans = joint_sites(coordinates)
-
-    def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
+    def observe(params: Any, pose: jax.Array, inputs: BodyInputs) -> None:
         numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
-    return StateSpaceModel(*random_walk(spans), observation)
+    return walking_body(coordinates, observe)
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ...] | None = None) -> Body:

@@ -16,7 +16,7 @@ import numpy as np
 
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of
-from poseppl_models.anthropometry import TORSO_DEPTH
+from poseppl_models.anthropometry import TORSO_DEPTH, segment_lengths, segment_radii
 from poseppl_models.joint_limits import joint_limits
 
 Pairs = tuple[tuple[int, int], ...]
@@ -84,6 +84,21 @@ def trunk_cones(lengths: Mapping[str, float], radii: Mapping[str, tuple[float, f
         Cone("torso", "thorax", lengths["trunk"] + below, radii["torso"], (1.0, TORSO_DEPTH), origin=(0, 0, -below)),
         Cone("head", "neck", lengths["head"], radii["head"], (1.0, 1.2)),
     ]
+
+
+def proportional_body(
+    stature: float, known: Mapping[str, float] | None, axes: Mapping[str, str], limbs: Sequence[str]
+) -> ConeBody:
+    """Build the body of a person so tall (mm), its segments in proportion.
+
+    Args:
+        stature: Of the person.
+        known: Segment lengths (mm) that were measured.
+        axes: Axes of each joint, as :func:`cone_body` takes them.
+        limbs: Segments of the limbs that have a cone.
+    """
+    lengths, radii = segment_lengths(stature) | dict(known or {}), segment_radii(stature)
+    return cone_body(lengths, axes, [*trunk_cones(lengths, radii), *limb_cones(lengths, radii, limbs)])
 
 
 def _joints(size: Mapping[str, float], axes: Mapping[str, str]) -> list[Joint]:

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from poseppl_models.anthropometry import STATURE, segment_lengths, segment_radii
-from poseppl_models.cone_body import ConeBody, cone_body, limb_cones, trunk_cones
+from poseppl_models.anthropometry import STATURE
+from poseppl_models.cone_body import ConeBody, proportional_body
 
 AXES = {
     "pelvis": "ZYX",
@@ -31,6 +31,4 @@ AXES = {
 
 def darby_body(stature: float = STATURE, lengths: Mapping[str, float] | None = None) -> ConeBody:
     """Build the body of a person so tall (mm); segments whose lengths (mm) were measured take these."""
-    lengths, radii = segment_lengths(stature) | dict(lengths or {}), segment_radii(stature)
-    limbs = limb_cones(lengths, radii, ("upper_arm", "forearm", "thigh", "shank"))
-    return cone_body(lengths, AXES, [*trunk_cones(lengths, radii), *limbs])
+    return proportional_body(stature, lengths, AXES, ("upper_arm", "forearm", "thigh", "shank"))

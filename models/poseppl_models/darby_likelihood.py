@@ -47,7 +47,6 @@ from poseppl_models.two_way_evidence import TwoWayEvidence
 SIDE_SAMPLES = 8
 GRID = (8, 4)
 """Rows and columns of samples inside a part."""
-GAMMA = 5.0
 _LEAST_WEIGHT = 1e-6
 
 

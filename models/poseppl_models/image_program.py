@@ -19,7 +19,7 @@ from poseppl.motion.geometry.batched_score import batched_score
 from poseppl.motion.geometry.flesh import Flesh
 from poseppl.program import StateSpaceModel
 from poseppl_models.cone_body import ConeBody
-from poseppl_models.random_walk import joint_sites, random_walk
+from poseppl_models.random_walk import walking_body
 
 CameraScore = Callable[[jax.Array, KinematicTree, Flesh, Cameras, Any, Any], jax.Array]
 """Batch last: states (d, N), the body, cameras, evidence and params, leaves (..., N or 1), to log-likelihoods (C, N)."""
@@ -58,15 +58,13 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
         constraints: Further log-factors by name, such as joint limits.
     """
     likelihood = camera_likelihood(body, score)
-    spans = joint_sites(body.tree.coordinates)
 
-    def observation(params: Any, state: Mapping[str, Any], inputs: ImageInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
+    def observe(params: Any, pose: jax.Array, inputs: ImageInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
         for name, constraint in (constraints or {}).items():
             numpyro.factor(name, constraint(body, pose, params))
 
-    return StateSpaceModel(*random_walk(spans), observation)
+    return walking_body(body.tree.coordinates, observe)
 
 
 def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.Array, ImageInputs], jax.Array]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
+
+from poseppl.program import StateSpaceModel
 
 
 def joint_sites(coordinates: Sequence[tuple[str, str]]) -> dict[str, slice]:
@@ -34,3 +38,18 @@ def random_walk(spans: Mapping[str, slice]) -> tuple[Callable[..., None], Callab
             numpyro.sample(name, dist.Normal(state[name], inputs.step_scale[span]))
 
     return initial, transition
+
+
+def walking_body(coordinates: Sequence[tuple[str, str]], observe: Callable[[Any, jax.Array, Any], None]) -> StateSpaceModel:
+    """Write the programs of a body that walks at random and is observed in a pose.
+
+    Args:
+        coordinates: Joint and axis of each coordinate.
+        observe: ``(params, pose, inputs)``, what is observed of a pose (d,); inputs are those of :func:`random_walk`, too.
+    """
+    spans = joint_sites(coordinates)
+
+    def observation(params: Any, state: Mapping[str, Any], inputs: Any) -> None:
+        observe(params, jnp.concatenate([state[name] for name in spans]), inputs)
+
+    return StateSpaceModel(*random_walk(spans), observation)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpyro
 
 from poseppl.motion.bodies.body import Body, SilhouetteInputs
@@ -21,7 +21,7 @@ from poseppl.motion.likelihoods import Silhouettes
 from poseppl.program import StateSpaceModel
 from poseppl_models.choo_fleet import full_body as pointed_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
-from poseppl_models.random_walk import joint_sites
+from poseppl_models.random_walk import walking_body
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:
@@ -33,17 +33,13 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
     """
     body = pointed_body(lengths)
     flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths, girth=girth))
-    return body._replace(program=_seen_as_silhouettes(body.program, body.tree.coordinates), flesh=flesh)
+    return body._replace(program=_programs(body.tree.coordinates), flesh=flesh)
 
 
 @lru_cache(maxsize=8)
-def _seen_as_silhouettes(program: StateSpaceModel, coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    """The programs of a body, seen as silhouettes instead."""
-    names = tuple(joint_sites(coordinates))
-
-    def observation(params: Any, state: Mapping[str, Any], inputs: SilhouetteInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in names])
+def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
+    def observe(params: Any, pose: jax.Array, inputs: SilhouetteInputs) -> None:
         numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
-    return StateSpaceModel(program.initial, program.transition, observation)
+    return walking_body(coordinates, observe)

@@ -28,16 +28,3 @@ def rotation_about(axis: str, angle: jax.Array) -> jax.Array:
     rows = [[zero] * 3 for _ in range(3)]
     rows[i][i], rows[j][j], rows[k][k], rows[j][k], rows[k][j] = one, cosine, cosine, -sine, sine
     return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
-
-
-def rotation_zyx(angles: jax.Array) -> jax.Array:
-    """Compose R_Z R_Y R_X (Eq. 19).
-
-    Args:
-        angles: Shape (..., 3): about Z, Y and X, in radians.
-
-    Returns:
-        Matrices of shape (..., 3, 3) that map child to parent coordinates.
-    """
-    about_z, about_y, about_x = (rotation_about(axis, angles[..., i]) for i, axis in enumerate("ZYX"))
-    return about_z @ about_y @ about_x
