@@ -14,7 +14,7 @@ them, all determined by the key of the first replicate.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -46,22 +46,15 @@ def _with_number(shared: jax.Array, number: jax.Array) -> jax.Array:
 def _random_bits(data: jax.Array, bit_width: int, shape: Sequence[int]) -> jax.Array:
     dtype = jnp.dtype(f"uint{bit_width}")
 
-    @jax.custom_batching.custom_vmap
     def draw(data: jax.Array) -> jax.Array:
         return jax.random.bits(jax.random.fold_in(_shared(data), data[2]), tuple(shape), dtype)
 
-    @draw.def_vmap
-    def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:
-        return _bits_of_batch(data[0], dtype, (size, *shape)), True
-
-    bits: jax.Array = draw(data)
-    return bits
+    return _drawn(draw, data, dtype, tuple(shape))
 
 
 def _bits_of_batch(data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.Array:
     """Bits of all particles from the key of the first."""
 
-    @jax.custom_batching.custom_vmap
     def draw(data: jax.Array) -> jax.Array:
         if dtype != jnp.uint32:
             return jax.random.bits(_shared(data), shape, dtype)
@@ -70,11 +63,18 @@ def _bits_of_batch(data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.A
         bits: jax.Array = jax.extend.random.threefry_2x32(data[:2], numbers)
         return bits.reshape(shape)
 
-    @draw.def_vmap
+    return _drawn(draw, data, dtype, shape)
+
+
+def _drawn(draw: Callable[[jax.Array], jax.Array], data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.Array:
+    """What is drawn from one key; for a batch of keys, bits of the whole batch at once."""
+    batched = jax.custom_batching.custom_vmap(draw)
+
+    @batched.def_vmap
     def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:
         return _bits_of_batch(data[0], dtype, (size, *shape)), True
 
-    bits: jax.Array = draw(data)
+    bits: jax.Array = batched(data)
     return bits
 
 

@@ -186,7 +186,7 @@ class Calls:
             end = min(begin + self._length, stop)
             state, frames = _on_host(self._scan(*self._scan_data(state, begin, end)), end - begin)
             kept.append(frames)
-        return state, jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
+        return state, joined(kept)
 
     def _compiled(self, which: int, data: tuple[Any, ...]) -> Any:
         return self._programs[which].lower(*data).compile()
@@ -199,6 +199,12 @@ class Calls:
         rows, varying = self._sequence.rows(start, self._length)
         placed = self.filter.to_devices(state)
         return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
+
+
+def joined(parts: list[Kept]) -> Kept:
+    """What was kept of frames that follow each other."""
+    whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    return whole
 
 
 def _before(filter: Filter, sequence: FrameSequence) -> Any:

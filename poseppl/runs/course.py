@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseppl.errors import PosepplError
 from poseppl.files.store import Note
 from poseppl.filters.base import Info
-from poseppl.runs.compiled_scan import Calls, Kept
+from poseppl.runs.compiled_scan import Calls, Kept, joined
 from poseppl.runs.predictive import Prediction
 
 OnFailure = Literal["continue", "stop"]
@@ -152,7 +152,7 @@ class Course:
 
     def _run(self, kept: list[Kept], state: Any) -> Run:
         seconds = self._compiled - self._started, time.perf_counter() - self._compiled
-        whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *kept)
+        whole = joined(kept)
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         told = (*seconds, self.resumed, self._calls.filter.provenance)
         last = jax.tree.map(np.asarray, state)

@@ -82,14 +82,12 @@ class FrameSequence(NamedTuple):
 
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
-        observation, varying = rows_of((self.observations, self.varying), index)
-        return observation, varying
+        return rows_of((self.observations, self.varying), index)
 
     def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
         """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
         index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
-        observations, varying = rows_of((self.observations, self.varying), index)
-        return observations, varying
+        return rows_of((self.observations, self.varying), index)
 
 
 def frame_sequence(observations: Observation, inputs: Any, num_frames: int | None) -> FrameSequence:

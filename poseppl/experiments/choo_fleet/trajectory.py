@@ -78,9 +78,7 @@ def _compiled(
     def run(rng_key: jax.Array, problem: Problem) -> dict[str, Any]:
         key_filter, key_smooth = jax.random.split(rng_key)
         filtered = run_filter(tracker, key_filter, problem.observations, problem.inputs, collect=collect_history)
-        sequence = frame_sequence(problem.observations, problem.inputs, num_frames)
-        constant = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *jnp.shape(leaf))), sequence.constant)
-        inputs = sequence.layout.join([jnp.asarray(leaf) for leaf in sequence.varying], constant)
+        inputs = frame_sequence(problem.observations, problem.inputs, num_frames).stacked_inputs()
         history = History(*jax.tree.map(jnp.asarray, filtered.outputs))
         found = dict(compiled(key_smooth, history, problem.observations, inputs))
         return found | {
