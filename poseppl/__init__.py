@@ -35,45 +35,46 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from poseppl.diagnostics import compare as compare
-    from poseppl.diagnostics import comparison_table as comparison_table
-    from poseppl.diagnostics import diagnose as diagnose
-    from poseppl.diagnostics import verdicts as verdicts
-    from poseppl.errors import InputError as InputError
-    from poseppl.errors import PosepplError as PosepplError
-    from poseppl.filters import Filter as Filter
-    from poseppl.filters import Info as Info
-    from poseppl.filters import assumed_density_filter as assumed_density_filter
-    from poseppl.filters import guided_filter as guided_filter
-    from poseppl.filters import hmc_filter as hmc_filter
-    from poseppl.filters import kalman_filter as kalman_filter
-    from poseppl.filters import particle_filter as particle_filter
-    from poseppl.filters import tempered_filter as tempered_filter
+    from poseppl.diagnostics import (
+        compare as compare,
+        comparison_table as comparison_table,
+        diagnose as diagnose,
+        verdicts as verdicts,
+    )
+    from poseppl.errors import InputError as InputError, PosepplError as PosepplError
+    from poseppl.filters import (
+        Filter as Filter,
+        Info as Info,
+        assumed_density_filter as assumed_density_filter,
+        guided_filter as guided_filter,
+        hmc_filter as hmc_filter,
+        kalman_filter as kalman_filter,
+        particle_filter as particle_filter,
+        tempered_filter as tempered_filter,
+    )
     from poseppl.kernels import HMCSettings as HMCSettings
-    from poseppl.program import Clamped as Clamped
-    from poseppl.program import CompiledModel as CompiledModel
-    from poseppl.program import Observation as Observation
-    from poseppl.program import StateSpaceModel as StateSpaceModel
+    from poseppl.program import (
+        Clamped as Clamped,
+        CompiledModel as CompiledModel,
+        Observation as Observation,
+        StateSpaceModel as StateSpaceModel,
+    )
     from poseppl.report import write_report as write_report
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
-    from poseppl.runs.infer import infer as infer
-    from poseppl.runs.infer import smooth as smooth
+    from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.online import Online as Online
-    from poseppl.runs.outcome import result_of_run as result_of_run
-    from poseppl.runs.outcome import result_of_smoothing as result_of_smoothing
-    from poseppl.runs.results import load_result as load_result
-    from poseppl.runs.results import save_result as save_result
-    from poseppl.runs.run import Constant as Constant
-    from poseppl.runs.run import Run as Run
-    from poseppl.runs.run import RunError as RunError
-    from poseppl.runs.run import run_filter as run_filter
+    from poseppl.runs.outcome import result_of_run as result_of_run, result_of_smoothing as result_of_smoothing
+    from poseppl.runs.results import load_result as load_result, save_result as save_result
+    from poseppl.runs.run import Constant as Constant, Run as Run, RunError as RunError, run_filter as run_filter
     from poseppl.runs.simulation import simulate as simulate
     from poseppl.runs.smoothing import run_smoother as run_smoother
-    from poseppl.smoothers import backward_simulation_smoother as backward_simulation_smoother
-    from poseppl.smoothers import collect_history as collect_history
-    from poseppl.smoothers import forward_backward_smoother as forward_backward_smoother
-    from poseppl.smoothers import trajectory_smoother as trajectory_smoother
+    from poseppl.smoothers import (
+        backward_simulation_smoother as backward_simulation_smoother,
+        collect_history as collect_history,
+        forward_backward_smoother as forward_backward_smoother,
+        trajectory_smoother as trajectory_smoother,
+    )
 
 _HOMES = {
     "Checkpoint": "runs.checkpoint",

@@ -16,8 +16,7 @@ from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
-from poseppl.cli.settings import filters as filters_command
-from poseppl.cli.settings import smoothers as smoothers_command
+from poseppl.cli.settings import filters as filters_command, smoothers as smoothers_command
 from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
 from poseppl.cli.smooth import smooth as smooth_command

@@ -71,8 +71,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import summary, write_outputs
-    from poseppl.motion.tracking import SmoothSettings
-    from poseppl.motion.tracking import smooth as smooth_result
+    from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result
     from poseppl.runs.results import load_result
 
     if options["max_draws"] is not None and options["max_draws"] < 1:

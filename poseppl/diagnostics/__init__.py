@@ -1,37 +1,43 @@
 """Diagnostics of a result: mixing, degeneracy, calibration, and what they mean in words."""
 
 from poseppl.diagnostics.autocorrelation import autocorrelation as autocorrelation
-from poseppl.diagnostics.calibration import LEVELS as LEVELS
-from poseppl.diagnostics.calibration import Coverage as Coverage
-from poseppl.diagnostics.calibration import JointError as JointError
-from poseppl.diagnostics.calibration import coverage as coverage
-from poseppl.diagnostics.calibration import inside_interval as inside_interval
-from poseppl.diagnostics.calibration import joint_error as joint_error
-from poseppl.diagnostics.calibration import probability_transform as probability_transform
-from poseppl.diagnostics.comparison import compare as compare
-from poseppl.diagnostics.comparison import comparison_table as comparison_table
-from poseppl.diagnostics.diagnosis import diagnose as diagnose
-from poseppl.diagnostics.diagnosis import root_index as root_index
-from poseppl.diagnostics.inefficiency import Mixing as Mixing
-from poseppl.diagnostics.inefficiency import inefficiency as inefficiency
-from poseppl.diagnostics.inefficiency import mixing as mixing
-from poseppl.diagnostics.inefficiency import split_rhat as split_rhat
-from poseppl.diagnostics.inefficiency import windowed_inefficiency as windowed_inefficiency
-from poseppl.diagnostics.marker_errors import VIRTUAL_MARKERS as VIRTUAL_MARKERS
-from poseppl.diagnostics.marker_errors import MarkerErrors as MarkerErrors
-from poseppl.diagnostics.marker_errors import OverRuns as OverRuns
-from poseppl.diagnostics.marker_errors import marker_errors as marker_errors
-from poseppl.diagnostics.marker_errors import over_runs as over_runs
-from poseppl.diagnostics.marker_errors import virtual_markers as virtual_markers
-from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures
-from poseppl.diagnostics.predictive import predictive_figures as predictive_figures
-from poseppl.diagnostics.survival import effective_number as effective_number
-from poseppl.diagnostics.survival import survival as survival
-from poseppl.diagnostics.survival import unique_ancestors as unique_ancestors
-from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures
-from poseppl.diagnostics.unreached import unreached_figures as unreached_figures
-from poseppl.diagnostics.verdicts import Verdict as Verdict
-from poseppl.diagnostics.verdicts import check_predictions as check_predictions
-from poseppl.diagnostics.verdicts import check_unreached as check_unreached
-from poseppl.diagnostics.verdicts import frame_ranges as frame_ranges
-from poseppl.diagnostics.verdicts import verdicts as verdicts
+from poseppl.diagnostics.calibration import (
+    LEVELS as LEVELS,
+    Coverage as Coverage,
+    JointError as JointError,
+    coverage as coverage,
+    inside_interval as inside_interval,
+    joint_error as joint_error,
+    probability_transform as probability_transform,
+)
+from poseppl.diagnostics.comparison import compare as compare, comparison_table as comparison_table
+from poseppl.diagnostics.diagnosis import diagnose as diagnose, root_index as root_index
+from poseppl.diagnostics.inefficiency import (
+    Mixing as Mixing,
+    inefficiency as inefficiency,
+    mixing as mixing,
+    split_rhat as split_rhat,
+    windowed_inefficiency as windowed_inefficiency,
+)
+from poseppl.diagnostics.marker_errors import (
+    VIRTUAL_MARKERS as VIRTUAL_MARKERS,
+    MarkerErrors as MarkerErrors,
+    OverRuns as OverRuns,
+    marker_errors as marker_errors,
+    over_runs as over_runs,
+    virtual_markers as virtual_markers,
+)
+from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
+from poseppl.diagnostics.survival import (
+    effective_number as effective_number,
+    survival as survival,
+    unique_ancestors as unique_ancestors,
+)
+from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures, unreached_figures as unreached_figures
+from poseppl.diagnostics.verdicts import (
+    Verdict as Verdict,
+    check_predictions as check_predictions,
+    check_unreached as check_unreached,
+    frame_ranges as frame_ranges,
+    verdicts as verdicts,
+)

@@ -1,25 +1,17 @@
 """Filters: one algorithm a file, each a pair of pure functions `init` and `step`."""
 
-from poseppl.filters.annealed import AnnealedState as AnnealedState
-from poseppl.filters.annealed import annealed_filter as annealed_filter
+from poseppl.filters.annealed import AnnealedState as AnnealedState, annealed_filter as annealed_filter
 from poseppl.filters.assumed_density import assumed_density_filter as assumed_density_filter
-from poseppl.filters.base import Filter as Filter
-from poseppl.filters.base import FilterState as FilterState
-from poseppl.filters.base import Info as Info
+from poseppl.filters.base import Filter as Filter, FilterState as FilterState, Info as Info
 from poseppl.filters.chains import ChainState as ChainState
-from poseppl.filters.covariance_scaled import ModeState as ModeState
-from poseppl.filters.covariance_scaled import covariance_scaled_filter as covariance_scaled_filter
-from poseppl.filters.demc import DEMCState as DEMCState
-from poseppl.filters.demc import demc_filter as demc_filter
+from poseppl.filters.covariance_scaled import ModeState as ModeState, covariance_scaled_filter as covariance_scaled_filter
+from poseppl.filters.demc import DEMCState as DEMCState, demc_filter as demc_filter
 from poseppl.filters.guided import guided_filter as guided_filter
 from poseppl.filters.hidden_markov import hidden_markov_filter as hidden_markov_filter
 from poseppl.filters.hmc import hmc_filter as hmc_filter
-from poseppl.filters.kalman import KalmanState as KalmanState
-from poseppl.filters.kalman import kalman_filter as kalman_filter
+from poseppl.filters.kalman import KalmanState as KalmanState, kalman_filter as kalman_filter
 from poseppl.filters.particle import particle_filter as particle_filter
 from poseppl.filters.sequential_monte_carlo import ParticleState as ParticleState
 from poseppl.filters.sharding import sharded as sharded
-from poseppl.filters.tempered import TemperedState as TemperedState
-from poseppl.filters.tempered import tempered_filter as tempered_filter
-from poseppl.filters.window import WindowState as WindowState
-from poseppl.filters.window import window_filter as window_filter
+from poseppl.filters.tempered import TemperedState as TemperedState, tempered_filter as tempered_filter
+from poseppl.filters.window import WindowState as WindowState, window_filter as window_filter

@@ -28,17 +28,15 @@ Example:
 """
 
 from poseppl.program.bijector import Site as Site
-from poseppl.program.bounded import Bounded as Bounded
-from poseppl.program.bounded import bounded as bounded
-from poseppl.program.clamped import Clamped as Clamped
-from poseppl.program.clamped import ClampedModel as ClampedModel
-from poseppl.program.closed_forms import SummedDensity as SummedDensity
-from poseppl.program.closed_forms import WhitenedJacobian as WhitenedJacobian
-from poseppl.program.closed_forms import check_closed_forms as check_closed_forms
+from poseppl.program.bounded import Bounded as Bounded, bounded as bounded
+from poseppl.program.clamped import Clamped as Clamped, ClampedModel as ClampedModel
+from poseppl.program.closed_forms import (
+    SummedDensity as SummedDensity,
+    WhitenedJacobian as WhitenedJacobian,
+    check_closed_forms as check_closed_forms,
+)
 from poseppl.program.compiled import CompiledModel as CompiledModel
 from poseppl.program.model import StateSpaceModel as StateSpaceModel
 from poseppl.program.observation import Observation as Observation
 from poseppl.program.proposal import Proposal as Proposal
-from poseppl.program.robust_errors import Leclerc as Leclerc
-from poseppl.program.robust_errors import Lorentzian as Lorentzian
-from poseppl.program.robust_errors import RobustError as RobustError
+from poseppl.program.robust_errors import Leclerc as Leclerc, Lorentzian as Lorentzian, RobustError as RobustError

@@ -24,15 +24,9 @@ from poseppl.filters.base import Filter
 from poseppl.program import Observation
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
-from poseppl.runs.compiled_scan import Calls
-from poseppl.runs.compiled_scan import Collect as Collect
-from poseppl.runs.compiled_scan import Kept as Kept
-from poseppl.runs.course import Course, OnFailure
-from poseppl.runs.course import Run as Run
-from poseppl.runs.course import RunError as RunError
-from poseppl.runs.frame_sequence import Constant as Constant
-from poseppl.runs.frame_sequence import frame_inputs as frame_inputs
-from poseppl.runs.frame_sequence import frame_sequence
+from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
+from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
+from poseppl.runs.frame_sequence import Constant as Constant, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
 
 _LOGGER = logging.getLogger("poseppl")

@@ -1,22 +1,28 @@
 """Smoothers: one algorithm a file, each a pure function from a filter's history to smoothed states."""
 
 from poseppl.smoothers.backward_simulation import backward_simulation_smoother as backward_simulation_smoother
-from poseppl.smoothers.base import History as History
-from poseppl.smoothers.base import Smoothed as Smoothed
-from poseppl.smoothers.base import Smoother as Smoother
-from poseppl.smoothers.base import SmoothingInfo as SmoothingInfo
-from poseppl.smoothers.base import collect_history as collect_history
-from poseppl.smoothers.fixed_lag import FixedLagState as FixedLagState
-from poseppl.smoothers.fixed_lag import fixed_lag as fixed_lag
-from poseppl.smoothers.fixed_lag import fixed_lag_smoother as fixed_lag_smoother
+from poseppl.smoothers.base import (
+    History as History,
+    Smoothed as Smoothed,
+    Smoother as Smoother,
+    SmoothingInfo as SmoothingInfo,
+    collect_history as collect_history,
+)
+from poseppl.smoothers.fixed_lag import (
+    FixedLagState as FixedLagState,
+    fixed_lag as fixed_lag,
+    fixed_lag_smoother as fixed_lag_smoother,
+)
 from poseppl.smoothers.forward_backward import forward_backward_smoother as forward_backward_smoother
 from poseppl.smoothers.genealogy import genealogy_smoother as genealogy_smoother
 from poseppl.smoothers.gibbs import gibbs_smoother as gibbs_smoother
 from poseppl.smoothers.likelihood_mixture import MixtureSettings as MixtureSettings
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh
-from poseppl.smoothers.rauch_tung_striebel import rauch_tung_striebel_smoother as rauch_tung_striebel_smoother
-from poseppl.smoothers.rauch_tung_striebel import smoothed_moments as smoothed_moments
+from poseppl.smoothers.rauch_tung_striebel import (
+    rauch_tung_striebel_smoother as rauch_tung_striebel_smoother,
+    smoothed_moments as smoothed_moments,
+)
 from poseppl.smoothers.trajectory import trajectory_smoother as trajectory_smoother
 from poseppl.smoothers.two_filter import two_filter_smoother as two_filter_smoother
 from poseppl.smoothers.variational import variational_smoother as variational_smoother

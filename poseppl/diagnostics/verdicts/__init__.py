@@ -11,25 +11,30 @@ from collections.abc import Callable
 import xarray as xr
 
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.verdicts.chains import RHAT_HIGH as RHAT_HIGH
-from poseppl.diagnostics.verdicts.chains import RHAT_SHARE as RHAT_SHARE
-from poseppl.diagnostics.verdicts.chains import agreement, divergences, mixing, rejection
+from poseppl.diagnostics.verdicts.chains import (
+    RHAT_HIGH as RHAT_HIGH,
+    RHAT_SHARE as RHAT_SHARE,
+    agreement,
+    divergences,
+    mixing,
+    rejection,
+)
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.particles import degeneracy
-from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions
-from poseppl.diagnostics.verdicts.predictive import prediction
+from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.steps import estimated_steps
-from poseppl.diagnostics.verdicts.unreached import check_unreached as check_unreached
-from poseppl.diagnostics.verdicts.unreached import unreached
+from poseppl.diagnostics.verdicts.unreached import check_unreached as check_unreached, unreached
 from poseppl.diagnostics.verdicts.validity import failures, missing
-from poseppl.diagnostics.verdicts.verdict import ERROR as ERROR
-from poseppl.diagnostics.verdicts.verdict import INFO as INFO
-from poseppl.diagnostics.verdicts.verdict import SEVERITIES
-from poseppl.diagnostics.verdicts.verdict import WARNING as WARNING
-from poseppl.diagnostics.verdicts.verdict import Verdict as Verdict
-from poseppl.diagnostics.verdicts.verdict import frame_ranges as frame_ranges
+from poseppl.diagnostics.verdicts.verdict import (
+    ERROR as ERROR,
+    INFO as INFO,
+    SEVERITIES,
+    WARNING as WARNING,
+    Verdict as Verdict,
+    frame_ranges as frame_ranges,
+)
 
 CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,

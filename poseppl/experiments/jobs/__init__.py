@@ -16,11 +16,8 @@ A second call computes what is missing and reads the rest.
 from __future__ import annotations
 
 from poseppl.experiments.jobs.cluster import Cluster as Cluster
-from poseppl.experiments.jobs.executor import Executor as Executor
-from poseppl.experiments.jobs.executor import Inline as Inline
-from poseppl.experiments.jobs.executor import Outcome as Outcome
+from poseppl.experiments.jobs.executor import Executor as Executor, Inline as Inline, Outcome as Outcome
 from poseppl.experiments.jobs.job import Job as Job
 from poseppl.experiments.jobs.processes import Processes as Processes
 from poseppl.experiments.jobs.progress import JobProgress as JobProgress
-from poseppl.experiments.jobs.run import JobError as JobError
-from poseppl.experiments.jobs.run import run_jobs as run_jobs
+from poseppl.experiments.jobs.run import JobError as JobError, run_jobs as run_jobs

@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-from poseppl.files.atomic_writing import atomic_folder as atomic_folder
-from poseppl.files.atomic_writing import atomic_path as atomic_path
+from poseppl.files.atomic_writing import atomic_folder as atomic_folder, atomic_path as atomic_path
 from poseppl.motion.io.amc import read_amc as read_amc
-from poseppl.motion.io.asf import Bone as Bone
-from poseppl.motion.io.asf import Skeleton as Skeleton
-from poseppl.motion.io.asf import read_asf as read_asf
+from poseppl.motion.io.asf import Bone as Bone, Skeleton as Skeleton, read_asf as read_asf
 from poseppl.motion.io.bvh import read_bvh as read_bvh
 from poseppl.motion.io.c3d import read_c3d as read_c3d
-from poseppl.motion.io.cameras import CameraRecord as CameraRecord
-from poseppl.motion.io.cameras import read_cameras as read_cameras
-from poseppl.motion.io.cameras import write_cameras as write_cameras
+from poseppl.motion.io.cameras import CameraRecord as CameraRecord, read_cameras as read_cameras, write_cameras as write_cameras
 from poseppl.motion.io.deepmimic import read_deepmimic as read_deepmimic
 from poseppl.motion.io.frame_range import FrameRange as FrameRange
-from poseppl.motion.io.marker_positions import read_places as read_places
-from poseppl.motion.io.marker_positions import write_places as write_places
-from poseppl.motion.io.masks import open_masks as open_masks
-from poseppl.motion.io.masks import read_masks as read_masks
-from poseppl.motion.io.motion import Motion as Motion
-from poseppl.motion.io.motion import slice_frames as slice_frames
-from poseppl.motion.io.motion import to_z_up as to_z_up
-from poseppl.motion.io.observations import Observations as Observations
-from poseppl.motion.io.observations import read_observations as read_observations
-from poseppl.motion.io.observations import write_observations as write_observations
-from poseppl.motion.io.opencv import read_image as read_image
-from poseppl.motion.io.opencv import write_image as write_image
+from poseppl.motion.io.marker_positions import read_places as read_places, write_places as write_places
+from poseppl.motion.io.masks import open_masks as open_masks, read_masks as read_masks
+from poseppl.motion.io.motion import Motion as Motion, slice_frames as slice_frames, to_z_up as to_z_up
+from poseppl.motion.io.observations import (
+    Observations as Observations,
+    read_observations as read_observations,
+    write_observations as write_observations,
+)
+from poseppl.motion.io.opencv import read_image as read_image, write_image as write_image
 from poseppl.motion.io.point_names import read_names as read_names
 from poseppl.motion.io.recording import read_motion as read_motion
-from poseppl.motion.io.synchronised import VideoWarning as VideoWarning
-from poseppl.motion.io.synchronised import synchronised as synchronised
-from poseppl.motion.io.video import Video as Video
-from poseppl.motion.io.video import open_video as open_video
-from poseppl.motion.io.video_writing import video_writer as video_writer
-from poseppl.motion.io.video_writing import write_video as write_video
+from poseppl.motion.io.synchronised import VideoWarning as VideoWarning, synchronised as synchronised
+from poseppl.motion.io.video import Video as Video, open_video as open_video
+from poseppl.motion.io.video_writing import video_writer as video_writer, write_video as write_video

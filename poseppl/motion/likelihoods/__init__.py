@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from poseppl.motion.likelihoods.projected_markers import ProjectedMarkers as ProjectedMarkers
-from poseppl.motion.likelihoods.projected_markers import projected_log_density as projected_log_density
-from poseppl.motion.likelihoods.silhouettes import Silhouettes as Silhouettes
-from poseppl.motion.likelihoods.silhouettes import SilhouetteSeen as SilhouetteSeen
+from poseppl.motion.likelihoods.projected_markers import (
+    ProjectedMarkers as ProjectedMarkers,
+    projected_log_density as projected_log_density,
+)
+from poseppl.motion.likelihoods.silhouettes import Silhouettes as Silhouettes, SilhouetteSeen as SilhouetteSeen

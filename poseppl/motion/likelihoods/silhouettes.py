@@ -38,8 +38,7 @@ from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of, place_par
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.motion.likelihoods.distance_maps import at_points
-from poseppl.motion.likelihoods.part_edges import FRACTIONS as EDGE_FRACTIONS
-from poseppl.motion.likelihoods.part_edges import SAMPLES, edge_distances
+from poseppl.motion.likelihoods.part_edges import FRACTIONS as EDGE_FRACTIONS, SAMPLES, edge_distances
 
 FRACTIONS = (0.0, 0.35, 0.7, 1.0)
 """Where along each part's axis it is asked whether the part sticks out."""

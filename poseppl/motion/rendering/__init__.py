@@ -3,7 +3,5 @@
 from poseppl.motion.rendering.noise import SensorNoise as SensorNoise
 from poseppl.motion.rendering.points import find_toes as find_toes
 from poseppl.motion.rendering.render import Stage as Stage
-from poseppl.motion.rendering.scene_files import Truth as Truth
-from poseppl.motion.rendering.scene_files import write_scene as write_scene
-from poseppl.motion.rendering.setting import Setting as Setting
-from poseppl.motion.rendering.setting import build_setting as build_setting
+from poseppl.motion.rendering.scene_files import Truth as Truth, write_scene as write_scene
+from poseppl.motion.rendering.setting import Setting as Setting, build_setting as build_setting
