@@ -25,6 +25,8 @@ from jax.scipy.special import erf
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import IdentityTransform
 
+_LEAST = 1e-6
+"""Variance (in units of that before it was cut off) that rounding leaves."""
 _FAR = 12.0
 """Standard deviations beyond which a limit is none."""
 
@@ -82,6 +84,24 @@ class LimitedNormal(dist.Distribution):  # type: ignore[misc]
         offset = (jnp.clip(value, self.low, self.high) - self.loc) / self.scale
         density = -0.5 * offset**2 - jnp.log(self.scale * mass) - 0.5 * np.log(2 * np.pi)
         return jnp.where(inside, density, -jnp.inf)
+
+    @property
+    def mean(self) -> jax.Array:
+        """Mean within the limits."""
+        return self.loc + self.scale * self._moments()[0]
+
+    @property
+    def variance(self) -> jax.Array:
+        """Variance within the limits."""
+        first, second = self._moments()
+        return self.scale**2 * jnp.maximum(second - first**2, _LEAST)
+
+    def _moments(self) -> tuple[jax.Array, jax.Array]:
+        """First and second moment about the mean before it was cut off, in standard deviations then."""
+        below, above = self._ends()
+        mass = 0.5 * (erf(above / np.sqrt(2)) - erf(below / np.sqrt(2)))
+        at_low, at_high = (jnp.exp(-0.5 * end**2) / np.sqrt(2 * np.pi) for end in (below, above))
+        return (at_low - at_high) / mass, 1 + (below * at_low - above * at_high) / mass
 
     def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> jax.Array:
         """Draw; rounding leaves no draw beyond a limit."""

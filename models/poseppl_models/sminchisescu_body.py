@@ -22,6 +22,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -86,9 +87,13 @@ class SuperquadricBody(NamedTuple):
         if unknown:
             raise ValueError(f"no size {unknown[0]!r}; expected names of {sorted(self.sizes)}")
         own = {**self.sizes, **sizes}
-        vector = jnp.stack([jnp.asarray(own[name], float) for name in self.sizes])
-        offsets, markers, centres, half_axes = (jnp.tensordot(vector, part, 1) for part in _basis(self.kind))
-        return self.tree.with_offsets(offsets, markers), replace(self.flesh, centres=centres, half_axes=half_axes)
+        return self.sized_in(self.tree, self.flesh, jnp.stack([jnp.asarray(own[name], float) for name in self.sizes]))
+
+    def sized_in(self, tree: KinematicTree, flesh: Superquadrics, sizes: jax.Array) -> tuple[KinematicTree, Superquadrics]:
+        """A given tree and flesh with sizes (S,) or (S, N), mm, in the order of the body's; batch last where there is one."""
+        arrays = (jnp.tensordot(part, sizes, ((0,), (0,)), precision="highest") for part in _basis(self.kind))
+        offsets, markers, centres, half_axes = arrays
+        return tree.with_offsets(offsets, markers), replace(flesh, centres=centres, half_axes=half_axes)
 
 
 def superquadric_body(
@@ -138,7 +143,8 @@ def _basis(kind: Kind) -> tuple[np.ndarray[Any, Any], ...]:
     for name in names:
         one = dict.fromkeys(names, 0.0) | {name: 1.0}
         joints, markers, parts = (_arm if kind == "arm" else _body)(one, AXES[kind])
-        tree = kinematic_tree(joints, markers)
+        with jax.ensure_compile_time_eval():  # also where it is first called by a program that is traced
+            tree = kinematic_tree(joints, markers)
         shapes = (np.array([getattr(part, field) for part in parts]) for field in ("centre", "half_axes"))
         rows.append((np.asarray(tree.offsets), np.asarray(tree.marker_offsets), *shapes))
     return tuple(np.stack(column) for column in zip(*rows, strict=True))

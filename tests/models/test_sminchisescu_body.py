@@ -38,10 +38,15 @@ def test_limited_normal_against_scipy():
     """Exact; a normal that is only cut off, not normalised, integrates to less than 1."""
     values = np.linspace(-3, 2, 41)
     with precision(np.float64):
-        found = np.stack([np.asarray(LimitedNormal(LOC, SCALE, LOW, HIGH).log_prob(jnp.full(3, value))) for value in values])
+        limited = LimitedNormal(LOC, SCALE, LOW, HIGH)
+        found = np.stack([np.asarray(limited.log_prob(jnp.full(3, value))) for value in values])
+        moments = np.stack([limited.mean, limited.variance], 1)
     expected = [stats.truncnorm.logpdf(values, *((LOW[k] - LOC[k]) / SCALE[k], (HIGH[k] - LOC[k]) / SCALE[k]), LOC[k], SCALE[k])
                 for k in range(3)]  # fmt: skip
     np.testing.assert_allclose(found, np.stack(expected, 1), rtol=1e-9)
+    for k, (mean, variance) in enumerate(moments):
+        exact = stats.truncnorm((LOW[k] - LOC[k]) / SCALE[k], (HIGH[k] - LOC[k]) / SCALE[k], LOC[k], SCALE[k])
+        np.testing.assert_allclose([mean, variance], [exact.mean(), exact.var()], rtol=1e-6)
     cut = integrate.quad(lambda v: stats.norm.pdf(v, LOC[0], SCALE[0]), LOW[0], HIGH[0])[0]
     assert cut < 0.7
 
