@@ -150,7 +150,10 @@ def _functions(kind: Kind, names: tuple[str, ...], stature: float, settings: Cos
 
     def jacobian(both: jax.Array, *known: Any) -> jax.Array:
         def along(row: jax.Array) -> jax.Array:
-            return jax.jvp(lambda x: residuals(x, *known), (both,), (jnp.broadcast_to(row[:, None], both.shape),))[1]
+            slope: jax.Array = jax.jvp(lambda x: residuals(x, *known), (both,), (jnp.broadcast_to(row[:, None], both.shape),))[
+                1
+            ]
+            return slope
 
         return jnp.moveaxis(jax.vmap(along)(jnp.eye(both.shape[0], dtype=both.dtype)), 0, 2)
 
