@@ -163,7 +163,7 @@ class _Tracker(NamedTuple):
         predicted, noise = predicted_modes(self.boxed.model, state.modes, ~state.started, inputs)
         jump = None if self.jumps is None else partial(self.jumps, inputs=inputs)
         starts = mode_starts(key_starts, predicted, self.num_starts, lambda number: self.proposal(number, noise), jump)
-        found = self._search(starts, predicted, observation, inputs)
+        found = self._search(starts, predicted, jnp.sqrt(jnp.diagonal(noise)), observation, inputs)
         failed = ~jnp.isfinite(found.log_mass)
         posterior = GaussianMixture(jax.nn.log_softmax(found.modes.log_masses), *found.modes.moments())
         modes: GaussianMixture = jax.tree.map(lambda old, new: jnp.where(failed, old, new), predicted, posterior)
@@ -178,7 +178,9 @@ class _Tracker(NamedTuple):
         )
         return self._state(draws, modes, inputs, started=True), info
 
-    def _search(self, starts: jax.Array, prior: GaussianMixture, observation: Observation, inputs: Any) -> Found:
+    def _search(
+        self, starts: jax.Array, prior: GaussianMixture, units: jax.Array, observation: Observation, inputs: Any
+    ) -> Found:
         """The modes of a frame."""
         model, limits = self.boxed.model, constraints(starts.shape[1]) if self.limits is None else self.limits
         log_prior, prior_curvature = prior_density(prior, closest=self.closest)
@@ -188,6 +190,7 @@ class _Tracker(NamedTuple):
             lambda x: prior_curvature(x) + model.observation_information(x, observation, inputs),
             limits,
             self.num_modes,
+            units=units,
             num_steps=self.num_steps,
         )
 

@@ -41,6 +41,7 @@ def search_modes(
     constraints: Constraints,
     num_modes: int,
     *,
+    units: jax.Array | None = None,
     num_steps: int = 40,
     tolerance: float = 1e-4,
 ) -> Found:
@@ -52,10 +53,11 @@ def search_modes(
         curvature: Curvature (d, d) of its negative at one state.
         constraints: What states keep to.
         num_modes: K, how many are kept, at most S.
+        units: Units of the coordinates (d,), see :func:`~poseppl.kernels.trust_region.climb_modes`.
         num_steps: Steps of each climb at most.
         tolerance: Rise of the log-density that is not worth another step.
     """
-    climbs = climb_modes(starts, log_density, curvature, constraints, num_steps=num_steps, tolerance=tolerance)
+    climbs = climb_modes(starts, log_density, curvature, constraints, units=units, num_steps=num_steps, tolerance=tolerance)
     modes = face_modes(climbs, constraints)
     labels = representatives(modes)
     distinct = (labels == jnp.arange(len(starts))) & jnp.isfinite(modes.log_masses)

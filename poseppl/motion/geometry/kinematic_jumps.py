@@ -9,8 +9,8 @@ direction u through the point b, the other point is
 
 for a distant camera b mirrored about the image plane through a. The hinge's angle follows from the distance of a and c, of
 whose two solutions that is kept which bends it to the side that it was bent to, and the ball's rotation from the triangle a, b,
-c. Each limb has three such poses beside its own. A line of sight that misses a sphere leaves the bone pointing to the point of
-the sphere that is nearest to it.
+c. Each such limb has three poses beside its own; one of a single bone, such as a head, has one, by the shortest turn. A line of
+sight that misses a sphere leaves the bone pointing to the point of the sphere that is nearest to it.
 """
 
 from __future__ import annotations
@@ -31,31 +31,36 @@ _STRAIGHT = 1e-3
 
 
 class Limb(NamedTuple):
-    """Two bones of a tree.
+    """One or two bones of a tree.
 
     Attributes:
         ball: Link of the ball joint, which turns about Z, Y and X.
-        hinge: Link of the hinge, which turns about one axis.
-        axis: That axis, 0 to 2.
         marker: The marker at the end.
+        hinge: Link of the hinge, which turns about one axis; None for a single bone.
+        axis: That axis, 0 to 2.
     """
 
     ball: int
-    hinge: int
-    axis: int
     marker: int
+    hinge: int | None = None
+    axis: int = 0
 
 
 def limbs_of(tree: KinematicTree) -> tuple[Limb, ...]:
-    """The limbs of a tree: every ball joint of one link (`"ZYX"`) that bears a hinge of one link with a marker away from it."""
+    """The limbs of a tree: ball joints of one link (`"ZYX"`), but the root, that bear a hinge of one link, or nothing.
+
+    The last bone has a marker away from its joint. Hinges have one axis.
+    """
     limbs = []
-    for hinge, (parent, angles) in enumerate(zip(tree.parents, tree.angle_index, strict=True)):
+    for link, (parent, angles) in enumerate(zip(tree.parents, tree.angle_index, strict=True)):
+        markers = [m for m, on in enumerate(tree.marker_link) if on == link and any(tree.marker_pattern[m])]
         turning = [axis for axis, index in zip((2, 1, 0), angles, strict=True) if index >= 0]
-        if parent < 0 or len(turning) != 1 or any(index < 0 for index in tree.angle_index[parent]):
+        if parent < 0 or not markers:
             continue
-        markers = [m for m, link in enumerate(tree.marker_link) if link == hinge and any(tree.marker_pattern[m])]
-        if markers and any(tree.offset_pattern[hinge]):
-            limbs.append(Limb(parent, hinge, turning[0], markers[-1]))
+        if len(turning) == 3 and link not in tree.parents:
+            limbs.append(Limb(link, markers[-1]))
+        elif len(turning) == 1 and min(tree.angle_index[parent]) >= 0 and parent > 0 and any(tree.offset_pattern[link]):
+            limbs.append(Limb(parent, markers[-1], link, turning[0]))
     return tuple(limbs)
 
 
@@ -66,8 +71,8 @@ def kinematic_jumps(tree: KinematicTree) -> Callable[[jax.Array, Any], jax.Array
         tree: Its limbs are sought once; lengths and cameras are those of the inputs.
 
     Returns:
-        A function of a state (d,) and of inputs with fields `tree` and `cameras`, which gives states (3 * limbs, d), each with
-        one limb changed in the sight of the first camera.
+        A function of a state (d,) and of inputs with fields `tree` and `cameras`, which gives states (n, d), each with one limb
+        changed in the sight of the first camera.
 
     Raises:
         ValueError: The tree has no limb.
@@ -83,21 +88,29 @@ def kinematic_jumps(tree: KinematicTree) -> Callable[[jax.Array, Any], jax.Array
 
 
 def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: jax.Array) -> jax.Array:
-    """States (3, d) with one limb in its other poses: the far bone alone, the near bone, and both leaning the other way."""
+    """States (3, d) with one limb in its other poses: the far bone alone, the near bone, and both leaning the other way.
+
+    A limb of one bone has one (1, d).
+    """
     frames = frames_of(jax.tree.map(lambda leaf: leaf[..., None], tree), state[:, None])
     rotation, origin = frames.rotation[..., 0], frames.origin[..., 0]
-    ball, hinge = origin[limb.ball], origin[limb.hinge]
+    ball, eye = origin[limb.ball], cameras.centre[0]
+    if limb.hinge is None:
+        end = ball + rotation[limb.ball] @ tree.marker_offsets[limb.marker]
+        turned = _shortest_turn(end - ball, _other_side(eye, end, ball) - ball) @ rotation[limb.ball]
+        return _with_ball(tree, limb, state, rotation, turned)[None]
+    hinge = origin[limb.hinge]
     end = hinge + rotation[limb.hinge] @ tree.marker_offsets[limb.marker]
-    eye = cameras.centre[0]
-    other = _crossings(eye, hinge, ball, jnp.linalg.norm(hinge - ball))
-    # of the two points in the line of sight that of the hinge is not
-    near = other[jnp.argmax(jnp.linalg.norm(other - hinge, axis=1))]
-    length = jnp.linalg.norm(end - hinge)
-    stays = _crossings(eye, end, hinge, length)
-    stays = stays[jnp.argmax(jnp.linalg.norm(stays - end, axis=1))]
-    ends = jnp.concatenate([stays[None], _crossings(eye, end, near, length)])
+    near, stays = _other_side(eye, hinge, ball), _other_side(eye, end, hinge)
+    ends = jnp.concatenate([stays[None], _crossings(eye, end, near, jnp.linalg.norm(end - hinge))])
     hinges = jnp.stack([hinge, near, near])
     return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
+
+
+def _other_side(eye: jax.Array, point: jax.Array, centre: jax.Array) -> jax.Array:
+    """The other point (3,) in a point's line of sight that is as far from a centre."""
+    both = _crossings(eye, point, centre, jnp.linalg.norm(point - centre))
+    return both[jnp.argmax(jnp.linalg.norm(both - point, axis=1))]
 
 
 def _crossings(eye: jax.Array, seen: jax.Array, centre: jax.Array, radius: jax.Array) -> jax.Array:
@@ -116,19 +129,22 @@ def _reach(
     tree: KinematicTree, limb: Limb, state: jax.Array, rotation: jax.Array, a: jax.Array, b: jax.Array, c: jax.Array
 ) -> jax.Array:
     """The state (d,) whose limb passes through three points, as to its ball joint, hinge and end."""
-    angles = np.array(tree.angle_index[limb.ball])
-    index = tree.angle_index[limb.hinge][2 - limb.axis]
-    bone, end = tree.offsets[limb.hinge], tree.marker_offsets[limb.marker]
+    hinge = limb.ball if limb.hinge is None else limb.hinge
+    index = tree.angle_index[hinge][2 - limb.axis]
+    bone, end = tree.offsets[hinge], tree.marker_offsets[limb.marker]
     bend = _hinge_angle(bone, end, np.eye(3)[limb.axis], jnp.sum((c - a) ** 2), state[index])
     local = bone + _turn(end, np.eye(3)[limb.axis], bend)
     turned, straight = _triad(b - a, c - a)
     still, _ = _triad(bone, local)
     before = rotation[limb.ball]
     shortest = _shortest_turn(before @ bone, b - a) @ before
-    parent = tree.parents[limb.ball]
-    above = rotation[parent] if parent >= 0 else jnp.eye(3, dtype=state.dtype)
-    inner = above.T @ jnp.where(straight, shortest, turned @ still.T)
-    return state.at[index].set(bend).at[angles].set(_euler_angles(inner, state[angles]))
+    return _with_ball(tree, limb, state.at[index].set(bend), rotation, jnp.where(straight, shortest, turned @ still.T))
+
+
+def _with_ball(tree: KinematicTree, limb: Limb, state: jax.Array, rotation: jax.Array, turned: jax.Array) -> jax.Array:
+    """The state (d,) whose ball joint has a rotation (3, 3) in the world, all links (links, 3, 3) above staying."""
+    angles = np.array(tree.angle_index[limb.ball])
+    return state.at[angles].set(_euler_angles(rotation[tree.parents[limb.ball]].T @ turned, state[angles]))
 
 
 def _hinge_angle(bone: jax.Array, end: jax.Array, axis: Any, squared: jax.Array, before: jax.Array) -> jax.Array:

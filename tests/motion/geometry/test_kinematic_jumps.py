@@ -16,7 +16,7 @@ from poseppl.motion.geometry.cameras import look_at, project
 from poseppl.motion.geometry.kinematic_jumps import kinematic_jumps, limb_poses, limbs_of
 
 BODY = full_body()
-LIMBS = limbs_of(BODY.tree)
+HEAD, *LIMBS = limbs_of(BODY.tree)
 
 
 def posed(seed, number=20):
@@ -34,10 +34,10 @@ def posed(seed, number=20):
 
 
 def test_the_limbs_of_the_body_are_its_arms_and_legs():
-    names = [BODY.tree.joint_names[BODY.tree.link_joint[limb.ball]] for limb in LIMBS]
-    assert sorted(names) == ["hip_l", "hip_r", "shoulder_l", "shoulder_r"]
-    ends = {BODY.tree.marker_names[limb.marker] for limb in LIMBS}
-    assert ends == {"wrist_l", "wrist_r", "ankle_l", "ankle_r"}
+    names = [BODY.tree.joint_names[BODY.tree.link_joint[limb.ball]] for limb in (HEAD, *LIMBS)]
+    assert sorted(names) == ["head", "hip_l", "hip_r", "shoulder_l", "shoulder_r"]
+    ends = {BODY.tree.marker_names[limb.marker] for limb in (HEAD, *LIMBS)}
+    assert ends == {"crown", "wrist_l", "wrist_r", "ankle_l", "ankle_r"}
 
 
 def test_the_camera_sees_the_same_joints():
@@ -47,7 +47,9 @@ def test_the_camera_sees_the_same_joints():
         jumped = jax.jit(jax.vmap(lambda x: kinematic_jumps(tree)(x, SimpleNamespace(tree=tree, cameras=camera))))(states)
         positions, before = (jax.vmap(jax.vmap(lambda x: marker_positions(tree, x)))(x) for x in (jumped, states[:, None]))
         images, truth = (np.asarray(project(camera, points))[0] for points in (positions, before))
-    off = np.abs(images - truth).max(-1).reshape(20, 4, 3, -1)
+    heads = np.abs(images - truth)[:, 0].max((0, 2))  # the head's one pose comes first; between neck and crown it bends
+    assert heads[HEAD.marker] < 1e-9 and heads.max() < 2e-3 and jumped.shape[1] == 13
+    off = np.abs(images - truth)[:, 1:].max(-1).reshape(20, 4, 3, -1)
     hinges = [tree.marker_names.index(name) for name in tree.marker_names if name.startswith(("elbow", "knee"))]
     assert off[..., hinges].max() < 1e-9
     assert off[:, :, 0].max() < 1e-9  # the far bone alone always can
@@ -72,6 +74,8 @@ def test_a_jump_back_is_the_pose_before():
     """The far bone leans over and back; the near bone too, by the pose that is nearest to the first."""
     with precision(np.float64):
         tree, camera, states = posed(2)
+        nod = jax.jit(jax.vmap(lambda x: limb_poses(tree, camera, HEAD, x)[0]))
+        np.testing.assert_allclose(np.asarray(nod(nod(states)))[:, :6], np.asarray(states)[:, :6], atol=1e-6)
         jump = jax.jit(jax.vmap(lambda x: limb_poses(tree, camera, LIMBS[0], x)))
         once = jump(states)
         back = np.asarray(jump(once[:, 0])[:, 0])
@@ -103,7 +107,7 @@ def test_straight_limbs_and_float32_make_no_nan(bend):
     camera = look_at((0.0, -4000.0, 1000.0), (0.0, 0.0, 900.0))
     inputs = SimpleNamespace(tree=BODY.tree, cameras=camera)
     jumped = jax.jit(jax.vmap(lambda x: kinematic_jumps(BODY.tree)(x, inputs)))(jnp.asarray(states, jnp.float32))
-    assert jumped.shape == (2, 12, 28) and np.isfinite(np.asarray(jumped)).all()
+    assert jumped.shape == (2, 13, 28) and np.isfinite(np.asarray(jumped)).all()
 
 
 def test_a_tree_without_limbs_is_refused():
