@@ -22,15 +22,10 @@ W's ratios are over what is known, on a grid of pixels, and W is at least 1e-6.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
-from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.barrier import computed_once
-from poseppl.motion.geometry.flesh import Flesh, parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.motion.geometry.part_samples import (
     areas,
     bilinear,
@@ -40,8 +35,8 @@ from poseppl.motion.geometry.part_samples import (
     side_points,
     weighted_mean,
 )
-from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
-from poseppl_models.image_program import CameraScore
+from poseppl.motion.geometry.silhouette_bits import count_ones
+from poseppl_models.image_program import CameraScore, SeenBody
 from poseppl_models.two_way_evidence import TwoWayEvidence
 
 SIDE_SAMPLES = 8
@@ -59,14 +54,13 @@ def darby_score(*, smooth: bool = False) -> CameraScore:
         smooth: Whether maps are interpolated between pixels, which gives a gradient.
     """
 
-    def score(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: TwoWayEvidence, params: Any
-    ) -> jax.Array:
-        corners = _barrier(outline_corners(cameras, flesh, parts_of(tree, flesh, state)), smooth)
+    def score(seen: SeenBody) -> jax.Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = _barrier(seen.corners(), smooth)
         look_up = bilinear if smooth else nearest
         sides = look_up(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES))
         on_sides = weighted_mean(sides, side_lengths(corners)[:, :, :, None], 1.0)
-        value: jax.Array = -params["beta"] * (on_sides + _inside(corners, evidence, smooth))
+        value: jax.Array = -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
         return value
 
     return score
@@ -81,16 +75,14 @@ def darby_monocular_score(stride: int) -> CameraScore:
         stride: Of the evidence's grid, px.
     """
 
-    def score(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: TwoWayEvidence, params: Any
-    ) -> jax.Array:
-        parts = parts_of(tree, flesh, state)
-        corners = _barrier(outline_corners(cameras, flesh, parts), False)
-        rows, words = evidence.known.shape[1:3]
+    def score(seen: SeenBody) -> jax.Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = _barrier(seen.corners(), False)
         known = count_ones(evidence.known)
         image = _ratio(count_ones(evidence.foreground & evidence.known), known)
-        body = _ratio(count_ones(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known), known)
-        value: jax.Array = -params["beta"] * _inside(corners, evidence, False) / size_weight(image, body, params["gamma"])
+        body = _ratio(count_ones(seen.silhouette(stride)), known)
+        weight = size_weight(image, body, seen.params["gamma"])
+        value: jax.Array = -seen.params["beta"] * _inside(corners, evidence, False) / weight
         return value
 
     return score

@@ -19,19 +19,14 @@ p_3 = 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
-from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.barrier import computed_once
-from poseppl.motion.geometry.flesh import Flesh, parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.motion.geometry.part_samples import index_at, inside_points
-from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
+from poseppl.motion.geometry.silhouette_bits import count_ones
 from poseppl_models.du_guan_evidence import GRID, DuGuanEvidence, grid_descriptors
-from poseppl_models.image_program import CameraScore
+from poseppl_models.image_program import CameraScore, SeenBody
 
 _LEAST_OVERLAP = 1e-6
 
@@ -44,17 +39,14 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         max_corners: Room for the corners of a boundary, of which there is one every 4 steps of the grid.
     """
 
-    def score(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: DuGuanEvidence, params: Any
-    ) -> jax.Array:
-        parts = parts_of(tree, flesh, state)
-        corners = computed_once(outline_corners(cameras, flesh, parts))
-        rows, words = evidence.known.shape[1:3]
-        body = computed_once(body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known)
+    def score(seen: SeenBody) -> jax.Array:
+        evidence: DuGuanEvidence = seen.evidence
+        corners = computed_once(seen.corners())
+        body = computed_once(seen.silhouette(stride))
         overlap = overlap_ratio(evidence.foreground & evidence.known, body)
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body, max_corners)
-        exponent = colour / params["colour_scale"] + boundary / params["boundary_scale"]
+        exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
         value: jax.Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
         return value
 

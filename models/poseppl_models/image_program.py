@@ -16,13 +16,44 @@ import numpyro
 
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batched_score import batched_score
-from poseppl.motion.geometry.flesh import Flesh
+from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of
+from poseppl.motion.geometry.outlines import outline_corners
+from poseppl.motion.geometry.silhouette_bits import body_bits
 from poseppl.program import StateSpaceModel
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.random_walk import walking_body
 
-CameraScore = Callable[[jax.Array, KinematicTree, Flesh, Cameras, Any, Any], jax.Array]
-"""Batch last: states (d, N), the body, cameras, evidence and params, leaves (..., N or 1), to log-likelihoods (C, N)."""
+
+class SeenBody(NamedTuple):
+    """A body before C cameras in N states, the batch last: leaves (..., N or 1).
+
+    Attributes:
+        flesh: Its parts' sizes.
+        parts: Where they are in the world.
+        cameras: The cameras, px.
+        evidence: What the likelihood wants to know of the images.
+        params: Of the program.
+    """
+
+    flesh: Flesh
+    parts: PartFrames
+    cameras: Cameras
+    evidence: Any
+    params: Any
+
+    def corners(self) -> jax.Array:
+        """Corners (C, P, 4, 2, N) of the parts' outlines, px."""
+        return outline_corners(self.cameras, self.flesh, self.parts)
+
+    def silhouette(self, stride: int) -> jax.Array:
+        """Where the body is on a grid of ``stride`` px, as far as there is evidence: bits in words (C, rows, words, N)."""
+        rows, words = self.evidence.known.shape[1:3]
+        known: jax.Array = self.evidence.known
+        return body_bits(self.cameras, self.flesh, self.parts, rows, words, stride) & known
+
+
+CameraScore = Callable[[SeenBody], jax.Array]
+"""Log-likelihoods (C, N) of a body's states."""
 Constraint = Callable[[ConeBody, jax.Array, Any], jax.Array]
 """A body, a state (d,) and the params, to a log-factor ()."""
 CHUNK = 64
@@ -69,7 +100,13 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
 
 def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.Array, ImageInputs], jax.Array]:
     """Log-likelihood () of params, a state (d,) and the inputs: the weighted sum over cameras."""
-    scored = batched_score(score, chunk=CHUNK)
+
+    def score_states(
+        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: Any, params: Any
+    ) -> jax.Array:
+        return score(SeenBody(flesh, parts_of(tree, flesh, state), cameras, evidence, params))
+
+    scored = batched_score(score_states, chunk=CHUNK)
 
     def likelihood(params: Any, pose: jax.Array, inputs: ImageInputs) -> jax.Array:
         values = scored(pose, body.tree, body.flesh, inputs.cameras, inputs.evidence, jax.tree.map(jnp.asarray, params))

@@ -27,16 +27,11 @@ on a grid of pixels (:mod:`poseppl.motion.geometry.silhouette_bits`), edges at f
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
-from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.coverage import part_distances, project_parts, soft_coverage
-from poseppl.motion.geometry.flesh import Flesh, parts_of
-from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.motion.geometry.part_samples import (
     areas,
     bilinear,
@@ -47,8 +42,8 @@ from poseppl.motion.geometry.part_samples import (
     weighted_mean,
 )
 from poseppl.motion.geometry.segment_distances import squared_distance
-from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones
-from poseppl_models.image_program import CameraScore
+from poseppl.motion.geometry.silhouette_bits import count_ones
+from poseppl_models.image_program import CameraScore, SeenBody
 from poseppl_models.two_way_evidence import TwoWayEvidence
 
 SIDE_SAMPLES = 8
@@ -65,22 +60,19 @@ def peursum_score(stride: int, tolerance: float = 3.0) -> CameraScore:
         tolerance: Within how many px an edge of the image is explained.
     """
 
-    def score(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: TwoWayEvidence, params: Any
-    ) -> jax.Array:
-        parts = parts_of(tree, flesh, state)
-        corners = computed_once(outline_corners(cameras, flesh, parts))
+    def score(seen: SeenBody) -> jax.Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = computed_once(seen.corners())
         near = squared_distance(evidence.edge_points, corners) <= tolerance**2
         edge_image = _mean(jnp.where(near, 0.0, 1.0), evidence.edge_weights)
         edge_body = weighted_mean(
             nearest(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES)), side_lengths(corners)[:, :, :, None], 0.0
         )
-        rows, words = evidence.known.shape[1:3]
-        body = body_bits(cameras, flesh, parts, rows, words, stride) & evidence.known
+        body = seen.silhouette(stride)
         both, claimed = count_ones(body & evidence.foreground), count_ones(body)
         there = count_ones(evidence.foreground & evidence.known)
         inside_body, inside_image = _missing(both, claimed), _missing(both, there)
-        return exponential(params["lambda"], (edge_body + edge_image + inside_body + inside_image) / 2)
+        return exponential(seen.params["lambda"], (edge_body + edge_image + inside_body + inside_image) / 2)
 
     return score
 
@@ -97,20 +89,18 @@ def smooth_peursum_score(softness: float = 2.0, tolerance: float = 3.0) -> Camer
         tolerance: Of the edges, px.
     """
 
-    def score(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: TwoWayEvidence, params: Any
-    ) -> jax.Array:
-        parts = parts_of(tree, flesh, state)
-        corners = outline_corners(cameras, flesh, parts)
+    def score(seen: SeenBody) -> jax.Array:
+        evidence: TwoWayEvidence = seen.evidence
+        corners = seen.corners()
         squared = squared_distance(evidence.edge_points, corners)
         edge_image = _mean(1 - jnp.exp(-squared / (2 * tolerance**2)), evidence.edge_weights)
         sides, inside = side_points(corners, SIDE_SAMPLES), inside_points(corners, *GRID)
         edge_body = weighted_mean(bilinear(evidence.edge_error[..., 0], *sides), side_lengths(corners)[:, :, :, None], 0.0)
         inside_body = weighted_mean(bilinear(evidence.inside_error[..., 0], *inside), areas(corners)[:, :, None], 0.0)
-        distances = part_distances(project_parts(cameras, flesh, parts), evidence.foreground_points)
-        uncovered = jnp.exp(soft_coverage(distances, jnp.full((cameras.centre.shape[0], 1), softness)))
+        distances = part_distances(project_parts(seen.cameras, seen.flesh, seen.parts), evidence.foreground_points)
+        uncovered = jnp.exp(soft_coverage(distances, jnp.full((seen.cameras.centre.shape[0], 1), softness)))
         inside_image = _mean(uncovered, evidence.foreground_weights)
-        return exponential(params["lambda"], (edge_body + edge_image + inside_body + inside_image) / 2)
+        return exponential(seen.params["lambda"], (edge_body + edge_image + inside_body + inside_image) / 2)
 
     return score
 
