@@ -25,6 +25,7 @@ from poseppl.filters import (
     Filter,
     annealed_filter,
     assumed_density_filter,
+    covariance_scaled_filter,
     demc_filter,
     guided_filter,
     hmc_filter,
@@ -62,6 +63,11 @@ FILTERS: Mapping[str, Callable[[CompiledModel], Filter]] = {
     "assumed density, 1 Gaussian": lambda model: assumed_density_filter(model, num_components=1),
     "assumed density, 2 Gaussians": lambda model: assumed_density_filter(model, num_components=2),
     "assumed density, 3 Gaussians": assumed_density_filter,
+    "covariance scaled, 3 modes": lambda model: covariance_scaled_filter(model, num_modes=3, num_starts=12),
+    "multiple hypotheses, 3 modes": lambda model: covariance_scaled_filter(
+        model, num_modes=3, num_starts=12, sampling="hypotheses"
+    ),
+    "covariance scaled, 1 mode": lambda model: covariance_scaled_filter(model, num_modes=1, num_starts=1),
     "extended Kalman": lambda model: kalman_filter(model, 1000),
     "unscented Kalman": lambda model: kalman_filter(model, 1000, linearisation="unscented"),
 }

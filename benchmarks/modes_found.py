@@ -10,7 +10,7 @@ truth ends in, as a tracker would, with that mode's covariance (Sminchisescu and
 
 * dynamic noise: N(mu, s Q) with Q of 15 mm and 0.15 rad, s = 1 and 10;
 * multiple hypothesis tracking: N(mu, S + s Q), S being the covariance of the mode, s = 1 and 10;
-* covariance scaled: s = 10 on the k = 6 or 12 most uncertain axes, regular or random;
+* covariance scaled: s = 10 (or 40) on the k = 6, 12 or all 28 most uncertain axes, regular or random;
 * kinematic jumps: each limb leaning the other way, and of these poses again those of the other limbs;
 * half jumps, half covariance scaled.
 
@@ -187,7 +187,7 @@ def methods(posed: Posed, mode: Floats, covariance: Floats) -> Mapping[str, Call
     def sampled(proposal: Callable[..., Any], *args: Any, **settings: Any) -> Callable[[int], Floats]:
         return lambda number: np.asarray(proposal(number, *args, **settings)(jax.random.key(number), state, spread))
 
-    scaled = partial(sampled, covariance_scaled, posed.units, stretch=10.0)
+    scaled = partial(sampled, covariance_scaled, posed.units)
     half = scaled(num_directions=12)
     return {
         "dynamic noise": sampled(dynamic_noise, noise),
@@ -196,12 +196,18 @@ def methods(posed: Posed, mode: Floats, covariance: Floats) -> Mapping[str, Call
         "multiple hypotheses, s = 10": sampled(dynamic_noise, noise, stretch=10.0, spread=True),
         "covariance scaled, 6 axes": scaled(num_directions=6),
         "covariance scaled, 12 axes": half,
+        "covariance scaled, 12 axes, s = 40": scaled(num_directions=12, stretch=40.0),
         "covariance scaled, 12 axes, random": scaled(num_directions=12, pattern="random"),
+        "covariance scaled, 28 axes, random": scaled(num_directions=28, pattern="random"),
         "kinematic jumps": lambda number: jumped(posed, mode, number),
-        "jumps and covariance scaled": lambda number: np.concatenate(
-            [jumped(posed, mode, number // 2), half(number - number // 2)]
-        ),
+        "jumps and covariance scaled": lambda number: _in_turns(jumped(posed, mode, number), half(number))[:number],
     }
+
+
+def _in_turns(one: Floats, other: Floats) -> Floats:
+    """The rows of two arrays in turns, as far as both go."""
+    count = min(len(one), len(other))
+    return np.stack([one[:count], other[:count]], 1).reshape(-1, one.shape[1])
 
 
 def study(pose: int, num_starts: int, counts: Sequence[int]) -> list[tuple[Any, ...]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.tables import Table
-from verdicts import choo_fleet, image_claims, image_tables, predictions, sampling, walks
+from verdicts import choo_fleet, image_claims, image_tables, modes, predictions, sampling, walks
 
 Tables = Mapping[str, Table]
 DOCS = Path(__file__).resolve().parents[1]
@@ -31,6 +31,7 @@ SECTIONS: Mapping[str, Mapping[str, Callable[[Tables], str]]] = {
         "random-walks": walks.random_walks,
         "filters": sampling.filters,
         "mueller": sampling.mueller,
+        "modes-found": modes.modes_found,
         "dimensionality": sampling.dimensionality,
         "mixtures": sampling.mixtures,
         "trajectory": sampling.trajectory,

@@ -46,7 +46,7 @@ def test_every_table_has_its_record():
     assert {path.stem for path in folder.glob("*.csv")} == set(read_folder(folder))
 
 
-KEYS = {"dimension", "particles", "frames", "cameras", "exponent", "run", "evaluations", "seed", "rate"}
+KEYS = {"dimension", "particles", "frames", "cameras", "exponent", "run", "evaluations", "seed", "rate", "pose", "starts"}
 UNSHOWN = {"weighted_relative", "weighted_relative_sd", "weight", "weight_sd", "failed", "seconds"}
 
 
