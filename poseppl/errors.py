@@ -47,11 +47,11 @@ class Location(NamedTuple):
 
     def in_line(self, line: int) -> Location:
         """A line of this file."""
-        return self._replace(line=line)
+        return Location(self.file, line, self.field)
 
     def in_field(self, field: str) -> Location:
         """A field here."""
-        return self._replace(field=field)
+        return Location(self.file, self.line, field)
 
     def error(self, problem: str, expected: str | None = None) -> InputError:
         """The error that something here is wrong."""
