@@ -10,12 +10,13 @@ Nodes of a part, N of them, are on its occluding contour (two of each of some ri
 summed over the part's nodes and divided by N, and summed over parts. d_e is the offset of an edge along the contour's normal
 within a window; w_e its importance, that is its energy, more at motion boundaries, falling to 0 at the window's ends, and
 normalised with w_0 for "no edge at all" to a sum of 1. u is where the node was seen in the frame before, for a given pose then,
-v the flow there, t how far it can be believed, and r where the node is now. rho is Leclerc's potential of strength nu.
+v the flow there, t how far it can be believed, and r where the node is now. rho is a robust potential of strength nu: Leclerc's
+for edges, of which another one may be meant, the Lorentzian for flow, which pulls from afar.
 
 Departures: that a visible node without edges costs nu / 2, for otherwise clutter would cost more than its absence; that
-facing and occlusion set in smoothly, with the ellipsoids of the parts as occluders; Leclerc's potential for both cues (the
-paper names two and does not say which is for which). A weight multiplies it all, the number of independent measurements that a
-part is worth, for neighbouring nodes err alike.
+facing and occlusion set in smoothly, with the ellipsoids of the parts as occluders. Which potential is for which cue the paper
+does not say. A weight multiplies it all, the number of independent measurements that a part is worth, for neighbouring nodes
+err alike.
 
 Each cost c enters as a residual sqrt(2 c), of the offset's sign, that is normal of scale 1 and observed to be 0. So the density
 is that of the cost up to a constant, and every method for Gaussian data can use it; the Gauss-Newton curvature is that of the
@@ -38,7 +39,7 @@ from poseppl.motion.geometry.occlusion import hidden
 from poseppl.motion.geometry.superquadrics import Superquadrics, local_nodes, part_axes, place_in
 from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.motion.likelihoods.line_search import edges_along_normals
-from poseppl.program import Leclerc
+from poseppl.program import Leclerc, Lorentzian, RobustError
 
 Parts = tuple[jax.Array, jax.Array]
 """Axes (P, 3, 3, N) and centres (P, 3, N), mm, of parts in the world."""
@@ -110,10 +111,10 @@ class CostNoise(NamedTuple):
     weight: jax.Array
 
 
-def robust_root(squared: jax.Array, strength: float) -> jax.Array:
-    """sqrt(rho(s) / s) of Leclerc's potential of strength nu: a residual times this has rho as its square."""
+def robust_root(potential: type[RobustError], squared: jax.Array, strength: float) -> jax.Array:
+    """sqrt(rho(s) / s) of a potential of strength nu: a residual times this has rho as its square."""
     squared = jnp.maximum(squared, _TINY)
-    return jnp.sqrt(Leclerc(dist.Normal(0.0, 1.0), strength).potential(squared) / squared)
+    return jnp.sqrt(potential(dist.Normal(0.0, 1.0), strength).potential(squared) / squared)
 
 
 class _Assigned(NamedTuple):
@@ -147,7 +148,7 @@ def _per_camera(
     front = jax.nn.sigmoid(front / (0.5 * settings.lean))
     behind = hidden(flesh, *others, lens.centre, points, settings.softness)
     offset = (before[0] - project_point(lens, points)) / noise.flow
-    root = robust_root(jnp.sum(offset**2, 2), settings.strength)
+    root = robust_root(Lorentzian, jnp.sum(offset**2, 2), settings.strength)
     seen = jnp.sqrt(front * (1 - behind) * before[1] + _TINY)
     flow = (offset * (root * seen)[:, :, None]).reshape(len(points), -1, points.shape[-1])
     lost = (1 - front) + settings.occluded * front * behind
@@ -171,7 +172,7 @@ def _edge_residuals(
     behind = hidden(flesh, *others, lens.centre, contour.points, settings.softness)
     visible = contour.share * (1 - behind)
     deviation = offset / noise.edges
-    root = robust_root(deviation**2, settings.strength)
+    root = robust_root(Leclerc, deviation**2, settings.strength)
     residuals = deviation * root * jnp.sqrt(visible[:, :, None] * weight / total + _TINY)
     missed = 0.5 * visible * settings.unassigned / total[:, :, 0] + settings.occluded * contour.share * behind
     cost = settings.strength * jnp.sum(missed, 1, keepdims=True)
