@@ -18,7 +18,7 @@ distance across its thinnest direction.
 >>> egg = superquadrics_of(tree, [Superquadric("egg", "hip", (50.0, 50.0, 100.0))])
 >>> last = jax.tree.map(lambda leaf: leaf[..., None], egg)
 >>> places = jnp.array([[[60.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 100.0]]])[..., None]
->>> surface_distances(last, places)[0, :, 0].round(3).tolist()
+>>> [round(float(f), 1) for f in surface_distances(last, places)[0, :, 0]]
 [10.0, -50.0, 0.0]
 """
 
