@@ -71,7 +71,7 @@ def by_hand(model: CompiledModel, matrices: LinearGaussian) -> CompiledModel:
         def observation_information(self, x: jax.Array, observation: Any, inputs: Any = None) -> jax.Array:
             return H.T @ (H / noise[:, None] ** 2)
 
-    return ByHand(model.programs, model.sites, model.observation_sites, model.num_keys)
+    return ByHand(model.programs, model.sites, model.observation_sites, model.randomness)
 
 
 FILTERS: dict[str, Callable[[CompiledModel], Filter]] = {

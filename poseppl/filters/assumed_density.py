@@ -36,9 +36,17 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussians.chain_mixture import fit_mixture
-from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture, mixture_curvature
+from poseppl.gaussians.mixture import (
+    GaussianMixture,
+    MixtureFactors,
+    draw_mixture,
+    factorise_mixture,
+    log_mixture,
+    mixture_curvature,
+)
 from poseppl.kernels.hmc import HMCSettings
 from poseppl.kernels.laplace import GAUSS_NEWTON_TRIALS, find_modes, mode_log_weights
+from poseppl.particles.keys import particle_keys
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, propagate, transition_moments
@@ -85,13 +93,12 @@ def assumed_density_filter(
 
     def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         first = ~state.started
-        prior, log_prior = _prior(model, state, first, inputs, num_components)
-        key_climb, key_move, key_start, key_chains = jax.random.split(rng_key, 4)
-        starts, component = draw_mixture(key_climb, prior, num_starts)
-        starts = starts.at[0].set(prior.means[component[0]])
+        prior, factors, log_prior = _prior(model, state, first, inputs, num_components)
+        key_climb, key_move, key_chains = jax.random.split(rng_key, 3)
+        starts, component = draw_mixture(key_climb, prior, num_starts, factors)
         others = jnp.where(first, starts[num_starts - moved :], _move(model, key_move, state.particles, inputs, moved))
-        starts = starts.at[num_starts - moved :].set(others)
-        prior_curvature = mixture_curvature(prior)
+        starts = jnp.concatenate([prior.means[component[:1]], starts[1 : num_starts - moved], others])
+        prior_curvature = mixture_curvature(prior, factors)
         failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
         seen = drop_impossible(model, observation, failed)
 
@@ -104,7 +111,7 @@ def assumed_density_filter(
         found = find_modes(starts, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=mode_log_weights(found))
         draws, log_weights, chains = chains_from_modes(
-            key_start, key_chains, modes, log_density, state.log_step_size, num_chains, settings
+            key_chains, modes, log_density, state.log_step_size, num_chains, settings
         )
         info = filter_info(
             jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),
@@ -127,8 +134,11 @@ def assumed_density_filter(
 
 def _prior(
     model: CompiledModel, state: ChainState, first: jax.Array, inputs: Any, num_components: int
-) -> tuple[GaussianMixture, LogDensity]:
-    """The Gaussians that sum up the past, and the log-density of the prior: at the first frame, the initial program's."""
+) -> tuple[GaussianMixture, MixtureFactors, LogDensity]:
+    """The Gaussians that sum up the past, their factors, and the prior log-density: at first that of the initial program.
+
+    Where the initial program is Gaussian, its moments are that density.
+    """
     means, covariances = jax.vmap(lambda chain: transition_moments(model, chain, inputs))(state.particles)
     fitted, residuals = fit_mixture(means, num_components, state.log_weights[:, 0])
     spread = fitted.covariances * covariance_inflation(residuals)
@@ -140,22 +150,27 @@ def _prior(
         jnp.full(number, -np.log(number), mean.dtype), *(jnp.stack([m] * number) for m in (mean, covariance))
     )
     prior: GaussianMixture = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
-    log_predicted = log_mixture(prior)
+    factors = factorise_mixture(prior)
+    log_predicted = log_mixture(prior, factors)
+    if model.initial_is_gaussian(inputs):
+        return prior, factors, log_predicted
 
     def log_prior(x: jax.Array) -> jax.Array:
         # the inner choice keeps what is not chosen finite, and with it its gradient
         return jnp.where(first, model.log_initial(jnp.where(first, x, mean), inputs), log_predicted(x))
 
-    return prior, log_prior
+    return prior, factors, log_prior
 
 
 def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: Any, number: int) -> jax.Array:
     """Draws (number, d) of the next frame from some of the draws (M, R, d) of this one, of each chain in turn."""
-    key_chain, key_draw, key_move = jax.random.split(rng_key, 3)
+    key_choose, key_move = jax.random.split(rng_key)
     num_chains, num_draws, _ = draws.shape
-    chain = jax.random.permutation(key_chain, num_chains)[jnp.arange(number) % num_chains]
-    chosen = draws[chain, jax.random.randint(key_draw, (number,), 0, num_draws)]
-    return propagate(model, jax.random.split(key_move, number), chosen, inputs)
+    chances = jax.random.uniform(key_choose, (number + 1,), draws.dtype)
+    # the first number turns the chains, so that each is as likely as any other to be taken once more
+    chain = (jnp.arange(number) + (chances[0] * num_chains).astype(jnp.int32)) % num_chains
+    chosen = draws[chain, (chances[1:] * num_draws).astype(jnp.int32)]
+    return propagate(model, particle_keys(key_move, number), chosen, inputs)
 
 
 def covariance_inflation(draws: jax.Array) -> jax.Array:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, group_masses, group_modes, whitening
+from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
 from poseppl.particles.resampling import systematic
 
 _EVENNESS = 0.75
@@ -34,8 +35,7 @@ class ModeChains(NamedTuple):
 
 
 def chains_from_modes(
-    key_start: jax.Array,
-    key_chains: jax.Array,
+    rng_key: jax.Array,
     modes: Modes,
     log_density: LogDensity,
     log_step_size: jax.Array,
@@ -45,15 +45,14 @@ def chains_from_modes(
     """Run M chains.
 
     Args:
-        key_start: PRNG key of the starts.
-        key_chains: PRNG key of the chains.
+        rng_key: PRNG key.
         modes: Modes with the masses by which they are chosen.
         log_density: Unnormalised log-density of one state (d,), a scalar.
         log_step_size: Log step size to start from.
         num_chains: M.
         settings: L, R, b and so on.
     """
-    key_choose, key_start = jax.random.split(key_start)
+    key_choose, key_start, key_chains = jax.random.split(rng_key, 3)
     chosen, log_weights = share_out(key_choose, modes, num_chains)
     starts = start_chains(key_start, modes, chosen, log_density)
     transform = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
@@ -86,9 +85,10 @@ def start_chains(rng_key: jax.Array, modes: Modes, chosen: jax.Array, log_densit
     Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of
     them lie so far out that a chain would not come back within the warm-up.
     """
-    key_noise, key_pick = jax.random.split(rng_key)
-    noise = jax.random.normal(key_noise, (len(chosen), CANDIDATES, modes.states.shape[1]), modes.states.dtype)
+    dimension, dtype = modes.states.shape[1], modes.states.dtype
+    noise, chances = normals_and_uniforms(rng_key, (len(chosen),), CANDIDATES * dimension, 1, dtype)
+    noise = noise.reshape(len(chosen), CANDIDATES, dimension)
     candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
     importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
-    picked = jax.random.categorical(key_pick, jnp.where(jnp.isnan(importance), -jnp.inf, importance))
+    picked = weighted_choice(chances[:, 0], jnp.where(jnp.isnan(importance), -jnp.inf, importance))
     return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0]

@@ -97,7 +97,7 @@ def window_filter(
     def run(
         rng_key: jax.Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
     ) -> tuple[WindowState, Info]:
-        key_climb, key_past, key_start, key_chains, key_even = jax.random.split(rng_key, 5)
+        key_climb, key_past, key_chains, key_even = jax.random.split(rng_key, 4)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
         starts, _ = draw_mixture(key_climb, prior, num_starts)
         starts = starts.at[0].set(prediction.mean)
@@ -121,7 +121,7 @@ def window_filter(
         )
         modes = whole._replace(log_masses=mode_log_weights(whole))
         draws, log_weights, chains = chains_from_modes(
-            key_start, key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
+            key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
         )
         even = draws[systematic(key_even, log_weights, num_chains)]
         trajectories = even.reshape(*draws.shape[:2], window, dimension)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from poseppl.gaussians.gaussian import diagonal, inverse_root
 from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
 from poseppl.gaussians.weighted_em import fit_from
 
@@ -52,7 +53,7 @@ def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array |
     centres = jnp.mean(chains, 1)
     inside = (chains - centres[:, None]).reshape(-1, dimension)
     within = (inside.T @ inside / number + ridge * covariance) / (1 + ridge)
-    floor = _FLOOR * jnp.diagonal(within)
+    floor = _FLOOR * diagonal(within)
     within = within + jnp.diag(floor)
     seeds = centres[_far_apart(centres, within, min(num_components, chains.shape[0]))]
     start = GaussianMixture(
@@ -67,15 +68,13 @@ def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array |
 
 def _far_apart(points: jax.Array, covariance: jax.Array, number: int) -> jax.Array:
     """Indices of points (M, d): the one farthest from the mean, and then each the farthest from those before it."""
-    precision = jnp.linalg.inv(covariance)
+    white = (points - jnp.mean(points, 0)) @ inverse_root(covariance).T
 
-    def distance(centre: jax.Array) -> jax.Array:
-        offset = points - centre
-        return jnp.einsum("ni,ij,nj->n", offset, precision, offset)
+    def choose(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+        nearest, index = carry
+        nearest = jnp.minimum(nearest, jnp.sum((white - white[index]) ** 2, 1))
+        return (nearest, jnp.argmax(nearest)), index
 
-    chosen = [jnp.argmax(distance(jnp.mean(points, 0)))]
-    nearest = distance(points[chosen[0]])
-    for _ in range(number - 1):
-        chosen.append(jnp.argmax(nearest))
-        nearest = jnp.minimum(nearest, distance(points[chosen[-1]]))
-    return jnp.stack(chosen)
+    first = jnp.argmax(jnp.sum(white**2, 1))
+    _, chosen = jax.lax.scan(choose, (jnp.full(len(white), jnp.inf, white.dtype), first), None, length=number)
+    return chosen

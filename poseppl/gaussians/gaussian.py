@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.linalg import solve_triangular
 
 
@@ -52,7 +53,17 @@ def precision_of(covariance: jax.Array) -> jax.Array:
 
 def inverse_root(covariance: jax.Array) -> jax.Array:
     """W, lower triangular (d, d), with W^T W the inverse of a covariance."""
-    unit = 1.0 / jnp.sqrt(jnp.diagonal(covariance))
+    return triangular_factors(covariance)[1]
+
+
+def triangular_factors(covariance: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """L with L L^T a covariance, and W = L^-1, both lower triangular (d, d)."""
+    unit = 1.0 / jnp.sqrt(diagonal(covariance))
     lower = jnp.linalg.cholesky(covariance * unit[:, None] * unit)
-    root: jax.Array = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True) * unit
-    return root
+    root = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True) * unit
+    return lower / unit[:, None], root
+
+
+def diagonal(matrix: jax.Array) -> jax.Array:
+    """The diagonal (..., d) of matrices (..., d, d), as a masked sum: a gather of so many entries takes long to compile."""
+    return jnp.sum(jnp.where(np.eye(matrix.shape[-1], dtype=bool), matrix, 0.0), -1)

@@ -10,14 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import blackjax
 import jax
 import jax.numpy as jnp
+from blackjax.mcmc import integrators, metrics
+from blackjax.mcmc.hmc import HMCState, hmc_proposal
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
+from poseppl.particles.random_numbers import normals_and_uniforms
+
+LogDensity = Callable[[jax.Array], jax.Array]
 
 _GAIN = 1.0
 """Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
+
+_DIVERGENT = 1000.0
+"""Loss of energy beyond which an update counts as divergent, as in BlackJAX."""
 
 
 class HMCSettings(NamedTuple):
@@ -75,7 +82,7 @@ class Chains(NamedTuple):
 def hmc_chains(
     rng_key: jax.Array,
     starts: jax.Array,
-    log_density: Callable[[jax.Array], jax.Array],
+    log_density: LogDensity,
     log_step_size: jax.Array,
     settings: HMCSettings,
 ) -> Chains:
@@ -92,48 +99,66 @@ def hmc_chains(
         The draws after the warm-up and how it went.
     """
     num_chains, dimension = starts.shape
-    kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
-    mass = jnp.ones(dimension, starts.dtype)
+    dtype, number = starts.dtype, settings.num_updates
 
     def safe_density(position: jax.Array) -> jax.Array:
         value = log_density(position)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
-    def update(carry: Any, inputs: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
+    def update(carry: Any, row: tuple[jax.Array, ...]) -> tuple[Any, Any]:
         states, log_step_size = carry
-        key, number = inputs
-        key_length, key_chains = jax.random.split(key)
-        steps = _trajectory_length(key_length, settings)
-        step_size = jnp.exp(log_step_size)
-
-        def move(key: jax.Array, state: Any) -> Any:
-            return kernel(key, state, safe_density, step_size, mass, steps)
-
-        states, info = jax.vmap(move)(jax.random.split(key_chains, num_chains), states)
+        number, noise, chances, steps = row
+        # the first update stays where it is: the gradient at the starts, without compiling it a second time
+        step_size = jnp.where(number < 0, 0.0, jnp.exp(log_step_size))
+        states, info = jax.vmap(_move(safe_density, dimension, step_size, steps))(states, noise, chances)
         acceptance = jnp.mean(info.acceptance_rate)
         if settings.target_acceptance is not None:
             error = acceptance - settings.target_acceptance
-            gain = jnp.where(number < settings.num_warmup, _GAIN / jnp.sqrt(number + 1.0), 0.0)
+            counts = (number >= 0) & (number < settings.num_warmup)
+            gain = jnp.where(counts, _GAIN / jnp.sqrt(number + 1.0), 0.0)
             log_step_size = log_step_size + (gain * error).astype(log_step_size.dtype)
         return (states, log_step_size), (states.position, acceptance, jnp.sum(info.is_divergent), steps)
 
-    states = jax.vmap(lambda start: blackjax.hmc.init(start, safe_density))(starts)
-    keys = jax.random.split(rng_key, settings.num_updates)
+    noise, chances = normals_and_uniforms(rng_key, (number + 1, num_chains), dimension, 2, dtype)
+    steps = _trajectory_lengths(chances[:, 0, 1], settings).at[0].set(1)
+    unknown = HMCState(starts, jnp.full(num_chains, -jnp.inf, dtype), jnp.zeros_like(starts))
     carry, (positions, acceptance, divergent, steps) = jax.lax.scan(
-        update, (states, jnp.asarray(log_step_size, starts.dtype)), (keys, jnp.arange(settings.num_updates))
+        update,
+        (unknown, jnp.asarray(log_step_size, dtype)),
+        (jnp.arange(-1, number), noise, chances[:, :, 0], steps),
     )
-    kept = slice(settings.num_warmup, None)
+    kept = slice(1 + settings.num_warmup, None)
     return Chains(
         draws=jnp.swapaxes(positions[kept], 0, 1),
         acceptance=jnp.mean(acceptance[kept]),
         divergences=jnp.sum(divergent[kept]).astype(jnp.int32),
         log_step_size=carry[1],
-        num_gradient=(num_chains * (1 + jnp.sum(steps))).astype(jnp.int32),
+        num_gradient=(num_chains * jnp.sum(steps)).astype(jnp.int32),
     )
 
 
-def _trajectory_length(rng_key: jax.Array, settings: HMCSettings) -> Any:
+def _move(density: LogDensity, dimension: int, step_size: jax.Array, steps: jax.Array) -> Callable[..., Any]:
+    """`(state, noise (d,), chance) -> (state, info)`: BlackJAX's update, which draws no numbers of its own."""
+    metric = metrics.default_metric(jnp.ones(dimension))
+    integrator = integrators.velocity_verlet(density, metric.kinetic_energy)
+
+    def accept(chance: jax.Array, log_ratio: jax.Array, state: Any, proposal: Any) -> Any:
+        rate = jnp.minimum(jnp.exp(log_ratio), 1.0)
+        accepted = chance < rate
+        chosen = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), proposal, state)
+        return chosen, (accepted, rate, None)
+
+    update = hmc_proposal(integrator, metric.kinetic_energy, step_size, steps, _DIVERGENT, sample_proposal=accept)
+
+    def move(state: HMCState, noise: jax.Array, chance: jax.Array) -> Any:
+        position, value, gradient = state
+        moved, info, _ = update(chance, integrators.IntegratorState(position, noise, value, gradient))
+        return HMCState(moved.position, moved.logdensity, moved.logdensity_grad), info
+
+    return move
+
+
+def _trajectory_lengths(chances: jax.Array, settings: HMCSettings) -> jax.Array:
+    """L of each update, int32, from uniform numbers in [0, 1)."""
     shortest = max(1, round((1.0 - settings.jitter) * settings.num_leapfrog))
-    if shortest == settings.num_leapfrog:
-        return settings.num_leapfrog
-    return jax.random.randint(rng_key, (), shortest, settings.num_leapfrog + 1)
+    return (shortest + jnp.floor(chances * (settings.num_leapfrog + 1 - shortest))).astype(jnp.int32)

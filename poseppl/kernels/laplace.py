@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import solve_triangular
 
+from poseppl.gaussians.gaussian import diagonal
+
 _DAMPING = (0.0, 1.0, 0.3, 0.1, 0.01)
 """Fractions of a Gauss-Newton step that are tried; the best is taken, so that the density never falls."""
 
@@ -52,9 +54,9 @@ def whitening(centre: jax.Array, precision: jax.Array, *, dense: bool = True) ->
         dense: False uses the diagonal alone: the step sizes per coordinate of Choo and Fleet 2001, Eq. 17.
     """
     if not dense:
-        return Whitening(centre, 1.0 / jnp.sqrt(jnp.diagonal(precision)))
+        return Whitening(centre, 1.0 / jnp.sqrt(diagonal(precision)))
     # scaled to a unit diagonal first: millimetres and radians side by side cost float32 its digits
-    unit = 1.0 / jnp.sqrt(jnp.diagonal(precision))
+    unit = 1.0 / jnp.sqrt(diagonal(precision))
     lower = jnp.linalg.cholesky(precision * unit[:, None] * unit)
     inverse = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True)
     return Whitening(centre, unit[:, None] * inverse.T)
@@ -96,7 +98,7 @@ def find_modes(
         value, gradient = jax.value_and_grad(log_density)(x)
         precision = curvature(x)
         scale = whitening(x, precision).scale
-        volume = jnp.sum(jnp.log(jnp.diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
+        volume = jnp.sum(jnp.log(diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
         mass = jnp.where(jnp.isnan(value + volume), -jnp.inf, value + volume)
         trials = x + damping[:, None] * (scale @ (scale.T @ gradient))
         values = jax.vmap(log_density)(trials)
@@ -119,7 +121,7 @@ def mode_log_weights(modes: Modes) -> jax.Array:
     Each is the importance weight of its state under the mixture of all S Laplace approximations, log p - log sum_k N(.; k): a
     mode that n starts came to has its mass once, and not n times.
     """
-    half_log_det = jnp.sum(jnp.log(jnp.diagonal(modes.scales, axis1=1, axis2=2)), 1)
+    half_log_det = jnp.sum(jnp.log(diagonal(modes.scales)), 1)
     offset = modes.states[:, None] - modes.states
     distance = jnp.einsum("ski,kij,skj->sk", offset, modes.precisions, offset)
     # the factors of 2 pi in the density and in the mixture cancel

@@ -67,7 +67,7 @@ def running_split_sum(x: Split) -> Split:
 
 def _triangle(x: jax.Array) -> jax.Array:
     size = min(x.shape[0], _ROW)
-    return jnp.triu(jnp.ones((size, size), x.dtype))
+    return jnp.asarray(np.triu(np.ones((size, size))), x.dtype)
 
 
 def _rows(x: jax.Array) -> jax.Array:
@@ -76,7 +76,7 @@ def _rows(x: jax.Array) -> jax.Array:
 
 
 def _product(rows: jax.Array) -> jax.Array:
-    triangle = jnp.triu(jnp.ones((_ROW, _ROW), rows.dtype))
+    triangle = jnp.asarray(np.triu(np.ones((_ROW, _ROW))), rows.dtype)
     return jnp.matmul(rows, triangle, precision=jax.lax.Precision.HIGHEST)
 
 

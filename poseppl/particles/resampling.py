@@ -117,11 +117,12 @@ def _draw_independently(rng_key: jax.Array, expected: jax.Array, num: int) -> ja
     cumulative = _cumulative(expected, num)
     bits = 32 - int(num).bit_length()
     scale = unit(expected.dtype) * 2.0**bits
-    point = jnp.minimum((cumulative.fraction * scale).astype(jnp.uint32), jnp.uint32(2**bits - 1))
-    ends = (jnp.clip(cumulative.whole, 0, num).astype(jnp.uint32) << bits) + point
-    key_slot, key_point = jax.random.split(rng_key)
-    slots = jax.random.randint(key_slot, (num,), 0, num).astype(jnp.uint32)
-    drawn = (slots << bits) + (jax.random.bits(key_point, (num,), jnp.uint32) >> (32 - bits))
+    within = jnp.minimum((cumulative.fraction * scale).astype(jnp.uint32), jnp.uint32(2**bits - 1))
+    ends = (jnp.clip(cumulative.whole, 0, num).astype(jnp.uint32) << bits) + within
+    high, low, point = jax.random.bits(rng_key, (3, num), jnp.uint32)
+    # as in jax.random.randint, the remainder of 64 bits, of which a number that is no power of 2 hardly prefers any
+    slots = ((high % num) * (2**32 % num) + low % num) % num
+    drawn = (slots << bits) + (point >> (32 - bits))
     return jnp.minimum(jnp.searchsorted(ends, drawn, side="right").astype(jnp.int32), _last(expected > 0))
 
 

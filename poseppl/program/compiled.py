@@ -12,16 +12,18 @@ import jax.numpy as jnp
 
 from poseppl.program import bijector
 from poseppl.program.bijector import Site
-from poseppl.program.execution import Seed, draw, log_density, trace_program
+from poseppl.program.execution import Randomness, Seed, draw, log_density, sample_sites, trace_log_density, trace_program
 from poseppl.program.explanation import check_inputs
 from poseppl.program.moments import (
     flat_observation,
+    is_gaussian,
     moments_obstacle,
     observation_information,
     observation_jacobian,
     observation_moments,
     transition_moments,
 )
+from poseppl.program.normal_sites import joint_normal
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
 from poseppl.program.resolution import constant_noise, tell_rounding
@@ -45,7 +47,7 @@ class CompiledModel:
         programs: The NumPyro programs.
         sites: The state's sites by name, in the order of the flat vector.
         observation_sites: The observation's data sites by name.
-        num_keys: How many PRNG keys a draw from each program takes, by the program's name.
+        randomness: What a draw from each program takes of the generator, by the program's name.
         params: What the programs get as `params`; may hold tracers.
         unbound: Whether params are still to be set by `with_params`.
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
@@ -54,7 +56,7 @@ class CompiledModel:
     programs: StateSpaceModel
     sites: dict[str, Site]
     observation_sites: dict[str, Declared]
-    num_keys: dict[str, int]
+    randomness: dict[str, Randomness]
     params: Any = None
     unbound: bool = False
     input_shapes: Any = None
@@ -101,28 +103,43 @@ class CompiledModel:
 
     def sample_initial(self, rng_key: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at the first frame."""
-        return self.to_flat(draw(self.programs.initial, self._arguments(inputs), rng_key, self.num_keys["initial"]))
+        return self._draw("initial", rng_key, self._arguments(inputs))
 
     def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state at the first frame, a scalar."""
-        arguments = self._arguments(inputs)
-        return log_density(self.programs.initial, arguments, bijector.to_sites(self.sites, x)) + bijector.log_det(self.sites, x)
+        return self._log_density("initial", x, self._arguments(inputs))
 
     def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
-        arguments = self._arguments(inputs, x_previous)
-        return self.to_flat(draw(self.programs.transition, arguments, rng_key, self.num_keys["transition"]))
+        return self._draw("transition", rng_key, self._arguments(inputs, x_previous))
 
     def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
         """Log-density of the state `x` given `x_previous`, a scalar."""
-        arguments = self._arguments(inputs, x_previous)
-        log_prob = log_density(self.programs.transition, arguments, bijector.to_sites(self.sites, x))
-        return log_prob + bijector.log_det(self.sites, x)
+        return self._log_density("transition", x, self._arguments(inputs, x_previous))
+
+    def _draw(self, which: str, rng_key: jax.Array, arguments: tuple[Any, ...]) -> jax.Array:
+        seed = Seed(rng_key, self.randomness[which])
+        trace = trace_program(getattr(self.programs, which), arguments, seed=seed)
+        joint = joint_normal(self.sites, trace)
+        if joint is None:
+            return self.to_flat({name: site["value"] for name, site in sample_sites(trace).items()})
+        in_order = list(seed.noise) == list(self.sites)
+        noise = seed.normals if in_order else self.to_flat(seed.noise)
+        drawn: jax.Array = joint.loc + noise * joint.scale
+        return drawn
+
+    def _log_density(self, which: str, x: jax.Array, arguments: tuple[Any, ...]) -> jax.Array:
+        trace = trace_program(getattr(self.programs, which), arguments, values=bijector.to_sites(self.sites, x))
+        joint = joint_normal(self.sites, trace)
+        if joint is None:
+            return trace_log_density(trace) + bijector.log_det(self.sites, x)
+        total: jax.Array = jnp.sum(joint.log_prob(x))
+        return total
 
     def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
         """Draw the data sites of a frame by name; factors draw nothing."""
         arguments = self._arguments(inputs, x)
-        return draw(self.programs.observation, arguments, rng_key, self.num_keys["observation"])
+        return draw(self.programs.observation, arguments, rng_key, self.randomness["observation"])
 
     def draw_data(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> DrawnData:
         """Draw a frame's data (k,) given `x`, in the order of `flat_observation`, and tell their moments.
@@ -144,7 +161,7 @@ class CompiledModel:
 
     def _drawn_trace(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs) -> Any:
         arguments = self._arguments(inputs, x)
-        return trace_program(self.programs.observation, arguments, seed=Seed(rng_key, self.num_keys["observation"]))
+        return trace_program(self.programs.observation, arguments, seed=Seed(rng_key, self.randomness["observation"]))
 
     def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
@@ -184,6 +201,12 @@ class CompiledModel:
             ValueError: A site is not over the real line, depends on another site, or has no moments.
         """
         return self._moments("initial", self._arguments(inputs))
+
+    def initial_is_gaussian(self, inputs: Inputs = None) -> bool:
+        """Whether the density of the first flat state is the Gaussian of its moments, where it has these."""
+        arguments = self._arguments(inputs)
+        values = {name: jnp.zeros(site.shape, site.dtype) for name, site in self.sites.items()}
+        return is_gaussian(trace_program(self.programs.initial, arguments, values=values))
 
     def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
         """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
@@ -253,7 +276,7 @@ class CompiledModel:
         Raises:
             ValueError: The model has none.
         """
-        return draw(self._parameters_program(), (), rng_key, self.num_keys["parameters"])
+        return draw(self._parameters_program(), (), rng_key, self.randomness["parameters"])
 
     def log_parameters(self, params: Mapping[str, Any]) -> jax.Array:
         """Log-density of params (constrained values by name) under the parameters program, a scalar."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,9 +27,6 @@ from numpyro.distributions.distribution import Unit
 
 from poseppl.program.closed_forms import SummedDensity
 from poseppl.program.explanation import refuse
-
-_WIDTH = 4
-"""Entries of a site up to which its normal draws come from a table of all sites."""
 
 Program = Callable[..., Any]
 Trace = dict[str, dict[str, Any]]
@@ -54,52 +51,73 @@ def is_factor(site: Mapping[str, Any]) -> bool:
     return site["type"] == "sample" and isinstance(unwrap(site["fn"]), Unit)
 
 
-class Seed(handlers.seed):  # type: ignore[misc]
-    """Hand out keys from one split of all that a program needs; NumPyro's own seed splits twice as often.
+class Randomness(NamedTuple):
+    """What a draw from a program takes of the generator.
 
-    Random bits are what a particle filter spends most of its time on, so a program of one site gets its key unsplit. They are
-    also what a program of many sites takes longest to compile: small Normal sites get, of one table, what each would draw with
-    its own key, for with JAX's generator the first draws of a key do not depend on their number.
-
-    Args:
-        rng_key: The key to split.
-        num_keys: How many keys the program needs; None splits as it goes, and `count` tells afterwards.
+    Attributes:
+        num_keys: PRNG keys of its own, for sites that are not Normal, and plates that subsample.
+        num_normals: Standard normal numbers, entries of its Normal sites.
     """
 
-    def __init__(self, rng_key: jax.Array, num_keys: int | None) -> None:
+    num_keys: int = 0
+    num_normals: int = 0
+
+
+class Seed(handlers.seed):  # type: ignore[misc]
+    """Give the sites of a program their randomness; NumPyro's own seed splits keys for each of them.
+
+    Random bits are what a particle filter spends most of its time on, and what a program of many sites takes longest to
+    compile. So all Normal sites share one array of standard normal numbers, and the other sites the keys of one split; a key
+    that serves one purpose alone is not split.
+
+    Args:
+        rng_key: The key.
+        randomness: What the program needs; None splits as it goes, and `counted` tells afterwards.
+    """
+
+    def __init__(self, rng_key: jax.Array, randomness: Randomness | None) -> None:
         super().__init__(rng_seed=rng_key)
-        self.count = 0
-        self.keys: list[jax.Array] | None = None
-        if num_keys is not None:
-            self.keys = [rng_key] if num_keys <= 1 else list(jax.random.split(rng_key, num_keys))
-        self.shares = num_keys is not None and num_keys > 1 and str(jax.random.key_impl(rng_key)) == "threefry2x32"
+        self.counted, self.counts = Randomness(), randomness is None
+        self.randomness = randomness or Randomness()
+        number = self.randomness.num_keys + (self.randomness.num_normals > 0)
+        self.noise: dict[str, jax.Array] = {}
+        self.keys = [rng_key] if number <= 1 else list(jax.random.split(rng_key, number))
 
     @cached_property
-    def table(self) -> jax.Array:
-        """The first standard normal draws (keys, width) of each key."""
-        return jax.vmap(lambda key: jax.random.normal(key, (_WIDTH,)))(jnp.stack(self.keys or []))
+    def normals(self) -> jax.Array:
+        """The standard normal numbers of all Normal sites, one after the other."""
+        return jax.random.normal(self.keys[-1], (self.randomness.num_normals,))
 
     def process_message(self, msg: dict[str, Any]) -> None:
-        """Give a message that asks for a key the next one."""
+        """Give a message that asks for a key the next one, or its value."""
         if msg["type"] not in ("sample", "prng_key", "plate", "control_flow"):
             return
         if msg["value"] is not None or msg["kwargs"]["rng_key"] is not None:
             return
-        if self.keys is None:
+        if self.counts:
             _check_has_density(msg)
-        self.count += 1
-        if self.keys is None:
-            super().process_message(msg)
-        elif self.shares and msg["type"] == "sample" and _is_small_normal(msg["fn"], msg["kwargs"]["sample_shape"]):
-            shape = msg["fn"].shape()
-            noise = self.table[self.count - 1, : math.prod(shape)].reshape(shape)
-            msg["value"] = msg["fn"].loc + noise * msg["fn"].scale
+        before = self.counted
+        shape = _normal_shape(msg)
+        if shape is None:
+            self.counted = before._replace(num_keys=before.num_keys + 1)
         else:
-            msg["kwargs"]["rng_key"] = self.keys[self.count - 1]
+            self.counted = before._replace(num_normals=before.num_normals + math.prod(shape))
+        if self.counts:
+            super().process_message(msg)
+        elif shape is None:
+            msg["kwargs"]["rng_key"] = self.keys[before.num_keys]
+        else:
+            base = unwrap(msg["fn"])
+            noise = self.normals[before.num_normals : self.counted.num_normals].reshape(shape)
+            msg["value"] = base.loc + noise * base.scale
+            self.noise[msg["name"]] = noise
 
 
-def _is_small_normal(distribution: dist.Distribution, sample_shape: tuple[int, ...]) -> bool:
-    return type(distribution) is dist.Normal and not sample_shape and math.prod(distribution.shape()) <= _WIDTH
+def _normal_shape(msg: Mapping[str, Any]) -> tuple[int, ...] | None:
+    """Shape of the draw of a Normal site, None of any other message."""
+    if msg["type"] != "sample" or type(unwrap(msg["fn"])) is not dist.Normal:
+        return None
+    return (*msg["kwargs"]["sample_shape"], *msg["fn"].shape())
 
 
 def _check_has_density(msg: Mapping[str, Any]) -> None:
@@ -128,8 +146,8 @@ def trace_program(
     Args:
         program: A NumPyro program.
         arguments: Its arguments.
-        seed: Keys for the sites that `values` does not give. Without it a constant key serves plates, whose draws are never
-            used.
+        seed: Randomness of the sites that `values` does not give. Without it a constant key serves plates, whose draws are
+            never used.
         values: Values of sample sites, constrained.
 
     Returns:
@@ -151,9 +169,9 @@ def sample_sites(trace: Trace) -> Trace:
     return {name: site for name, site in trace.items() if site["type"] == "sample" and not is_factor(site)}
 
 
-def draw(program: Program, arguments: tuple[Any, ...], rng_key: jax.Array, num_keys: int) -> dict[str, jax.Array]:
-    """Values of all sample sites, drawn in the program's order; it asks for `num_keys` keys."""
-    trace = trace_program(program, arguments, seed=Seed(rng_key, num_keys))
+def draw(program: Program, arguments: tuple[Any, ...], rng_key: jax.Array, randomness: Randomness) -> dict[str, jax.Array]:
+    """Values of all sample sites, drawn in the program's order."""
+    trace = trace_program(program, arguments, seed=Seed(rng_key, randomness))
     return {name: site["value"] for name, site in sample_sites(trace).items()}
 
 
@@ -175,7 +193,11 @@ def log_density(
     Returns:
         The sum over sites, a scalar.
     """
-    trace = trace_program(program, arguments, values=values)
+    return trace_log_density(trace_program(program, arguments, values=values), mask)
+
+
+def trace_log_density(trace: Trace, mask: Mapping[str, jax.Array] | None = None) -> jax.Array:
+    """Log-density of the values in a trace; see :func:`log_density`."""
     total = jnp.zeros((), jnp.result_type(float))
     for name, site in trace.items():
         if site["type"] == "sample":

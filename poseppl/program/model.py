@@ -11,6 +11,7 @@ import numpy as np
 
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
+from poseppl.program.execution import Randomness
 
 
 class StateSpaceModel(NamedTuple):
@@ -41,12 +42,12 @@ class StateSpaceModel(NamedTuple):
         Raises:
             ValueError: The programs do not make a state-space model; the message names the site and the cure.
         """
-        num_keys: dict[str, int] = {}
+        randomness: dict[str, Randomness] = {}
         unbound = params is None and self.parameters is not None
         example = params
         if self.parameters is not None:
             declared = schema.declare("parameters", self.parameters, ())
-            num_keys["parameters"] = declared.num_keys
+            randomness["parameters"] = declared.randomness
             if unbound:
                 example = {n: np.zeros(site.shape, site.dtype) for n, site in declared.sites.items()}
         inputs = jax.tree.map(lambda a: a if isinstance(a, jax.ShapeDtypeStruct) else jnp.asarray(a), inputs)
@@ -57,9 +58,10 @@ class StateSpaceModel(NamedTuple):
         schema.check_transition(sites, transition)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
-        num_keys |= {"initial": initial.num_keys, "transition": transition.num_keys, "observation": observation.num_keys}
+        drawn = {"initial": initial, "transition": transition, "observation": observation}
+        randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        return CompiledModel(self, sites, observation.sites, num_keys, params, unbound, shapes)
+        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes)
 
     def __getattr__(self, name: str) -> Any:
         """Say what to do where a model is used that is not compiled."""

@@ -16,7 +16,7 @@ A distribution that is a :class:`~poseppl.program.closed_forms.WhitenedJacobian`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -28,13 +28,14 @@ from poseppl.program.bijector import Site
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
+from poseppl.program.normal_sites import is_plain, joint_normal
 from poseppl.program.robust_errors import RobustError
 
 TraceOf = Callable[[jax.Array], dict[str, dict[str, Any]]]
 
 
 def moments(distribution: dist.Distribution) -> tuple[jax.Array, jax.Array]:
-    """Mean (n,) and covariance (n, n) of a distribution over n = product of its shape entries.
+    """Mean (n,), and variances (n,) or covariance (n, n), of a distribution over n = product of its shape entries.
 
     An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R.
 
@@ -56,7 +57,7 @@ def moments(distribution: dist.Distribution) -> tuple[jax.Array, jax.Array]:
     else:
         raise ValueError(f"{type(base).__name__} does not give its covariance matrix")
     mean, variance = (jnp.ravel(jnp.broadcast_to(a, shape)).astype(dtype) for a in (mean, variance))
-    return mean, jnp.diag(variance)
+    return mean, variance
 
 
 def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, jax.Array]], Any]) -> str | None:
@@ -100,8 +101,25 @@ def transition_moments(
 ) -> tuple[jax.Array, jax.Array]:
     """Mean (d,) and covariance (d, d) of the next flat state, from the distributions of a trace without obstacle."""
     trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
-    parts = [moments(trace[name]["fn"]) for name in sites]
-    return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
+    joint = joint_normal(sites, trace)
+    if joint is not None:
+        return joint.loc, jnp.diag(jnp.square(joint.scale))
+    return _moments_of_sites([trace[name] for name in sites])
+
+
+def is_gaussian(trace: Mapping[str, Any]) -> bool:
+    """Whether a program's density is the Gaussian of its moments, if these have no obstacle."""
+    kinds = dist.Normal, dist.MultivariateNormal
+    return all(is_plain(site, *kinds) for site in trace.values() if site["type"] == "sample")
+
+
+def _moments_of_sites(sites: Sequence[Mapping[str, Any]]) -> tuple[jax.Array, jax.Array]:
+    """Mean and covariance of independent sites, in order."""
+    parts = [moments(site["fn"]) for site in sites]
+    mean = jnp.concatenate([mean for mean, _ in parts])
+    if all(spread.ndim == 1 for _, spread in parts):
+        return mean, jnp.diag(jnp.concatenate([variance for _, variance in parts]))
+    return mean, block_diag(*(jnp.diag(spread) if spread.ndim == 1 else spread for _, spread in parts))
 
 
 def flat_observation(
@@ -129,8 +147,8 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
                 f"The observation program has no Gaussian moments: site {name!r} is no plain Normal or MultivariateNormal. Use "
                 "an algorithm that evaluates the likelihood (particle, tempered or HMC filters)."
             )
-        parts.append(moments(site["fn"]))
-    return jnp.concatenate([mean for mean, _ in parts]), block_diag(*(covariance for _, covariance in parts))
+        parts.append(site)
+    return _moments_of_sites(parts)
 
 
 def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: jax.Array) -> jax.Array:

@@ -76,7 +76,7 @@ def _proposing(model: CompiledModel, which: str, program: Any, known: tuple[Any,
         return (model.params, *(bijector.to_sites(model.sites, x) for x in state), *known)
 
     def sample(rng_key: jax.Array, *state: jax.Array) -> jax.Array:
-        return model.to_flat(draw(program, arguments(state), rng_key, declared.num_keys))
+        return model.to_flat(draw(program, arguments(state), rng_key, declared.randomness))
 
     def log_proposal(x: jax.Array, *state: jax.Array) -> jax.Array:
         sites = bijector.to_sites(model.sites, x)

@@ -16,7 +16,7 @@ import numpy as np
 
 from poseppl.program.bijector import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, Seed, base_support, is_factor, trace_program
+from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, trace_program
 from poseppl.program.explanation import explained, suggestion
 
 
@@ -36,12 +36,12 @@ class Declared(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """All that one program declares: sample sites, factors, deterministic values, and how many keys a draw takes."""
+    """All that one program declares: sample sites, factors, deterministic values, and what a draw takes of the generator."""
 
     sites: dict[str, Declared]
     factors: tuple[str, ...]
     deterministic: tuple[str, ...]
-    num_keys: int
+    randomness: Randomness
 
 
 def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Iterable[str] = ()) -> Declaration:
@@ -61,14 +61,14 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     traced = [isinstance(a, jax.Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
     found: dict[str, Any] = {}
     trees: dict[str, Any] = {}
-    counts: list[int] = []
+    counts: list[Randomness] = []
 
     def run(rng_key: jax.Array, arrays: list[Any]) -> dict[str, list[Any]]:
         rest = iter(arrays)
         full = [next(rest) if is_traced else leaf for leaf, is_traced in zip(leaves, traced, strict=True)]
         seed = Seed(rng_key, None)
         found.update(trace_program(program, jax.tree.unflatten(tree, full), seed=seed))
-        counts.append(seed.count)
+        counts.append(seed.counted)
         bounds = {}
         for name, site in found.items():
             if site["type"] == "sample" and not is_factor(site):

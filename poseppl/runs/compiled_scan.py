@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from poseppl.filters.base import Filter, FilterState, Info
-from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.frame_sequence import FrameSequence, Layout
@@ -78,9 +77,17 @@ def is_finite(state: FilterState) -> jax.Array:
     return jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
 
 
+class Programs(NamedTuple):
+    """The jitted functions of a run: the first frame, another one, and a scan of later frames."""
+
+    first: Any
+    other: Any
+    scan: Any
+
+
 @built_once
-def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout) -> tuple[Any, Any]:
-    """The two programs, that of the first frame and that of later ones; kept, with what is compiled for them, by the filter."""
+def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout) -> Programs:
+    """The programs; kept, with what is compiled for them, by the filter."""
     tell_filter_defined_anew(filter)
     tell_defined_anew(filter, "collector", collect)
     tell_defined_anew(filter, "predictive check", predict)
@@ -93,6 +100,18 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         state, info = filter.init(key_filter, observation, inputs)
         kept = _keep(collect, key_collect, state, info, inputs, prediction)
         return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
+
+    @jax.jit  # so that it is traced once, whether for shapes or to be compiled
+    def one_frame(
+        rng_key: jax.Array, frame: Any, state: Any, observation: Observation, varying: list[Any], constant: list[Any]
+    ) -> tuple[Any, Kept]:
+        key_filter, key_collect = frame_keys(rng_key, frame)
+        inputs = layout.join(varying, constant)
+        first = False if filter.initial_state is None else frame == 0
+        key_check = _prediction_key(rng_key, frame)
+        prediction = predict(key_check, state, first, observation, inputs) if predict else None
+        new, info = filter.step(key_filter, state, observation, inputs)
+        return new, _keep(collect, key_collect, new, info, inputs, prediction)
 
     def scan_frames(
         state: Any,
@@ -110,20 +129,15 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
             frame, wanted, observation, varying = row
 
             def run(state: Any) -> tuple[Any, Kept]:
-                key_filter, key_collect = frame_keys(rng_key, frame)
-                inputs = layout.join(varying, constant)
-                first = False if filter.initial_state is None else frame == 0
-                key_check = _prediction_key(rng_key, frame)
-                prediction = predict(key_check, state, first, observation, inputs) if predict else None
-                new, info = filter.step(key_filter, state, observation, inputs)
-                return new, _keep(collect, key_collect, new, info, inputs, prediction)
+                result: tuple[Any, Kept] = one_frame(rng_key, frame, state, observation, varying, constant)
+                return result
 
             result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
             return result
 
         return jax.lax.scan(body, state, (frames, active, observations, varying))
 
-    return jax.jit(first_frame), jax.jit(scan_frames)
+    return Programs(jax.jit(first_frame), one_frame, jax.jit(scan_frames))
 
 
 class Calls:
@@ -151,10 +165,8 @@ class Calls:
         rng_key: jax.Array,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
-        self._programs = _programs(filter, collect, predict, sequence.layout)
-        shapes = self._programs[0].eval_shape(*self._first_data())
-        self.state, kept = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-        self.blank: Kept = rows_of(kept, 0)
+        self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
+        self.state, self.blank = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._shapes())
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SHORT if size > _LARGE else _LONG
         self._before: Any = None
@@ -166,11 +178,11 @@ class Calls:
         filter, sequence = self.filter, self._sequence
         with ThreadPoolExecutor(1) as pool:
             alone = first and filter.initial_state is None
-            compiling = pool.submit(self._compiled, 0, self._first_data()) if alone else None
+            compiling = pool.submit(_compiled, self._programs.first, self._first_data()) if alone else None
             if first and filter.initial_state is not None:
                 self._before = _before(filter, sequence)
             if sequence.num_frames > 1 or filter.initial_state is not None:
-                self._scan = self._compiled(1, self._scan_data(self.state, 1, 1))
+                self._scan = _compiled(self._programs.scan, self._scan_data(self.state, 1, 1))
             self._first = compiling.result() if compiling else None
 
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
@@ -188,8 +200,17 @@ class Calls:
             kept.append(frames)
         return state, joined(kept)
 
-    def _compiled(self, which: int, data: tuple[Any, ...]) -> Any:
-        return self._programs[which].lower(*data).compile()
+    def _shapes(self) -> tuple[Any, Kept]:
+        """Leaves with the shapes of those of the state, and of what is kept of a frame."""
+        if self.filter.initial_state is None:
+            state, kept = self._programs.first.eval_shape(*self._first_data())
+            return state, jax.tree.map(lambda leaf: np.zeros(leaf.shape[1:], leaf.dtype), kept)
+        observation, varying, constant = *self._sequence.frame(0), self._sequence.constant
+        before = jax.eval_shape(lambda: _before(self.filter, self._sequence))
+        shapes: tuple[Any, Kept] = self._programs.other.eval_shape(
+            self._rng_key, np.int32(0), before, observation, varying, constant
+        )
+        return shapes
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, *self._sequence.frame(0), self._sequence.constant
@@ -205,6 +226,10 @@ def joined(parts: list[Kept]) -> Kept:
     """What was kept of frames that follow each other."""
     whole: Kept = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     return whole
+
+
+def _compiled(program: Any, data: tuple[Any, ...]) -> Any:
+    return program.lower(*data).compile()
 
 
 def _before(filter: Filter, sequence: FrameSequence) -> Any:

@@ -92,8 +92,8 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     """
     check_at_least(8, num_draws=num_draws)
 
-    def draw_states(rng_key: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
-        key_choose, key_initial, key_move = jax.random.split(rng_key, 3)
+    def draw_states(keys: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
+        key_choose, key_initial, key_move = keys
 
         def initial() -> jax.Array:
             return draw_initial(model, jax.random.split(key_initial, num_draws), inputs)
@@ -107,10 +107,9 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         return previous, moved if first is False else jnp.where(first, initial(), moved)
 
     def predict(rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any) -> Prediction:
-        key_states, key_data, key_ties = jax.random.split(rng_key, 3)
-        previous, states = draw_states(key_states, state, first, inputs)
-        data_keys = jax.random.split(key_data, num_draws)
-        drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(data_keys, states)
+        keys = jax.random.split(rng_key, 5)
+        previous, states = draw_states(keys[:3], state, first, inputs)
+        drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(jax.random.split(keys[3], num_draws), states)
 
         def score(replicate: Any, x: jax.Array) -> jax.Array:
             data = Observation(replicate, observation.mask)
@@ -121,18 +120,18 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         known = jnp.isfinite(drawn.mean) & jnp.isfinite(drawn.variance)
         means, variances = jnp.where(known, drawn.mean, drawn.values), jnp.where(known, drawn.variance, 0.0)
         data, seen = model.flat_observation(observation)
-        key_entries, key_chi_square = jax.random.split(key_ties)
+        ties = jax.random.uniform(keys[4], (data.shape[0] + 1,), data.dtype)
         chi_square = _chi_square(means, variances, data, seen)
         half = num_draws // 2
         all_found = jax.vmap(chi_square)(jnp.concatenate([data[None], drawn.values[half:]]))
         found, others = all_found[0], all_found[1:]
         entries = (
-            _rank(key_entries, drawn.values, data),
+            _rank(ties[1:], drawn.values, data),
             data - jnp.mean(means, 0),
             jnp.var(means, 0, ddof=1),
             jnp.mean(variances, 0),
         )
-        whole = found / jnp.mean(others), _rank(key_chi_square, others, found)
+        whole = found / jnp.mean(others), _rank(ties[0], others, found)
         transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
         relative, rank = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
         return Prediction(
@@ -147,10 +146,10 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     return predict
 
 
-def _rank(rng_key: jax.Array, draws: jax.Array, value: jax.Array) -> jax.Array:
-    """Randomised rank of `value` (...) among `draws` (S, ...), over S + 1."""
+def _rank(ties: jax.Array, draws: jax.Array, value: jax.Array) -> jax.Array:
+    """Randomised rank of `value` (...) among `draws` (S, ...), over S + 1; `ties` (...) are uniform in (0, 1)."""
     below, equal = jnp.sum(draws < value, 0), jnp.sum(draws == value, 0)
-    return (below + jax.random.uniform(rng_key, value.shape, value.dtype) * (equal + 1)) / (draws.shape[0] + 1)
+    return (below + ties * (equal + 1)) / (draws.shape[0] + 1)
 
 
 def _chi_square(means: jax.Array, variances: jax.Array, data: jax.Array, seen: jax.Array) -> Callable[[jax.Array], jax.Array]:

@@ -170,4 +170,4 @@ def test_compiles_inside_jit():
 def test_the_programs_of_these_tests_compile():
     compiled = model(initial, transition, observation).compile()
     assert compiled.coordinate_names == ("level", "slope[0]", "slope[1]")
-    assert compiled.num_keys == {"initial": 2, "transition": 2, "observation": 1}
+    assert compiled.randomness == {"initial": (0, 3), "transition": (0, 3), "observation": (0, 1)}
