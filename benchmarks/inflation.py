@@ -1,4 +1,4 @@
-"""What the inflation of the default tracker's covariance is for: its intervals with and without, where the answer is known.
+"""What the default tracker's heavier tails are for: its intervals with and without, where the answer is known.
 
     python benchmarks/inflation.py [--sequences 8] [--frames 60]
 
@@ -74,7 +74,7 @@ def main() -> None:
     states, data = (np.stack(part) for part in zip(*sequences, strict=True))
     late = slice(options.frames // 2, None)
     exact = run(kalman_filter(model, 2), model, data)
-    inflate = assumed_density.covariance_inflation
+    estimated = assumed_density.draws_of_covariances
 
     def show(name: str, means: np.ndarray, variances: np.ndarray) -> None:
         inside = (np.abs(states - means) < 1.6449 * np.sqrt(variances))[:, late].mean((1, 2))
@@ -85,11 +85,11 @@ def main() -> None:
         )
 
     show("Kalman", *exact)
-    for components in (1, 3):
-        for label, factor in (("with", inflate), ("without", lambda draws: 1.0)):
-            assumed_density.covariance_inflation = factor
+    for components in (1, 2, 3):
+        for label, count in (("a few draws", estimated), ("exact", lambda residuals: 1e4)):
+            assumed_density.draws_of_covariances = count
             built = assumed_density_filter(model, num_components=components)
-            show(f"{components} components, {label} inflation", *run(built, model, data))
+            show(f"{components} components, covariances {label}", *run(built, model, data))
 
 
 if __name__ == "__main__":

@@ -16,9 +16,10 @@ sampled in coordinates whitened by the curvature of the posterior, averaged over
 
 A covariance estimated from n effective draws in d dimensions has too large an inverse, by (n - 1) / (n - d - 2) on average
 (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170), and left alone this compounds from frame to frame into
-over-confidence: the first term of P is multiplied by that factor, n being estimated from the spread of the chains' means. Where
-steps are small beside what is known, as in a slow random walk, intervals are far too narrow without it
-(benchmarks/inflation.py).
+over-confidence. So each component has the density of a Gaussian whose covariance is known from n draws alone, a multivariate t
+(:mod:`poseppl.gaussians.mixture`), n being the effective draws of all chains, from the spread of their means. Where steps are
+small beside what is known, as in a slow random walk, intervals are far too narrow without it (benchmarks/inflation.py); and its
+tails leave room for posteriors that bend, which a Gaussian cuts off.
 
 With K = 1 it is exact for linear Gaussian models up to the Monte Carlo error of m and P.
 """
@@ -55,6 +56,8 @@ TRACKER = HMCSettings(num_updates=24, num_leapfrog=8, num_warmup=4, step_size=0.
 """The default chains: trajectories of 4 to 8 steps are long enough in whitened coordinates."""
 _MOVED = 0.9
 """Share of the starts that set out from draws of the last frame."""
+_LEAST_FREEDOM, _MOST_DRAWS = 4.0, 1e6
+"""Degrees of freedom, n - d, that a component has at least; and how many draws an exact covariance stands for."""
 
 
 @built_once
@@ -141,16 +144,15 @@ def _prior(
     """
     means, covariances = jax.vmap(lambda chain: transition_moments(model, chain, inputs))(state.particles)
     fitted, residuals = fit_mixture(means, num_components, state.log_weights[:, 0])
-    spread = fitted.covariances * covariance_inflation(residuals)
     noise = jnp.einsum("mr,mrij->ij", jax.nn.softmax(state.log_weights, (0, 1)), covariances)
-    predicted = fitted._replace(covariances=spread + noise)
+    predicted = fitted._replace(covariances=fitted.covariances + noise)
     mean, covariance = model.initial_moments(inputs)
     number = len(predicted.log_weights)
     initial = GaussianMixture(
         jnp.full(number, -np.log(number), mean.dtype), *(jnp.stack([m] * number) for m in (mean, covariance))
     )
     prior: GaussianMixture = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
-    factors = factorise_mixture(prior)
+    factors = factorise_mixture(prior, jnp.where(first, _MOST_DRAWS, draws_of_covariances(residuals)))
     log_predicted = log_mixture(prior, factors)
     if model.initial_is_gaussian(inputs):
         return prior, factors, log_predicted
@@ -173,7 +175,6 @@ def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: An
     return propagate(model, particle_keys(key_move, number), chosen, inputs)
 
 
-def covariance_inflation(draws: jax.Array) -> jax.Array:
-    """Factor by which the inverse of the covariance of draws (M, R, d) is too large on average, from 1 to 2."""
-    effective = effective_draws(draws)
-    return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)
+def draws_of_covariances(residuals: jax.Array) -> jax.Array:
+    """Effective draws that covariances are estimated from, a scalar, given draws (M, R, d) less their components' means."""
+    return jnp.clip(effective_draws(residuals), residuals.shape[-1] + _LEAST_FREEDOM, _MOST_DRAWS)

@@ -10,8 +10,8 @@ frame s - 1 alone are in: it is the prediction, by its first two moments, from t
 
     m_s = mean of E[x_s | x],    P_s = cov of E[x_s | x] + mean of Cov[x_s | x],    x over those draws,
 
-and waits in a queue of W predictions until its frame is the window's oldest. The first term of P_s is inflated as in
-:mod:`poseppl.filters.assumed_density`, which is the case W = 1. A draw of frame t has then been through one Gaussian summary in
+and waits in a queue of W predictions until its frame is the window's oldest. The first term of P_s is multiplied by the bias of
+its inverse (see :func:`covariance_inflation`). A draw of frame t has then been through one Gaussian summary in
 every W frames, where W = 1 takes one in each; for linear Gaussian models any W is exact up to the Monte Carlo error of m and P.
 
 Chains start in modes of the joint density. Draws from the prediction climb to the modes of the newest frame, as with W = 1;
@@ -29,7 +29,7 @@ import jax
 import jax.numpy as jnp
 
 from poseppl.checks import check_at_least
-from poseppl.filters.assumed_density import TRACKER, covariance_inflation
+from poseppl.filters.assumed_density import TRACKER
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.chains import drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
@@ -196,3 +196,12 @@ def _info(
         num_gradient=window * chains.num_gradient + climbs,
         step_size=jnp.exp(chains.log_step_size),
     )
+
+
+def covariance_inflation(draws: jax.Array) -> jax.Array:
+    """Factor by which the inverse of the covariance of draws (M, R, d) is too large on average, from 1 to 2.
+
+    It is (n - 1) / (n - d - 2) for n effective draws (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170).
+    """
+    effective = effective_draws(draws)
+    return jnp.clip((effective - 1) / jnp.maximum(effective - draws.shape[-1] - 2, 1.0), 1.0, 2.0)

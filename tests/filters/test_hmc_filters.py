@@ -10,8 +10,8 @@ from law_problems import frame, problem, replicate
 from poseppl_models.choo_fleet import arm
 
 from poseppl.filters import assumed_density_filter, hmc_filter
-from poseppl.filters.assumed_density import covariance_inflation
 from poseppl.filters.chains import effective_draws
+from poseppl.filters.window import covariance_inflation
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera

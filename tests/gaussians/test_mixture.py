@@ -9,7 +9,7 @@ import pytest
 import scipy.stats
 
 from poseppl.gaussians.chain_mixture import fit_mixture
-from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, log_mixture, mixture_curvature
+from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, factorise_mixture, log_mixture, mixture_curvature
 
 WEIGHTS = np.array([0.7, 0.3])
 MEANS = np.array([[0.0, 1.0], [6.0, -2.0]])
@@ -34,6 +34,27 @@ def test_curvature_at_a_component_is_its_precision():
     share = WEIGHTS * parts / (WEIGHTS @ parts)
     expected = np.tensordot(share, np.linalg.inv(COVARIANCES), 1)
     np.testing.assert_allclose(curvature(jnp.asarray(middle)), expected, rtol=1e-3, atol=1e-4)
+
+
+def test_covariances_of_few_draws_have_heavy_tails():
+    """Up to a factor SciPy's multivariate t of n - d degrees of freedom; the curvature is that of a component at its mean."""
+    points, number, dimension = np.random.default_rng(1).normal(2.0, 2.0, (20, 2)), 12.0, 2
+    one = jax.tree.map(lambda part: part[:1], MIXTURE)._replace(log_weights=jnp.zeros(1))
+    shape = COVARIANCES[0] * (number - 1) / (number - dimension)
+    expected = scipy.stats.multivariate_t(MEANS[0], shape, number - dimension).logpdf(points)
+    factors = factorise_mixture(one, jnp.float32(number))
+    density = log_mixture(one, factors)
+    offset = np.asarray(jax.vmap(density)(jnp.asarray(points, jnp.float32))) - expected
+    np.testing.assert_allclose(offset, offset.mean(), atol=1e-4)
+    mean = jnp.asarray(MEANS[0], jnp.float32)
+    curvature = mixture_curvature(one, factors)(mean)
+    np.testing.assert_allclose(curvature, -jax.hessian(density)(mean), rtol=1e-4)
+    laplace = density(mean) + np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(curvature)[1]
+    assert abs(laplace) < 1e-5
+    wide = log_mixture(MIXTURE, factorise_mixture(MIXTURE, jnp.float32(1e6)))
+    np.testing.assert_allclose(
+        jax.vmap(wide)(jnp.asarray(points)), jax.vmap(log_mixture(MIXTURE))(jnp.asarray(points)), atol=2e-3
+    )
 
 
 def test_draws_come_from_their_components():
