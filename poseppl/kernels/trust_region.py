@@ -6,8 +6,7 @@ Section 4.1 of Sminchisescu and Triggs 2001 (CVPR): with gradient g and curvatur
 
 and lambda follows the ratio of the cost's fall to that which the quadratic model promised. W is diagonal: given units of the
 coordinates, u, it is the mean of H_ii u_i^2 over u^2, so that no step is long in these units; without, the diagonal of H
-(Marquardt 1963, doi:10.1137/0111030), which needs none. In the narrow bent valleys of a body that one camera sees, the former
-converges in half as many steps, and the latter often not at all (benchmarks/modes_found.py).
+(Marquardt 1963, doi:10.1137/0111030), which needs none. In the narrow bent valleys of a body that one camera sees, units pay.
 
 Bounds and rows of a matrix are held exactly: each step solves its quadratic programme by a primal-dual active set method
 (Hintermueller, Ito and Kunisch 2002, doi:10.1137/S1052623401383558), which begins with the constraints that the state lies on

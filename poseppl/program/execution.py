@@ -105,7 +105,8 @@ class Seed(handlers.seed):  # type: ignore[misc]
         if self.counts:
             super().process_message(msg)
         elif shape is None:
-            msg["kwargs"]["rng_key"] = self.keys[before.num_keys]
+            key = self.keys[before.num_keys]
+            msg["kwargs"]["rng_key"] = _threefry(key) if _counts_without_end(msg) else key
         else:
             base = unwrap(msg["fn"])
             noise = self.normals[before.num_normals : self.counted.num_normals].reshape(shape)
@@ -118,6 +119,19 @@ def _normal_shape(msg: Mapping[str, Any]) -> tuple[int, ...] | None:
     if msg["type"] != "sample" or type(unwrap(msg["fn"])) is not dist.Normal:
         return None
     return (*msg["kwargs"]["sample_shape"], *msg["fn"].shape())
+
+
+def _threefry(rng_key: jax.Array) -> jax.Array:
+    """The key, or where it is another generator's (particles share one) a key of JAX's default one drawn from it."""
+    if jax.random.key_impl(rng_key) == "threefry2x32":
+        return rng_key
+    key: jax.Array = jax.random.wrap_key_data(jax.random.bits(rng_key, (2,), jnp.uint32), impl="threefry2x32")
+    return key
+
+
+def _counts_without_end(msg: Mapping[str, Any]) -> bool:
+    """Whether a message is a site of counts, such as a Poisson's, which JAX draws with its own keys alone."""
+    return msg["type"] == "sample" and isinstance(unwrap(msg["fn"]).support, type(constraints.nonnegative_integer))
 
 
 def _check_has_density(msg: Mapping[str, Any]) -> None:

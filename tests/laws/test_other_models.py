@@ -5,10 +5,15 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
+import scipy.stats
 from catalogue import FILTERS
 from law_problems import replicate, z_scores
 from other_problems import clamped, counted, positive, real
+
+from poseppl import StateSpaceModel, infer, particle_filter
 
 ROWS = {row.name: row for row in FILTERS}
 REPLICATES = 40
@@ -50,6 +55,36 @@ def test_counts_of_a_positive_rate(name, program):
 def test_a_part_of_the_state_that_is_known(name):
     """The evidence, too, is that of the data alone, given what is known."""
     check(ROWS[name], clamped())
+
+
+def means_of_counts(ys, slope):
+    """Exact means of a state of counts, each Poisson of rate 1 + slope times the last, seen with a unit error."""
+    counts = np.arange(60)
+    step = scipy.stats.poisson.pmf(counts[None], 1.0 + slope * counts[:, None])
+    weights, means = scipy.stats.poisson.pmf(counts, 3.0), []
+    for t, y in enumerate(ys):
+        weights = (weights if t == 0 else weights @ step) * scipy.stats.norm.pdf(y, counts, 1.0)
+        weights = weights / weights.sum()
+        means.append(weights @ counts)
+    return np.array(means)
+
+
+def test_a_state_of_counts():
+    """Against all counts up to 59; another rate is noticed."""
+
+    def transition(params, state, inputs):
+        numpyro.sample("count", dist.Poisson(1.0 + 0.5 * state["count"]))
+
+    program = StateSpaceModel(
+        lambda params, inputs: numpyro.sample("count", dist.Poisson(3.0)),
+        transition,
+        lambda params, state, inputs: numpyro.sample("y", dist.Normal(state["count"], 1.0)),
+    )
+    model, ys = program.compile(), [2.0, 6.0, 1.0]
+    build = particle_filter(model, 2000)
+    runs = [infer(model, {"y": ys}, build, jax.random.key(seed))["summary/state_mean"].values[:, 0] for seed in range(20)]
+    assert np.abs(z_scores(np.array(runs), means_of_counts(ys, 0.5))).max() < 5
+    assert np.abs(z_scores(np.array(runs), means_of_counts(ys, 0.6))).max() > 10
 
 
 def test_known_values_of_the_wrong_frame_are_noticed():
