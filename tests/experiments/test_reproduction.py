@@ -71,6 +71,7 @@ def test_both_filters_agree_with_the_reference(arm_runs):
         assert (np.abs(scaled.mean(0)) < allowed).all()
 
 
+@pytest.mark.slow
 def test_blocks_of_particles_are_one_large_filter():
     system = SYSTEMS["arm"]
     frame = frame_of(BUILT_IN, "arm", 20)

@@ -20,6 +20,7 @@ from poseppl.program import Clamped, Observation
 SHORT = HMCSettings(num_updates=30, num_leapfrog=8, num_warmup=10)
 
 
+@pytest.mark.slow
 def test_mixture_of_more_chains_comes_closer_to_kalman():
     """At later frames the prior is a mixture of M states: its error falls with M, and is gone at the first frame."""
     posed = problem()

@@ -41,6 +41,7 @@ def test_both_modes_are_carried():
     assert (np.abs(found - 0.5) < 0.2).all() and found.std() < 0.06
 
 
+@pytest.mark.slow
 def test_weights_by_numbers_of_chains_drift(monkeypatch):
     """With a mode's mass in the number of its chains alone, which are whole, shares wander from frame to frame."""
 

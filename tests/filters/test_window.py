@@ -128,6 +128,7 @@ def test_the_window_is_a_fixed_lag_smoother():
     np.testing.assert_allclose(variances.mean(0), covariances[-WINDOW:, 0, 0], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_data_that_count_twice_are_noticed():
     """A summary that has seen the window's data makes the filter sure of itself."""
     exact = slow_problem().exact.covariances[-1, 0, 0]

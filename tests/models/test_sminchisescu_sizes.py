@@ -80,6 +80,7 @@ def in_millimetres(names, mean, covariance):
     return middle + root @ mean, np.sqrt(np.diag(spread)), np.sqrt(np.diag(prior))
 
 
+@pytest.mark.slow
 def test_proportions_from_marked_joints():
     """Six sizes up to 8 % off the standard's: all 21 within 3 of their standard deviations, which are right on the whole.
 

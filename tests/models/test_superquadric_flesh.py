@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from poseppl_models.choo_fleet import full_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.superquadric_flesh import superquadric_flesh
@@ -21,6 +22,7 @@ def last(tree):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], tree)
 
 
+@pytest.mark.slow
 def test_silhouettes_overlap_those_of_cones_at_random_poses():
     """IoU over 0.88 in both cameras, where hands are missing and ends differ; a body a quarter thinner is further away."""
     body, rng = full_body(), np.random.default_rng(0)

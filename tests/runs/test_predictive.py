@@ -108,6 +108,7 @@ def test_what_is_predicted_of_the_state_is_what_the_exact_filter_makes_of_it() -
     assert np.abs(moved).max() < 1e-4  # of a state that is seen as it is
 
 
+@pytest.mark.slow
 def test_ranks_of_an_overconfident_filter_heap_at_both_ends() -> None:
     filter = overconfident(KALMAN)
     prediction = check(filter, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction

@@ -42,6 +42,7 @@ def test_packing_round_trip(stride):
     np.testing.assert_array_equal(count_ones(bits[..., None])[:, 0], taken.sum((1, 2)))
 
 
+@pytest.mark.slow
 def test_bodies_cover_their_convex_hulls():
     """The true image of a cone is the hull of its rings' images: rings that are no ellipses, and corners, are under 1%."""
     body = du_guan_body()
