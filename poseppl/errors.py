@@ -38,6 +38,10 @@ class InputError(PosepplError):
         super().__init__("".join(letter if letter.isprintable() else "?" for letter in told))
 
 
+class UnsuitableModelError(PosepplError, ValueError):
+    """A model that the chosen algorithm cannot serve; the message says what it lacks, and which algorithms need less."""
+
+
 class Location(NamedTuple):
     """A place in the input, for messages: a file, a line of it, a field; None is what is not known."""
 

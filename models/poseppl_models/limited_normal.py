@@ -31,7 +31,7 @@ _FAR = 12.0
 """Standard deviations beyond which a limit is none."""
 
 
-class JointLimits(constraints.interval):  # type: ignore[misc]
+class _JointLimits(constraints.interval):  # type: ignore[misc]
     """An interval whose bijector is the identity; bounds may be infinite."""
 
     def feasible_like(self, prototype: Any) -> Any:
@@ -39,8 +39,8 @@ class JointLimits(constraints.interval):  # type: ignore[misc]
         return jnp.broadcast_to(jnp.clip(0.0, self.lower_bound, self.upper_bound), jnp.shape(prototype))
 
 
-@biject_to.register(JointLimits)  # type: ignore[untyped-decorator]
-def _identity(limits: JointLimits) -> IdentityTransform:
+@biject_to.register(_JointLimits)  # type: ignore[untyped-decorator]
+def _identity(limits: _JointLimits) -> IdentityTransform:
     return IdentityTransform()
 
 
@@ -67,9 +67,9 @@ class LimitedNormal(dist.Distribution):  # type: ignore[misc]
         super().__init__(shape, validate_args=validate_args)
 
     @constraints.dependent_property(is_discrete=False, event_dim=0)  # type: ignore[untyped-decorator]
-    def support(self) -> JointLimits:
+    def support(self) -> _JointLimits:
         """The limits."""
-        return JointLimits(self.low, self.high)
+        return _JointLimits(self.low, self.high)
 
     def _ends(self) -> tuple[jax.Array, jax.Array]:
         """The limits, in standard deviations from the mean."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 
+from poseppl.errors import UnsuitableModelError
 from poseppl.program import bijector
 from poseppl.program.bijector import Site
 from poseppl.program.execution import Randomness, Seed, draw, log_density, sample_sites, trace_log_density, trace_program
@@ -226,7 +227,7 @@ class CompiledModel:
             self._moments_check[which] = moments_obstacle(self.sites, trace_of)
         obstacle = self._moments_check[which]
         if obstacle is not None:
-            raise ValueError(
+            raise UnsuitableModelError(
                 f"The {which} program has no Gaussian moments: {obstacle}. Use an algorithm that only samples it, or write the "
                 "site with a Normal or MultivariateNormal of its own."
             )

@@ -9,7 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from poseppl_models.humanoid import INTERNAL, anthropometric_prior, humanoid_sizes
-from poseppl_models.limited_normal import JointLimits, LimitedNormal
+from poseppl_models.limited_normal import LimitedNormal, _JointLimits
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.sminchisescu import arm, full_body, measure, measure_arm, stiff_shoulders
 from poseppl_models.sminchisescu_body import superquadric_body
@@ -79,7 +79,7 @@ def test_limits_are_supports_and_the_flat_state_is_the_pose(kind):
         [np.broadcast_to(getattr(site.support, "lower_bound", -np.inf), site.shape) for site in model.sites.values()]
     )
     np.testing.assert_allclose(low, limits[:, 0], rtol=1e-6)
-    assert isinstance(model.sites["elbow_r"].support, JointLimits)
+    assert isinstance(model.sites["elbow_r"].support, _JointLimits)
     markers = model.extras(inputs.start, inputs)["markers"]
     np.testing.assert_array_equal(markers, marker_positions(body.tree, inputs.start))
     assert np.isfinite(model.log_initial(inputs.start, inputs))

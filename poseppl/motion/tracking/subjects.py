@@ -42,11 +42,11 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
         raise InputError(f"{frames!r} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk")
     gait: Any = load_builder(DEFAULT_WALK)(rate, stop)
     build = load_builder(model)
-    body = build(dict(gait.lengths))
-    states = np.asarray(gait.states, np.float64)
-    if states.shape[1] != body.tree.dimension:
-        problem = f"the body has {body.tree.dimension} coordinates, and the built-in walk {states.shape[1]}"
+    states, standard = np.asarray(gait.states, np.float64), build(None)
+    if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):
+        problem = f"the built-in walk has {states.shape[1]} coordinates and lengths of its own, which {model} does not share"
         raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
+    body = build(dict(gait.lengths))
     markers = body.places(states)
     whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
