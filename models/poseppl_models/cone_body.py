@@ -18,6 +18,7 @@ from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of
 from poseppl_models.anthropometry import TORSO_DEPTH, segment_lengths, segment_radii
 from poseppl_models.joint_limits import joint_limits
+from poseppl_models.sides import mirrored_angle, neighbours_in
 
 Pairs = tuple[tuple[int, int], ...]
 _CHAINS = (("torso", "upper_arm", "forearm", "hand"), ("torso", "thigh", "shank", "foot"), ("torso", "head"))
@@ -51,7 +52,7 @@ def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequ
         cones: The parts.
     """
     tree = kinematic_tree(_joints(lengths, axes), _markers(lengths))
-    rest = np.array([_rest(joint, axis) for joint, axis in tree.coordinates])
+    rest = np.array([mirrored_angle(_REST, joint, axis) for joint, axis in tree.coordinates])
     rest[2] = lengths["thigh"] * np.cos(0.1) + lengths["shank"] * np.cos(0.1) + lengths["ankle_height"]
     return ConeBody(tree, flesh_of(tree, cones), joint_limits(tree), _apart([cone.name for cone in cones]), rest)
 
@@ -131,23 +132,8 @@ def _markers(size: Mapping[str, float]) -> list[Marker]:
     ]
 
 
-def _rest(joint: str, axis: str) -> float:
-    name, _, side = joint.partition("_")
-    value = _REST.get((name, axis), 0.0)
-    return -value if side == "r" and axis in "YZ" else value
-
-
 def _apart(names: Sequence[str]) -> Pairs:
     """Pairs of parts that do not follow each other in a limb of one side."""
-    neighbours = {frozenset(pair) for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)}
-
-    def meet(first: str, second: str) -> bool:
-        (one, side), (other, other_side) = (_split(name) for name in (first, second))
-        return frozenset((one, other)) in neighbours and (not side or not other_side or side == other_side)
-
+    meet = neighbours_in(_CHAINS)
     pairs = ((i, j) for j in range(len(names)) for i in range(j))
     return tuple((i, j) for i, j in pairs if not meet(names[i], names[j]))
-
-
-def _split(name: str) -> tuple[str, str]:
-    return (name[:-2], name[-1]) if name[-2:] in ("_l", "_r") else (name, "")

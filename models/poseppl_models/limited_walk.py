@@ -11,7 +11,7 @@ would be the stronger the more frames a second has. The first state has the prod
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -20,8 +20,7 @@ import numpyro
 import numpyro.distributions as dist
 
 from poseppl_models.limited_normal import LimitedNormal
-
-Programs = tuple[Callable[..., None], Callable[..., None]]
+from poseppl_models.random_walk import Programs
 
 
 def limited_walk(spans: Mapping[str, slice], limits: Any, stabilisers: Any, equilibrium: Any = 0.0) -> Programs:

@@ -28,6 +28,7 @@ from poseppl.motion.geometry.implicit_surfaces import penetration
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.geometry.superquadrics import Superquadrics, local_nodes, part_axes, place_in
 from poseppl_models.image_program import CHUNK
+from poseppl_models.sides import neighbours_in
 
 SOFTNESS = 15.0
 """Unit of the implicit surfaces, mm."""
@@ -83,15 +84,5 @@ def non_penetration_residuals(
 
 def apart(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Ordered pairs of parts that do not meet at a joint; those of one side are told by ``_l`` and ``_r``."""
-    neighbours = {frozenset(pair) for chain in _CHAINS for pair in zip(chain, chain[1:], strict=False)}
-
-    def meet(first: str, second: str) -> bool:
-        (one, side), (other, other_side) = (_split(name) for name in (first, second))
-        return frozenset((one, other)) in neighbours and (not side or not other_side or side == other_side)
-
-    count = len(names)
+    meet, count = neighbours_in(_CHAINS), len(names)
     return tuple((i, j) for i in range(count) for j in range(count) if i != j and not meet(names[i], names[j]))
-
-
-def _split(name: str) -> tuple[str, str]:
-    return (name[:-2], name[-1]) if name[-2:] in ("_l", "_r") else (name, "")

@@ -12,6 +12,9 @@ import numpyro.distributions as dist
 
 from poseppl.program import StateSpaceModel
 
+Programs = tuple[Callable[..., None], Callable[..., None]]
+"""The initial and the transition program."""
+
 
 def joint_sites(coordinates: Sequence[tuple[str, str]]) -> dict[str, slice]:
     """Sites of a body's state and their coordinates: one for each joint that turns, and one for the root's position."""
@@ -21,7 +24,7 @@ def joint_sites(coordinates: Sequence[tuple[str, str]]) -> dict[str, slice]:
     return {name: slice(indices[0], indices[-1] + 1) for name, indices in sites.items()}
 
 
-def random_walk(spans: Mapping[str, slice]) -> tuple[Callable[..., None], Callable[..., None]]:
+def random_walk(spans: Mapping[str, slice]) -> Programs:
     """Write the initial and the transition program of the sites.
 
     Args:
@@ -40,16 +43,23 @@ def random_walk(spans: Mapping[str, slice]) -> tuple[Callable[..., None], Callab
     return initial, transition
 
 
-def walking_body(coordinates: Sequence[tuple[str, str]], observe: Callable[[Any, jax.Array, Any], None]) -> StateSpaceModel:
+Observe = Callable[[Any, jax.Array, Any], None]
+"""``(params, pose, inputs)``: what is observed of a pose (d,)."""
+
+
+def walking_body(
+    coordinates: Sequence[tuple[str, str]], observe: Observe, walk: Callable[[Mapping[str, slice]], Programs] = random_walk
+) -> StateSpaceModel:
     """Write the programs of a body that walks at random and is observed in a pose.
 
     Args:
         coordinates: Joint and axis of each coordinate.
-        observe: ``(params, pose, inputs)``, what is observed of a pose (d,); inputs are those of :func:`random_walk`, too.
+        observe: What is observed of a pose; inputs are those of :func:`random_walk`, too.
+        walk: From the sites to the initial and the transition program.
     """
     spans = joint_sites(coordinates)
 
     def observation(params: Any, state: Mapping[str, Any], inputs: Any) -> None:
         observe(params, jnp.concatenate([state[name] for name in spans]), inputs)
 
-    return StateSpaceModel(*random_walk(spans), observation)
+    return StateSpaceModel(*walk(spans), observation)

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, Literal
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpyro
 
@@ -29,8 +29,8 @@ from poseppl_models.humanoid import LENGTHS
 from poseppl_models.joint_limits import smooth_limits
 from poseppl_models.joint_names import ALIASES
 from poseppl_models.limited_walk import limited_walk
-from poseppl_models.random_walk import joint_sites
-from poseppl_models.sminchisescu_body import Kind, superquadric_body
+from poseppl_models.random_walk import Observe, walking_body
+from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
 
 Limits = Literal["support", "barrier"]
 _ALIASES = {
@@ -87,17 +87,30 @@ def _body(kind: Kind, known: Mapping[str, float] | None, limits: Limits) -> Body
 def _programs(kind: Kind, limits: Limits) -> StateSpaceModel:
     """Programs of a kind of body; all sizes share them."""
     body = superquadric_body(kind)
-    spans = joint_sites(body.tree.coordinates)
+
+    def observe(params: Any, pose: jax.Array, inputs: BodyInputs) -> None:
+        numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
+
+    return limited_body(body, limits, observe)
+
+
+def limited_body(body: SuperquadricBody, limits: Limits, observe: Observe) -> StateSpaceModel:
+    """Write the programs of a body that walks within its limits and about its equilibrium, and is observed in a pose.
+
+    Args:
+        body: The body; its markers are kept as ``markers``.
+        limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor.
+        observe: What is observed of a pose.
+    """
     bounds = body.limits if limits == "support" else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
 
-    def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
-        numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
+    def limited(params: Any, pose: jax.Array, inputs: Any) -> None:
+        observe(params, pose, inputs)
         if limits == "barrier":
             numpyro.factor("limits", smooth_limits(body.limits, pose, LIMIT_WIDTH))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
-    return StateSpaceModel(*limited_walk(spans, bounds, body.stabilisers), observation)
+    return walking_body(body.tree.coordinates, limited, lambda spans: limited_walk(spans, bounds, body.stabilisers))
 
 
 def measure(markers: Mapping[str, Any]) -> dict[str, float]:

@@ -31,6 +31,7 @@ from poseppl.motion.geometry.superquadrics import Superquadrics, superquadrics_o
 from poseppl_models.anthropometry import STATURE
 from poseppl_models.humanoid import humanoid_sizes
 from poseppl_models.joint_limits import joint_limits
+from poseppl_models.sides import mirrored_angle
 from poseppl_models.sminchisescu_flesh import arm_parts, body_parts
 
 Kind = Literal["arm", "stiff_shoulders", "full"]
@@ -203,13 +204,7 @@ def _limb_joints(size: Mapping[str, float], axes: Mapping[str, str], side: str, 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray[Any, Any]:
     """Standing at ease, a little bent, which is what tells front from back."""
-    rest = np.array([_angle(joint, axis) for joint, axis in tree.coordinates])
+    rest = np.array([mirrored_angle(_REST, joint, axis) for joint, axis in tree.coordinates])
     legs = (size["thigh"] + size["shank"]) * np.cos(0.1) + size["ankle_height"] + size["hip_drop"]
     rest[2] = legs if "pelvis" in tree.joint_names else legs + size["waist"] + size["thorax"]
     return rest
-
-
-def _angle(joint: str, axis: str) -> float:
-    name, _, side = joint.partition("_")
-    value = _REST.get((name, axis), 0.0)
-    return -value if side == "r" and axis in "YZ" else value

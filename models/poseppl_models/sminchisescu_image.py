@@ -10,7 +10,7 @@ estimate. The programs' own transition knows nothing of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,16 +21,12 @@ import numpyro
 import numpyro.distributions as dist
 from numpy.typing import NDArray
 
-from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
+from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.superquadrics import Superquadrics
 from poseppl.motion.vision import EnergySettings, dense_flow, edge_energy, flow_outliers, motion_boundaries
 from poseppl.program import StateSpaceModel
-from poseppl_models.body_constraints import LIMIT_WIDTH
-from poseppl_models.joint_limits import smooth_limits
-from poseppl_models.limited_walk import limited_walk
 from poseppl_models.non_penetration import non_penetration_residuals
-from poseppl_models.random_walk import joint_sites
-from poseppl_models.sminchisescu import Limits
+from poseppl_models.sminchisescu import Limits, limited_body
 from poseppl_models.sminchisescu_body import Kind, superquadric_body
 from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen
 from poseppl_models.sminchisescu_likelihood import ContourAndFlow
@@ -75,21 +71,15 @@ def image_programs(
         parts: Whether parts are kept out of each other.
     """
     body, chosen = superquadric_body(kind), settings or CostSettings()
-    spans = joint_sites(body.tree.coordinates)
-    bounds = body.limits if limits == "support" else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
     repelled = non_penetration_residuals(body.flesh.names)
 
-    def observation(params: Any, state: Mapping[str, Any], inputs: CostInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
+    def observe(params: Any, pose: jax.Array, inputs: CostInputs) -> None:
         arguments = (inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise)
         numpyro.sample("image", ContourAndFlow(*arguments, chosen))
         if parts:
             numpyro.sample("parts", dist.Normal(repelled(pose, inputs.tree, inputs.flesh), 1.0))
-        if limits == "barrier":
-            numpyro.factor("limits", smooth_limits(body.limits, pose, LIMIT_WIDTH))
-        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
-    return StateSpaceModel(*limited_walk(spans, bounds, body.stabilisers), observation)
+    return limited_body(body, limits, observe)
 
 
 def seen_in_images(

@@ -25,30 +25,15 @@ _CHUNK = 16
 
 
 def _residuals_last(
-    state: jax.Array,
-    tree: KinematicTree,
-    flesh: Superquadrics,
-    cameras: Cameras,
-    seen: ImageSeen,
-    noise: CostNoise,
-    *,
-    settings: CostSettings,
+    state: jax.Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings
 ) -> jax.Array:
-    """Residuals (C, entries, N) of states (d, N)."""
-    own = part_axes(flesh, frames_of(tree, state))
-    found = residuals_of(settings, (tree, flesh, cameras, seen, noise), own)
+    """Residuals (C, entries, N) of states (d, N), given cameras, what they saw, and its noise."""
+    found = residuals_of(settings, (tree, flesh, *seen), part_axes(flesh, frames_of(tree, state)))
     return found.reshape(len(found), -1, found.shape[-1])
 
 
 def _jacobian_last(
-    state: jax.Array,
-    tree: KinematicTree,
-    flesh: Superquadrics,
-    cameras: Cameras,
-    seen: ImageSeen,
-    noise: CostNoise,
-    *,
-    settings: CostSettings,
+    state: jax.Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings
 ) -> jax.Array:
     """Derivatives (C, entries, d, N): a residual moves with its own part, as that part's link does."""
     frames = frames_of(tree, state)
@@ -57,7 +42,7 @@ def _jacobian_last(
 
     def residuals(axes: jax.Array, centres: jax.Array) -> jax.Array:
         others = jax.lax.stop_gradient((axes, centres))
-        found = residuals_of(settings, (tree, flesh, cameras, seen, noise), (axes, centres), others)
+        found = residuals_of(settings, (tree, flesh, *seen), (axes, centres), others)
         return jnp.broadcast_to(found, (*found.shape[:-1], count))
 
     unit = jnp.eye(3, dtype=state.dtype)

@@ -1,0 +1,27 @@
+"""Left and right: names of joints and parts end in ``_l`` or ``_r``, and one side is the other's mirror image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+
+def mirrored_angle(angles: Mapping[tuple[str, str], float], joint: str, axis: str) -> float:
+    """The angle of a joint about an axis from those of the left side; 0 where none is given."""
+    name, _, side = joint.partition("_")
+    value = angles.get((name, axis), 0.0)
+    return -value if side == "r" and axis in "YZ" else value
+
+
+def neighbours_in(chains: Sequence[Sequence[str]]) -> Callable[[str, str], bool]:
+    """Tell whether two parts meet: each with the next of a chain, on one side or across the middle."""
+    neighbours = {frozenset(pair) for chain in chains for pair in zip(chain, chain[1:], strict=False)}
+
+    def meet(first: str, second: str) -> bool:
+        (one, side), (other, other_side) = (_split(name) for name in (first, second))
+        return frozenset((one, other)) in neighbours and (not side or not other_side or side == other_side)
+
+    return meet
+
+
+def _split(name: str) -> tuple[str, str]:
+    return (name[:-2], name[-1]) if name[-2:] in ("_l", "_r") else (name, "")
