@@ -1,10 +1,11 @@
 """Are the trackers calibrated? Coverage of their intervals and joint error, over sequences that the model itself simulates.
 
-    python benchmarks/calibration.py [--quick] [--sequences 24] [--frames 25] [--trackers assumed]
+    python benchmarks/calibration.py [--quick] [--sequences 24] [--frames 25] [--trackers assumed] [--scale 1]
 
 Each sequence of the 28-DOF body is seen by one camera at 5 m. Coverage is the share of the true coordinates inside the central
 50, 80 and 90 % intervals, its standard error that over sequences; the error is the mean distance of the 17 joints' posterior
-means from the truth. `--trackers` takes those whose names hold one of these words, separated by commas.
+means from the truth. `--scale` multiplies all standard deviations, of steps, start and noise: the smaller, the nearer to a
+linear model. `--trackers` takes those whose names hold one of these words, separated by commas.
 """
 
 from __future__ import annotations
@@ -77,9 +78,9 @@ def study(tracker: Filter, problem: Problem, seeds: Sequence[int], num_frames: i
 
 
 def main() -> None:
-    options = arguments(__doc__, sequences=24, frames=25, trackers="")
+    options = arguments(__doc__, sequences=24, frames=25, trackers="", scale=1.0)
     count, frames = (2, 3) if options.quick else (options.sequences, options.frames)
-    problem = build_problem()
+    problem = build_problem(options.scale)
     rows = []
     asked = {name: TRACKERS[name] for name in TRACKERS if any(word in name for word in options.trackers.split(","))}
     for name, build in asked.items():

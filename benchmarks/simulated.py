@@ -27,13 +27,13 @@ class Problem(NamedTuple):
     inputs: BodyInputs
 
 
-def build_problem() -> Problem:
-    """The full body: transition 7.5 mm and 0.075 rad, noise 0.003, first state 15 mm and 0.15 rad around standing."""
+def build_problem(scale: float = 1.0) -> Problem:
+    """The full body: transition 7.5 mm and 0.075 rad, noise 0.003, first state 15 mm and 0.15 rad off; all times scale."""
     body = full_body()
     camera = paper_camera((0.0, -5000.0, 1000.0))
-    noise = jnp.full((1, len(body.tree.marker_names)), NOISE)
+    noise = jnp.full((1, len(body.tree.marker_names)), scale * NOISE)
     spreads = ((START_POSITION, START_ANGLE), (SIGMA_POSITION, SIGMA_ANGLE))
-    scales = (jnp.where(jnp.arange(body.tree.dimension) < 3, position, angle) for position, angle in spreads)
+    scales = (jnp.where(jnp.arange(body.tree.dimension) < 3, scale * position, scale * angle) for position, angle in spreads)
     inputs = BodyInputs(camera, noise, jnp.asarray(body.rest, jnp.float32), *scales, body.tree)
     model = body.program.compile(inputs=inputs)
     return Problem(body, model, inputs)

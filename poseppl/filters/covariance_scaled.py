@@ -118,13 +118,12 @@ def covariance_scaled_filter(
     if not stretch > 0:
         raise RangeError("stretch", stretch, "a positive number")
     boxed = bounded(model)
-    axes = covariance_scaled if sampling == "covariance" else None
-    spread = sampling == "hypotheses"
 
     def proposal(number: int, noise: jax.Array) -> ModeProposal:
-        if axes is None:
-            return dynamic_noise(number, noise, stretch=stretch, spread=spread)
-        return axes(number, jnp.sqrt(jnp.diagonal(noise)), num_directions=num_directions, stretch=stretch, pattern=pattern)
+        if sampling == "covariance":
+            units = jnp.sqrt(jnp.diagonal(noise))
+            return covariance_scaled(number, units, num_directions=num_directions, stretch=stretch, pattern=pattern)
+        return dynamic_noise(number, noise, stretch=stretch, spread=sampling == "hypotheses")
 
     tracker = _Tracker(
         boxed, _joined(limits, boxed), proposal, jumps, num_particles, num_modes, num_starts, num_steps, prior == "closest"

@@ -11,7 +11,7 @@ import numpy as np
 
 from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linearisation import linearise, predict
-from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
+from poseppl.gaussians.mixture import GaussianMixture, factorise_mixture, log_mixture, log_mixture_terms, mixture_curvature
 from poseppl.kernels import truncation
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.face_laplace import FaceModes
@@ -54,9 +54,10 @@ def prior_density(modes: GaussianMixture, *, closest: bool) -> tuple[LogDensity,
         modes: The modes.
         closest: Whether the most probable mode at a state counts alone, or all together.
     """
-    terms, precisions = log_mixture_terms(modes), jax.vmap(precision_of)(modes.covariances)
+    factors = factorise_mixture(modes)
     if not closest:
-        return lambda x: jax.nn.logsumexp(terms(x)), lambda x: jnp.tensordot(jax.nn.softmax(terms(x)), precisions, 1)
+        return log_mixture(modes, factors), mixture_curvature(modes, factors)
+    terms, precisions = log_mixture_terms(modes, factors), jax.vmap(precision_of)(modes.covariances)
     return lambda x: jnp.max(terms(x)), lambda x: precisions[jnp.argmax(terms(x))]
 
 

@@ -6,7 +6,7 @@ Section 4.1 of Sminchisescu and Triggs 2001 (CVPR): with gradient g and curvatur
 
 and lambda follows the ratio of the cost's fall to that which the quadratic model promised. W is diagonal: given units of the
 coordinates, u, it is the mean of H_ii u_i^2 over u^2, so that no step is long in these units; without, the diagonal of H
-(Marquardt 1963, doi:10.1137/0111030), which needs none. In the narrow bent valleys of a body that one camera sees, units pay.
+(Marquardt 1963, doi:10.1137/0111030), which needs none.
 
 Bounds and rows of a matrix are held exactly: each step solves its quadratic programme by a primal-dual active set method
 (Hintermueller, Ito and Kunisch 2002, doi:10.1137/S1052623401383558), which begins with the constraints that the state lies on
@@ -180,7 +180,7 @@ class Face(NamedTuple):
 def constrained_step(at: Climb, constraints: Constraints, units: jax.Array | None) -> Step:
     """The step of one climb."""
     model = at.curvatures + jnp.diag(at.damping * _metric(at.curvatures, units))
-    face = _face(at.states, at.gradients, model, constraints)
+    face = active_face(at.states, at.gradients, model, constraints)
     state = jnp.clip(at.states + face.step, constraints.lower, constraints.upper)
     # on the bound itself, and not beside it by a rounding
     state = jnp.where(face.lower, constraints.lower, jnp.where(face.upper, constraints.upper, state))
@@ -196,13 +196,10 @@ def constrained_step(at: Climb, constraints: Constraints, units: jax.Array | Non
     return Step(jnp.where(possible, state, at.states), jnp.where(possible, face.step, 0.0), possible)
 
 
-def active_face(x: jax.Array, gradient: jax.Array, curvature: jax.Array, constraints: Constraints) -> Face:
-    """The active constraints at a state (d,), given the cost's gradient (d,) and a positive definite curvature (d, d) there."""
-    return _face(x, gradient, curvature, constraints)
+def active_face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints: Constraints) -> Face:
+    """The active constraints at a state (d,), and the step to the least value of a quadratic model on their face.
 
-
-def _face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints: Constraints) -> Face:
-    """The active constraints, and the step to the least value of a quadratic model (d, d) on their face.
+    The model has the cost's gradient (d,) and a positive definite curvature (d, d).
 
     The sets of active constraints are revised by the solution that they lead to: constraints that it breaks join, those whose
     multipliers pull inward go, until nothing changes.
