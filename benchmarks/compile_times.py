@@ -1,76 +1,165 @@
-"""What each filter and smoother costs on the 28-DOF body: compilation, frames a second, and memory.
+"""What each filter and smoother costs on the 28-DOF body: compilation, a run without it, and memory.
 
-    python benchmarks/compile_times.py [--quick] [--frames 10] [--only kalman]
+    python benchmarks/compile_times.py [--quick] [--frames 5] [--only switching] [--output compile-times]
 
-One camera sees the built-in walk. Every algorithm runs at its default settings in a process of its own, without a compile
-cache; the largest memory is that of the process, to be compared with that of one which has only loaded the libraries ("none").
-Processor seconds are those by which a first run takes longer than a second one, which compiles nothing: tracing and compiling,
-whatever else the machine does.
+Two cameras see the built-in walk. Every algorithm of `poseppl filters` and `poseppl smoothers` runs at its defaults in a
+process of its own, without a compile cache, one process at a time; the largest memory is that of the process, to be compared
+with that of one which has only loaded the libraries ("none"). Compilation is by how many processor seconds a first run takes
+longer than an equal second one, which compiles nothing: tracing and compiling, whatever else the machine does. A run is `track`
+with its draws, quantiles and predictive checks, or `smooth` of a filter's result from a file. With a prior, the
+activity is learned from the walk itself. The filter of hidden Markov models has no body. Algorithms that OUTPUT holds are not
+run again, but for those of --only.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from functools import partial
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
-import jax
+import numpy as np
 from timing import arguments, peak_memory, show
 
-from poseppl.motion.geometry import paper_camera
+from poseppl.experiments.jobs.versions import versions
+from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.tables import Table
+from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
-from poseppl.runs.results import provenance
+from poseppl.runs.results import load_result, save_result
 
-_FILTER_OF = {"rauch-tung-striebel": "kalman", "genealogy": "particle", "fixed-lag": "particle"}
-
-
-def measure(kind: str, name: str, num_frames: int, options: dict[str, Any], answer: Any) -> None:
-    """Run one algorithm; send seconds of compilation, processor seconds, frames a second and the largest memory in MiB."""
-    jax.config.update("jax_enable_compilation_cache", False)  # type: ignore[no-untyped-call]
-    scene = observe_motion(walking_subject(frames=f"0:{num_frames}"), paper_camera((0.0, -5000.0, 1000.0)), ["front"])
-    if kind == "none":
-        answer.put((0.0, 0.0, float("nan"), peak_memory()))
-        return
-    filter_name = name if kind == "filter" else _FILTER_OF.get(name, "kalman")
-    run: Callable[[], Any] = partial(track, scene, TrackSettings(filter=filter_name, options=options))
-    if kind == "smoother":
-        run = partial(smooth, run(), SmoothSettings(name))
-    (first, compiled), (second, known) = _timed(run), _timed(run)
-    answer.put((compiled["compile_seconds"], first - second, num_frames / known["wall_seconds"], peak_memory()))
+NAME, PRIOR, NUM_CAMERAS = "compile_times", "walk.nc", 2
+_FILTER_OF = {"genealogy": "particle", "fixed-lag": "particle"}
+_NOISE = 0.05
+"""Of the poses that an activity is learned from, radians and mm; without it they are alike in each round of the walk."""
+_COLUMNS = ("kind", "name", "settings", "compilation", "run", "memory")
+_ABOUT = "Processor seconds by which a first run takes longer than a second one, and of the second; largest memory, MiB."
 
 
-def _timed(run: Callable[[], Any]) -> tuple[float, dict[str, Any]]:
-    """Processor seconds of a run, and what its result tells of it."""
-    start = time.process_time()
-    known = provenance(run())
-    return time.process_time() - start, known
+class Case(NamedTuple):
+    """An algorithm, and what is not at its default: settings, and whether the walk's activity is the prior."""
+
+    kind: str
+    name: str
+    options: dict[str, Any]
+    prior: bool = False
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What tells it from others in the table."""
+        told = [f"{name}={value}" for name, value in self.options.items()]
+        return self.kind, self.name, ", ".join([*told, *(["prior"] if self.prior else [])])
+
+
+def cases() -> Iterator[Case]:
+    """All, the libraries alone first."""
+    yield Case("none", "", {})
+    yield from (Case("filter", name, {}, name == "activity-guided") for name in FILTERS if name != "hidden-markov")
+    yield from (Case("filter", name, {}, prior=True) for name in ("switching", "guided"))
+    yield Case("filter", "particle", {"num_particles": 100_000})
+    yield from (Case("smoother", name, {}) for name in SMOOTHERS)
+
+
+def measure(case: Case, num_frames: int, folder: Path, answer: Any) -> None:
+    """Run one algorithm twice; send processor seconds of compilation and of a run, and the largest memory in MiB."""
+    if case.kind == "none":
+        answer.put((0.0, 0.0, peak_memory()))
+    elif case.kind == "smoother":
+        tree = load_result(folder / f"{_filter_of(case)}.nc")
+        answer.put(_twice(partial(smooth, tree, SmoothSettings(case.name))))
+    else:
+        answer.put(_twice(partial(track_walk, case, num_frames, folder)))
+
+
+def track_walk(case: Case, num_frames: int, folder: Path) -> Any:
+    """The result of a filter, with the file of the prior in the folder."""
+    subject = walking_subject(frames=f"0:{num_frames}")
+    scene = observe_motion(subject, cameras_around(subject, count=NUM_CAMERAS), camera_names(NUM_CAMERAS))
+    prior = str(folder / PRIOR) if case.prior else None
+    return track(
+        scene, TrackSettings(filter=case.name, options=case.options, prior=prior, other_motion=case.name != "activity-guided")
+    )
+
+
+def prepare(case: Case, num_frames: int, folder: Path) -> None:
+    """Write what the algorithm takes, if it is not there: the prior, or the result of the smoother's filter."""
+    if case.prior and not (folder / PRIOR).exists():
+        learn_walk(folder / PRIOR)
+    if case.kind == "smoother" and not (path := folder / f"{_filter_of(case)}.nc").exists():
+        save_result(track_walk(Case("filter", _filter_of(case), {}), num_frames, folder), path)
+
+
+def learn_walk(path: Path) -> None:
+    """Learn the built-in walk, each pose with noise, as an activity, as `poseppl fit-motion` does by default, and write it."""
+    subject = walking_subject(frames="0:240")
+    tree, noise = subject.body.tree, np.random.default_rng(0).normal(0.0, _NOISE, subject.states.shape)
+    recording = PosedRecording(
+        subject.states + noise, tree.coordinate_names, tree.joint_names[0], subject.rate, "walk", "walk", 0.0
+    )
+    write_motion_model(train_motion_model([recording], DEFAULT_MODEL, TrainingSettings()), path)
+
+
+def _filter_of(case: Case) -> str:
+    return _FILTER_OF.get(case.name, "kalman")
+
+
+def _twice(run: Callable[[], Any]) -> tuple[float, float, float]:
+    seconds = []
+    for _ in range(2):
+        start = time.process_time()
+        run()
+        seconds.append(time.process_time() - start)
+    return seconds[0] - seconds[1], seconds[1], peak_memory()
+
+
+def measured(case: Case, num_frames: int, folder: Path) -> tuple[float, ...]:
+    """What :func:`measure` finds in a process of its own."""
+    prepare(case, num_frames, folder)
+    context = multiprocessing.get_context("spawn")
+    answer = context.Queue()
+    process = context.Process(target=measure, args=(case, num_frames, folder, answer))
+    process.start()
+    process.join()
+    if process.exitcode:
+        raise SystemExit(f"{' '.join(case.key)} failed")
+    found: tuple[float, ...] = answer.get()
+    return found
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=10, only="")
-    wanted: list[tuple[str, str, dict[str, Any]]] = [("none", "", {})]
-    wanted += [("filter", name, {}) for name in FILTERS if name != "hidden-markov"]
-    wanted += [("filter", "particle", {"num_particles": 100_000})]
-    wanted += [("filter", "guided", {"auxiliary": True}), ("filter", "kalman", {"linearisation": "unscented"})]
-    wanted += [("smoother", name, {}) for name in SMOOTHERS if name not in ("genealogy", "fixed-lag")]
-    context, rows = multiprocessing.get_context("spawn"), []
-    if options.only:
-        wanted = [row for row in wanted if row[1] == options.only]
-    for kind, name, settings in wanted[:2] if options.quick else wanted:
-        answer = context.Queue()
-        process = context.Process(target=measure, args=(kind, name, options.frames, settings, answer))
-        process.start()
-        process.join()
-        if process.exitcode:
-            raise SystemExit(f"{kind} {name} failed")
-        seconds, processor, rate, memory = answer.get()
-        rows.append([kind, name, str(settings or ""), f"{seconds:.1f}", f"{processor:.1f}", f"{rate:.1f}", f"{memory:,.0f}"])
-        print(*rows[-1], flush=True)
-    columns = ["", "", "settings", "compilation, s", "processor s", "frames/s", "memory, MiB"]
-    show(f"28-DOF body, {options.frames} frames", columns, rows)
+    options = arguments(__doc__, frames=5, only="", output="compile-times")
+    folder, known = Path(options.output), list(cases())
+    folder.mkdir(parents=True, exist_ok=True)
+    os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"  # of the processes; what they import compiles already
+    wanted = [case for case in known if options.only in ("", case.name)]
+    kept = read_folder(folder).get(NAME)
+    rows = {} if kept is None else {tuple(row[:3]): row for row in kept.table.rows}
+    with TemporaryDirectory() as scratch:
+        for case in wanted[:2] if options.quick else wanted:
+            if case.key in rows and not options.only:
+                continue
+            rows[case.key] = (*case.key, *measured(case, 3 if options.quick else options.frames, Path(scratch)))
+            print(*rows[case.key], flush=True)
+            table = Table(NAME, _COLUMNS, [rows[each.key] for each in known if each.key in rows], _ABOUT)
+            write_folder(folder, {NAME: Kept(table, provenance())})
+    columns = ["", "", "settings", "compilation, processor s", "run, processor s", "memory, MiB"]
+    shown = [[*row[:3], f"{row[3]:.1f}", f"{row[4]:.1f}", f"{row[5]:,.0f}"] for row in rows.values()]
+    show("28-DOF body, two cameras", columns, shown)
+
+
+def provenance() -> Provenance:
+    """How the table is made today."""
+    known = ", ".join(f"{name} {version}" for name, version in versions().items())
+    today = datetime.now(UTC).date().isoformat()
+    return Provenance("1", "built-in walk, two cameras", today, known, f"python benchmarks/{Path(__file__).name}")
 
 
 if __name__ == "__main__":

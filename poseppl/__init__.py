@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from poseppl.runs.collectors import collect_draws as collect_draws
     from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.online import Online as Online
-    from poseppl.runs.outcome import result_of_run as result_of_run, result_of_smoothing as result_of_smoothing
+    from poseppl.runs.outcome import result_of_run as result_of_run
     from poseppl.runs.results import load_result as load_result, save_result as save_result
     from poseppl.runs.run import Constant as Constant, Run as Run, RunError as RunError, run_filter as run_filter
     from poseppl.runs.simulation import simulate as simulate
@@ -95,7 +95,6 @@ _HOMES = {
     "tempered_filter": "filters",
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
-    "result_of_smoothing": "runs.outcome",
     "infer": "runs.infer",
     "smooth": "runs.infer",
     "Clamped": "program",

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from poseppl.filters import (
     Filter,
+    activity_guided_filter,
     annealed_filter,
     assumed_density_filter,
     covariance_scaled_filter,
@@ -15,6 +16,7 @@ from poseppl.filters import (
     hmc_filter,
     kalman_filter,
     particle_filter,
+    switching_filter,
     tempered_filter,
     window_filter,
 )
@@ -29,6 +31,7 @@ from poseppl.smoothers import (
     genealogy_smoother,
     gibbs_smoother,
     particle_gibbs_smoother,
+    particle_mgrad_smoother,
     rauch_tung_striebel_smoother,
     trajectory_smoother,
     two_filter_smoother,
@@ -97,6 +100,7 @@ FILTERS: list[FilterRow] = [
         genealogy=True,
     ),
     FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500), equal_weights=True),
+    FilterRow("switching", switching_filter, lambda model: switching_filter(model, 500), equal_weights=True),
     FilterRow(
         "unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented"), equal_weights=True
     ),
@@ -193,6 +197,14 @@ FILTERS: list[FilterRow] = [
         posterior=False,
     ),
     FilterRow(
+        "activity-guided",
+        activity_guided_filter,
+        lambda model: activity_guided_filter(model, 200, num_layers=5),
+        consistent=False,
+        num_replicates=40,
+        posterior=False,
+    ),
+    FilterRow(
         "demc",
         demc_filter,
         lambda model: demc_filter(model, 200, num_layers=3, prediction="velocity"),
@@ -257,6 +269,24 @@ SMOOTHERS: list[SmootherRow] = [
             model, num_particles=20, num_chains=2, num_draws=100, num_warmup=20, method="backward"
         ),
         discrete=True,
+        num_particles=100,
+    ),
+    SmootherRow(
+        "particle-mgrad",
+        particle_mgrad_smoother,
+        lambda model: particle_mgrad_smoother(
+            model, num_particles=16, num_chains=2, num_draws=100, num_warmup=50, variant="mgrad"
+        ),
+        multimodal=False,
+        num_particles=100,
+    ),
+    SmootherRow(
+        "particle-agrad",
+        particle_mgrad_smoother,
+        lambda model: particle_mgrad_smoother(
+            model, num_particles=16, num_chains=2, num_draws=100, num_warmup=50, variant="agrad"
+        ),
+        multimodal=False,
         num_particles=100,
     ),
     SmootherRow(

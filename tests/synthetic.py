@@ -137,3 +137,13 @@ def predicted_result(transform: np.ndarray) -> xr.DataTree:
     values = {name: (dims[: value.ndim], value) for name, value in checks._asdict().items() if value is not None}
     tree["predictive"] = xr.DataTree(xr.Dataset(values))
     return tree
+
+
+def two_sided_result() -> xr.DataTree:
+    """A result whose right arm leans the other way in a quarter of the draws of frames 16 to 19: its wrist is 500 mm away."""
+    tree = synthetic_result(num_frames=12)
+    markers = tree["posterior/markers"]
+    other = np.arange(markers.sizes["draw"]) % 4 == 0
+    for name, away in (("elbow_r", 250.0), ("wrist_r", 500.0)):
+        markers.values[:, other, 6:10, NAMES.index(name), 1] += away
+    return tree

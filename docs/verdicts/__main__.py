@@ -1,4 +1,4 @@
-"""Print what the pages say between their marks, or write it: python docs/verdicts [--write]."""
+"""Print what the pages say between their marks, or write it, and the experiments' pages: python docs/verdicts [--write]."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 
 sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from verdicts.pages import DOCS, SECTIONS, made, read_tables  # noqa: E402
+from poseppl.experiments.page import write_page  # noqa: E402
+from verdicts.pages import DOCS, SECTIONS, experiments, made, read_tables  # noqa: E402
 
 tables = read_tables()
 for page, sections in SECTIONS.items():
@@ -16,3 +17,6 @@ for page, sections in SECTIONS.items():
         continue
     for name, section in sections.items():
         print(f"{page}: {name}\n\n{section(tables)}\n")
+if "--write" in sys.argv[1:]:
+    for experiment in experiments():
+        write_page(experiment, DOCS / experiment.name)

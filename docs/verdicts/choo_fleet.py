@@ -8,7 +8,6 @@ from typing import Any
 from poseppl.experiments.choo_fleet.claims import claims
 from poseppl.experiments.choo_fleet.goals import goals
 from poseppl.experiments.tables import Table, markdown
-from verdicts.measured import records
 
 Tables = Mapping[str, Table]
 _TRACKERS = {"arm": "4-D arm", "lower_body": "10-D lower body", "full_body": "28-D full body"}
@@ -31,7 +30,7 @@ def speed_ups(tables: Tables) -> str:
     """How many times less HMC needs, and the verdicts of the page by their kind."""
     rows = []
     for tracker, name in _TRACKERS.items():
-        by = {row["by"]: row for row in records(tables["speed_ups"], tracker=tracker)}
+        by = {row["by"]: row for row in tables["speed_ups"].records(tracker=tracker)}
         ours = [_interval(by[each]) for each in ("seconds", "evaluations")]
         rows.append([name, _times(by["seconds"]["published"]), *ours])
     told = dict.fromkeys(f"- {claim.what}: {claim.verdict}" for claim in claims(tables))
@@ -40,8 +39,8 @@ def speed_ups(tables: Tables) -> str:
 
 def contest(tables: Tables) -> str:
     """The goals, and methods on sequences."""
-    parts = {row["method"]: {} for row in records(tables["contest_sequences"])}
-    for row in records(tables["contest_sequences"]):
+    parts = {row["method"]: {} for row in tables["contest_sequences"].records()}
+    for row in tables["contest_sequences"].records():
         parts[row["method"]][row["recording"]] = row
     rows = [[name, *_sequences(parts[method])] for method, name in _METHODS.items()]
     columns = ("method", "walk: error, mm; 90 and 50 % intervals hold", "simulated", "frames a second: walk; simulated")

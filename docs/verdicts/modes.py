@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from poseppl.experiments.tables import Table, markdown
-from verdicts.measured import records
 
 Tables = Mapping[str, Table]
 _STARTS = (12, 48, 192)
@@ -16,7 +15,7 @@ _HOLDS = {True: "holds", False: "does not hold"}
 
 def modes_found(tables: Tables) -> str:
     """Shares of modes by method and number of starts, and the claim that scaled covariances find more than noise."""
-    rows = records(tables["modes_found"])
+    rows = tables["modes_found"].records()
     names = dict.fromkeys(row["method"] for row in rows)
     cells = {name: [_cell(rows, name, count) for count in _STARTS] for name in names}
     best = {kind: max((_rate(rows, name), name) for name in names if name.startswith(kind)) for kind in (_SCALED, *_NOISE)}

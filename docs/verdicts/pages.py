@@ -1,7 +1,8 @@
-"""Which parts of which pages are made from tables.
+"""Which parts of which pages are made from tables, and the pages of experiments.
 
 In a page such a part stands between two marks, ``<!-- from tables: NAME -->`` and ``<!-- end -->``. All numbers and verdicts in
-it come from docs/tables and docs/choo-fleet-2001, through the functions named here.
+it come from docs/tables and from the folders of experiments, through the functions named here. An experiment's folder has its
+page, which its own functions make.
 """
 
 from __future__ import annotations
@@ -10,33 +11,68 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment
+from poseppl.experiments.experiment import Experiment
+from poseppl.experiments.page import claims_of
 from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.tables import Table
-from verdicts import choo_fleet, image_claims, image_tables, modes, predictions, sampling, walks
+from verdicts import (
+    choo_fleet,
+    compile_times,
+    fast_motion,
+    learned_prior,
+    modes,
+    predictions,
+    sampling,
+    sminchisescu_triggs,
+    smoothing,
+    walks,
+)
 
 Tables = Mapping[str, Table]
+Section = Callable[[Tables], str]
 DOCS = Path(__file__).resolve().parents[1]
-FOLDERS = (DOCS / "tables", DOCS / "choo-fleet-2001")
+FOLDERS = {"": DOCS / "tables"} | {f"{name}/": DOCS / name for name in EXPERIMENTS if (DOCS / name).is_dir()}
+"""Where tables are, by what their names begin with."""
 MARKED = re.compile(r"(<!-- from tables: ([\w-]+) -->\n\n)(.*?)(\n\n<!-- end -->)", re.DOTALL)
 
-SECTIONS: Mapping[str, Mapping[str, Callable[[Tables], str]]] = {
-    "likelihoods.md": {
-        "peursum": image_tables.peursum,
-        "exponents": image_tables.exponents,
-        "darby": image_tables.darby,
-        "du-guan": image_tables.du_guan,
-        "image-claims": image_claims.claims,
-    },
+
+def experiments() -> list[Experiment]:
+    """Those whose tables are committed."""
+    return [find_experiment(name) for name in EXPERIMENTS if f"{name}/" in FOLDERS]
+
+
+def tables_of(experiment: str, tables: Tables) -> dict[str, Table]:
+    """The tables of an experiment by their own names."""
+    start = f"{experiment}/"
+    return {name.removeprefix(start): table for name, table in tables.items() if name.startswith(start)}
+
+
+def of(experiment: str, section: Section) -> Section:
+    """A section of an experiment's tables."""
+    return lambda tables: section(tables_of(experiment, tables))
+
+
+def claims(experiment: str) -> Section:
+    """The claims of an experiment."""
+    return of(experiment, lambda tables: claims_of(find_experiment(experiment), tables))
+
+
+SECTIONS: Mapping[str, Mapping[str, Section]] = {
+    "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
         "random-walks": walks.random_walks,
+        "fast-motion": fast_motion.fast_motion,
+        "learned-prior": learned_prior.learned_prior,
+        "smoothing-pays": smoothing.smoothing_pays,
         "filters": sampling.filters,
-        "mueller": sampling.mueller,
         "modes-found": modes.modes_found,
-        "dimensionality": sampling.dimensionality,
-        "mixtures": sampling.mixtures,
         "trajectory": sampling.trajectory,
-        "speed-ups": choo_fleet.speed_ups,
-        "contest": choo_fleet.contest,
+        "particle-mgrad": sampling.particle_mgrad,
+        "speed-ups": of("choo-fleet-2001", choo_fleet.speed_ups),
+        "contest": of("choo-fleet-2001", choo_fleet.contest),
+        "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
+        "compile-times": compile_times.compile_times,
     },
     "verdicts.md": {"predictive-checks": predictions.checks},
 }
@@ -44,7 +80,8 @@ SECTIONS: Mapping[str, Mapping[str, Callable[[Tables], str]]] = {
 
 def read_tables() -> dict[str, Table]:
     """All committed tables by name."""
-    return {name: kept.table for folder in FOLDERS for name, kept in read_folder(folder).items()}
+    folders = FOLDERS.items()
+    return {f"{start}{name}": kept.table for start, folder in folders for name, kept in read_folder(folder).items()}
 
 
 def made(text: str, page: str, tables: Tables) -> str:

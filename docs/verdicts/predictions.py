@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from poseppl.experiments.tables import Table, markdown
-from verdicts.measured import records
 
 Tables = Mapping[str, Table]
 Groups = dict[tuple[str, str], list[dict[str, Any]]]
@@ -19,7 +18,7 @@ _HOLDS = {True: "holds", False: "does not hold"}
 
 def checks(tables: Tables) -> str:
     """Coverage and errors found by model and filter, and whether the two goals hold."""
-    rows = records(tables["predictive_checks"])
+    rows = tables["predictive_checks"].records()
     groups, single = _grouped(rows, _kind), _grouped(rows, str)
     columns = (
         *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from poseppl.experiments.measured import Measured, over_runs
 from poseppl.experiments.tables import Table, markdown
-from verdicts.measured import Measured, over_runs, records
 
 Tables = Mapping[str, Table]
 Runs = dict[str, dict[int, Mapping[str, Any]]]
@@ -34,7 +34,7 @@ class Difference(NamedTuple):
 def random_walks(tables: Tables) -> str:
     """Errors and coverage by recording, and whether learned scales win on all."""
     groups: dict[tuple[str, float, int, int], Runs] = {}
-    for row in records(tables["random_walk"]):
+    for row in tables["random_walk"].records():
         key = (row["recording"], row["rate"], row["cameras"], row["frames"])
         groups.setdefault(key, {}).setdefault(row["walk"], {})[row["seed"]] = row
     columns = ("recording", "Hz", "cameras", "frames", "runs", *_WALKS.values(), "learned less a root of a second, mm")

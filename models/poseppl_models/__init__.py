@@ -4,6 +4,8 @@ BODIES = (
     "poseppl_models.choo_fleet:full_body",
     "poseppl_models.choo_fleet:lower_body",
     "poseppl_models.choo_fleet:arm",
+    "poseppl_models.darby:full_body",
+    "poseppl_models.peursum:full_body",
     "poseppl_models.silhouettes:full_body",
     "poseppl_models.sminchisescu:full_body",
     "poseppl_models.sminchisescu:stiff_shoulders",

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import jax
+from jax import Array
 
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.geometry.batched_score import batched_score
@@ -35,7 +35,7 @@ SOFTNESS = 10.0
 def hard_constraints(allowed: float = 10.0) -> dict[str, Constraint]:
     """Joint limits and rejection of capsules inside of the parts that overlap by more than allowed (mm): 0 or -inf."""
 
-    def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+    def limits(body: ConeBody, state: Array, params: Any) -> Array:
         return hard_limits(body.limits, state)
 
     return {"limits": limits, "parts": _between_parts(rejected, allowed)}
@@ -44,17 +44,17 @@ def hard_constraints(allowed: float = 10.0) -> dict[str, Constraint]:
 def smooth_constraints(width: float = LIMIT_WIDTH, softness: float = SOFTNESS) -> dict[str, Constraint]:
     """Barriers at the joint limits and repulsion of the capsules inside of the parts."""
 
-    def limits(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
+    def limits(body: ConeBody, state: Array, params: Any) -> Array:
         return smooth_limits(body.limits, state, width)
 
     return {"limits": limits, "parts": _between_parts(repelled, softness)}
 
 
-def _between_parts(penalty: Callable[[jax.Array, float], jax.Array], size: float) -> Constraint:
+def _between_parts(penalty: Callable[[Array, float], Array], size: float) -> Constraint:
     """A penalty of a size on the clearances of the capsules inside of the parts."""
 
-    def parts(body: ConeBody, state: jax.Array, params: Any) -> jax.Array:
-        def score(state: jax.Array, tree: KinematicTree, flesh: Flesh) -> jax.Array:
+    def parts(body: ConeBody, state: Array, params: Any) -> Array:
+        def score(state: Array, tree: KinematicTree, flesh: Flesh) -> Array:
             inside = part_capsules(flesh, parts_of(tree, flesh, state), "inside")
             return penalty(clearances(inside, body.apart), size)[None]
 

@@ -23,6 +23,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -114,7 +115,7 @@ def _solver(body: ConeBody, index: NDArray[np.int_]) -> Callable[[Floats, Floats
     low, high = body.limits[:, 0] + MARGIN, body.limits[:, 1] - MARGIN
     scale = np.where(free, 100.0, 0.3)
 
-    def residuals(x: jax.Array, target: jax.Array, before: jax.Array) -> jax.Array:
+    def residuals(x: Array, target: Array, before: Array) -> Array:
         apart = marker_positions(body.tree, x)[index] - target
         to_before, to_rest = (jnp.where(free, 0.0, change) for change in (x - before, x - body.rest))
         return jnp.concatenate([apart.ravel(), _PULLS[0] * to_before, _PULLS[1] * to_rest])

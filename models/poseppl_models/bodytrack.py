@@ -18,10 +18,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
+from jax import Array
 
 from poseppl.motion.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.batch_last import batch_last
@@ -47,11 +47,11 @@ class ImageInputs(NamedTuple):
     """
 
     cameras: Cameras
-    edge_error: jax.Array
-    inside_error: jax.Array
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    edge_error: Array
+    inside_error: Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
 
 
 class BodytrackBody(NamedTuple):
@@ -222,7 +222,7 @@ _CHUNK = 128
 
 
 def outline_sums(
-    tree: KinematicTree, flesh: Flesh, state: jax.Array, inputs: ImageInputs, rooms: Sequence[Room], *, every: bool = False
+    tree: KinematicTree, flesh: Flesh, state: Array, inputs: ImageInputs, rooms: Sequence[Room], *, every: bool = False
 ) -> Sums:
     """Sums of the errors over the samples, camera by camera, of one state (d,).
 
@@ -235,7 +235,7 @@ def outline_sums(
         every: Whether every sample is taken that the benchmark takes, for which there must be room.
     """
 
-    def sums(tree: KinematicTree, flesh: Flesh, state: jax.Array, cameras: Cameras, edge: Any, inside: Any) -> Sums:
+    def sums(tree: KinematicTree, flesh: Flesh, state: Array, cameras: Cameras, edge: Any, inside: Any) -> Sums:
         corners = outline_corners(cameras, flesh, parts_of(tree, flesh, state))
         return (spaced_sums if every else fixed_sums)(corners, edge[..., 0], inside[..., 0], Spacing(), rooms)
 
@@ -243,7 +243,7 @@ def outline_sums(
     return result
 
 
-def benchmark_score(sums: Sums) -> jax.Array:
+def benchmark_score(sums: Sums) -> Array:
     """Score of the sums, log L, pooled over cameras."""
     return -(jnp.sum(sums.edge) / jnp.sum(sums.num_edge) + jnp.sum(sums.inside) / jnp.sum(sums.num_inside))
 
@@ -257,7 +257,7 @@ def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool =
         every: Whether every sample of the benchmark is taken.
     """
 
-    def observe(params: Any, pose: jax.Array, inputs: ImageInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: ImageInputs) -> None:
         score = benchmark_score(outline_sums(body.tree, body.flesh, pose, inputs, rooms, every=every))
         numpyro.factor("image", params["beta"] * score)
 

@@ -20,9 +20,9 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import jax
 import numpy as np
 import numpyro
+from jax import Array
 
 from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
@@ -127,7 +127,7 @@ def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
 
 @lru_cache(maxsize=8)
 def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    def observe(params: Any, pose: jax.Array, inputs: BodyInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: BodyInputs) -> None:
         numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 

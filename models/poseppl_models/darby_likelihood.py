@@ -22,8 +22,8 @@ W's ratios are over what is known, on a grid of pixels, and W is at least 1e-6.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.part_samples import (
@@ -54,13 +54,13 @@ def darby_score(*, smooth: bool = False) -> CameraScore:
         smooth: Whether maps are interpolated between pixels, which gives a gradient.
     """
 
-    def score(seen: SeenBody) -> jax.Array:
+    def score(seen: SeenBody) -> Array:
         evidence: TwoWayEvidence = seen.evidence
         corners = _barrier(seen.corners(), smooth)
         look_up = bilinear if smooth else nearest
         sides = look_up(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES))
         on_sides = weighted_mean(sides, side_lengths(corners)[:, :, :, None], 1.0)
-        value: jax.Array = -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
+        value: Array = -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
         return value
 
     return score
@@ -75,37 +75,37 @@ def darby_monocular_score(stride: int) -> CameraScore:
         stride: Of the evidence's grid, px.
     """
 
-    def score(seen: SeenBody) -> jax.Array:
+    def score(seen: SeenBody) -> Array:
         evidence: TwoWayEvidence = seen.evidence
         corners = _barrier(seen.corners(), False)
         known = count_ones(evidence.known)
         image = _ratio(count_ones(evidence.foreground & evidence.known), known)
         body = _ratio(count_ones(seen.silhouette(stride)), known)
         weight = size_weight(image, body, seen.params["gamma"])
-        value: jax.Array = -seen.params["beta"] * _inside(corners, evidence, False) / weight
+        value: Array = -seen.params["beta"] * _inside(corners, evidence, False) / weight
         return value
 
     return score
 
 
-def size_weight(image: jax.Array, body: jax.Array, gamma: jax.Array) -> jax.Array:
+def size_weight(image: Array, body: Array, gamma: Array) -> Array:
     """W of Eq. 9 for two ratios of foreground to background; 1 where both are 0."""
     largest = jnp.maximum(image, body)
     disparity = jnp.abs(image - body) / jnp.where(largest > 0, largest, 1.0)
-    weight: jax.Array = jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
+    weight: Array = jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
     return weight
 
 
-def _inside(corners: jax.Array, evidence: TwoWayEvidence, smooth: bool) -> jax.Array:
+def _inside(corners: Array, evidence: TwoWayEvidence, smooth: bool) -> Array:
     found = (bilinear if smooth else nearest)(evidence.inside_error[..., 0], *inside_points(corners, *GRID))
     return weighted_mean(found, areas(corners)[:, :, None], 1.0)
 
 
-def _ratio(foreground: jax.Array, known: jax.Array) -> jax.Array:
+def _ratio(foreground: Array, known: Array) -> Array:
     return foreground / jnp.maximum(known - foreground, 1)
 
 
-def _barrier(corners: jax.Array, smooth: bool) -> jax.Array:
+def _barrier(corners: Array, smooth: bool) -> Array:
     """Compute corners once, not anew for every sample; the smooth ones are left to the compiler, which differentiates them."""
-    kept: jax.Array = corners if smooth else computed_once(corners)
+    kept: Array = corners if smooth else computed_once(corners)
     return kept

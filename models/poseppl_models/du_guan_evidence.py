@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.motion.geometry import Cameras
@@ -34,12 +35,12 @@ class DuGuanEvidence(NamedTuple):
         descriptors: Fourier descriptors of the foreground's contour (C, count); NaN for none, and then contours do not count.
     """
 
-    foreground: jax.Array
-    known: jax.Array
-    bins: jax.Array
-    colours: jax.Array
-    part_weights: jax.Array
-    descriptors: jax.Array
+    foreground: Array
+    known: Array
+    bins: Array
+    colours: Array
+    part_weights: Array
+    descriptors: Array
 
 
 def du_guan_evidence(
@@ -75,7 +76,7 @@ def du_guan_evidence(
     return DuGuanEvidence(shown, seen, pad_bins(bins, there), *floats)
 
 
-def grid_descriptors(bits: jax.Array, count: int, max_corners: int = 256) -> jax.Array:
+def grid_descriptors(bits: Array, count: int, max_corners: int = 256) -> Array:
     """Fourier descriptors (C, count, N) of silhouettes (C, rows, words, N); 0 for an empty one."""
     cameras = bits.shape[0]
     contours = trace_contours(jnp.moveaxis(bits, 0, 2).reshape(*bits.shape[1:3], -1), max_corners)
@@ -83,13 +84,13 @@ def grid_descriptors(bits: jax.Array, count: int, max_corners: int = 256) -> jax
     return jnp.moveaxis(found.reshape(count, cameras, -1), 1, 0)
 
 
-def pad_bins(bins: Images, known: Images) -> jax.Array:
+def pad_bins(bins: Images, known: Images) -> Array:
     """Bins (C, H, W), -1 where a pixel is no evidence, with one more row of -1: (C, H + 1, W), int32."""
     marked = np.where(known, bins, -1)
     return jnp.asarray(np.pad(marked, ((0, 0), (0, 1), (0, 0)), constant_values=-1), jnp.int32)
 
 
-def part_colours(body: ConeBody, state: Any, cameras: Cameras, bins: jax.Array, num_bins: int) -> Images:
+def part_colours(body: ConeBody, state: Any, cameras: Cameras, bins: Array, num_bins: int) -> Images:
     """Count the colours (C, P, num_bins) of a body's parts in a known state (d,), from padded bins (C, H + 1, W)."""
     tree, flesh, one, view = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (body.tree, body.flesh, state, cameras))
     points = inside_points(outline_corners(view, flesh, parts_of(tree, flesh, jnp.asarray(one, float))), *GRID)

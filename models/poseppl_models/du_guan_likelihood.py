@@ -19,8 +19,8 @@ p_3 = 1, where the body has none its descriptors are 0. p_1 is at least 1e-6.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.part_samples import index_at, inside_points
@@ -39,7 +39,7 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         max_corners: Room for the corners of a boundary, of which there is one every 4 steps of the grid.
     """
 
-    def score(seen: SeenBody) -> jax.Array:
+    def score(seen: SeenBody) -> Array:
         evidence: DuGuanEvidence = seen.evidence
         corners = computed_once(seen.corners())
         body = computed_once(seen.silhouette(stride))
@@ -47,18 +47,18 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body, max_corners)
         exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
-        value: jax.Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
+        value: Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
         return value
 
     return score
 
 
-def overlap_ratio(image: jax.Array, body: jax.Array) -> jax.Array:
+def overlap_ratio(image: Array, body: Array) -> Array:
     """Points of both over points of any (C, N), for words (C, rows, words, N or 1); 0 where there are none."""
     return count_ones(image & body) / jnp.maximum(count_ones(image | body), 1)
 
 
-def colour_distance(evidence: DuGuanEvidence, corners: jax.Array) -> jax.Array:
+def colour_distance(evidence: DuGuanEvidence, corners: Array) -> Array:
     """Weighted Bhattacharyya distance (C, N) of the colours inside of outlines (C, P, 4, 2, N)."""
     bins = computed_once(index_at(evidence.bins[..., 0], *inside_points(corners, *GRID)))  # (C, P, K, N)
     seen = bins >= 0
@@ -74,7 +74,7 @@ def colour_distance(evidence: DuGuanEvidence, corners: jax.Array) -> jax.Array:
     return jnp.sqrt(jnp.clip(1 - overlap, 0.0, 1.0))
 
 
-def boundary_distance(descriptors: jax.Array, body: jax.Array, max_corners: int) -> jax.Array:
+def boundary_distance(descriptors: Array, body: Array, max_corners: int) -> Array:
     """Euclidean distance (C, N) between descriptors (C, count, 1) and those of words (C, rows, words, N)."""
     found = grid_descriptors(body, descriptors.shape[1], max_corners)
     there = jnp.isfinite(descriptors)

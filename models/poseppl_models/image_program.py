@@ -8,11 +8,12 @@ of weight 0 drops out, whatever its images hold.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpyro
+from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batched_score import batched_score
@@ -41,23 +42,39 @@ class SeenBody(NamedTuple):
     evidence: Any
     params: Any
 
-    def corners(self) -> jax.Array:
+    def corners(self) -> Array:
         """Corners (C, P, 4, 2, N) of the parts' outlines, px."""
         return outline_corners(self.cameras, self.flesh, self.parts)
 
-    def silhouette(self, stride: int) -> jax.Array:
+    def silhouette(self, stride: int) -> Array:
         """Where the body is on a grid of ``stride`` px, as far as there is evidence: bits in words (C, rows, words, N)."""
         rows, words = self.evidence.known.shape[1:3]
-        known: jax.Array = self.evidence.known
+        known: Array = self.evidence.known
         return body_bits(self.cameras, self.flesh, self.parts, rows, words, stride) & known
 
 
-CameraScore = Callable[[SeenBody], jax.Array]
+CameraScore = Callable[[SeenBody], Array]
 """Log-likelihoods (C, N) of a body's states."""
-Constraint = Callable[[ConeBody, jax.Array, Any], jax.Array]
+Constraint = Callable[[ConeBody, Array, Any], Array]
 """A body, a state (d,) and the params, to a log-factor ()."""
 CHUNK = 64
 """Particles at a time: what a likelihood makes of so many in three cameras stays in the cache."""
+
+
+class SeenInputs(Protocol):
+    """What the likelihood takes of the inputs of a frame, as :class:`ImageInputs` has it."""
+
+    @property
+    def cameras(self) -> Cameras:
+        """C cameras, px."""
+
+    @property
+    def camera_weight(self) -> Array:
+        """Shape (C,)."""
+
+    @property
+    def evidence(self) -> Any:
+        """Of the images."""
 
 
 class ImageInputs(NamedTuple):
@@ -73,11 +90,11 @@ class ImageInputs(NamedTuple):
     """
 
     cameras: Cameras
-    camera_weight: jax.Array
+    camera_weight: Array
     evidence: Any
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
 
 
 def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, Constraint] | None = None) -> StateSpaceModel:
@@ -90,7 +107,7 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
     """
     likelihood = camera_likelihood(body, score)
 
-    def observe(params: Any, pose: jax.Array, inputs: ImageInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: ImageInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
         for name, constraint in (constraints or {}).items():
             numpyro.factor(name, constraint(body, pose, params))
@@ -98,17 +115,15 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
     return walking_body(body.tree.coordinates, observe)
 
 
-def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, jax.Array, ImageInputs], jax.Array]:
+def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, Array, SeenInputs], Array]:
     """Log-likelihood () of params, a state (d,) and the inputs: the weighted sum over cameras."""
 
-    def score_states(
-        state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: Any, params: Any
-    ) -> jax.Array:
+    def score_states(state: Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: Any, params: Any) -> Array:
         return score(SeenBody(flesh, parts_of(tree, flesh, state), cameras, evidence, params))
 
     scored = batched_score(score_states, chunk=CHUNK)
 
-    def likelihood(params: Any, pose: jax.Array, inputs: ImageInputs) -> jax.Array:
+    def likelihood(params: Any, pose: Array, inputs: SeenInputs) -> Array:
         values = scored(pose, body.tree, body.flesh, inputs.cameras, inputs.evidence, jax.tree.map(jnp.asarray, params))
         weight = inputs.camera_weight
         return jnp.sum(jnp.where(weight > 0, weight * values, 0.0))

@@ -25,6 +25,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry import KinematicTree
 
@@ -62,13 +63,13 @@ def joint_limits(tree: KinematicTree) -> np.ndarray[Any, Any]:
     return limits
 
 
-def hard_limits(limits: Any, state: jax.Array) -> jax.Array:
+def hard_limits(limits: Any, state: Array) -> Array:
     """0 where a state (d,) keeps to the limits (d, 2), -inf elsewhere: shape ()."""
     low, high = jnp.asarray(limits, state.dtype).T
     return jnp.where(jnp.all((state >= low) & (state <= high)), 0.0, -jnp.inf)
 
 
-def smooth_limits(limits: Any, state: jax.Array, width: jax.Array | float) -> jax.Array:
+def smooth_limits(limits: Any, state: Array, width: Array | float) -> Array:
     """Log-barrier () of a state (d,), at most 0, for limits (d, 2) and a width in radians."""
     limited = np.flatnonzero(np.isfinite(np.asarray(limits)).all(1))
     low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T

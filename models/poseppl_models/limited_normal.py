@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 from jax.scipy.special import erf
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import IdentityTransform
@@ -71,12 +72,12 @@ class LimitedNormal(dist.Distribution):  # type: ignore[misc]
         """The limits."""
         return _JointLimits(self.low, self.high)
 
-    def _ends(self) -> tuple[jax.Array, jax.Array]:
+    def _ends(self) -> tuple[Array, Array]:
         """The limits, in standard deviations from the mean."""
         below, above = (self.loc - self.low) / self.scale, (self.high - self.loc) / self.scale
         return -jnp.minimum(below, _FAR), jnp.minimum(above, _FAR)
 
-    def log_prob(self, value: jax.Array) -> jax.Array:
+    def log_prob(self, value: Array) -> Array:
         """Log-density, -inf beyond the limits."""
         below, above = self._ends()
         mass = 0.5 * (erf(above / np.sqrt(2)) - erf(below / np.sqrt(2)))  # both terms add
@@ -86,24 +87,24 @@ class LimitedNormal(dist.Distribution):  # type: ignore[misc]
         return jnp.where(inside, density, -jnp.inf)
 
     @property
-    def mean(self) -> jax.Array:
+    def mean(self) -> Array:
         """Mean within the limits."""
         return self.loc + self.scale * self._moments()[0]
 
     @property
-    def variance(self) -> jax.Array:
+    def variance(self) -> Array:
         """Variance within the limits."""
         first, second = self._moments()
         return self.scale**2 * jnp.maximum(second - first**2, _LEAST)
 
-    def _moments(self) -> tuple[jax.Array, jax.Array]:
+    def _moments(self) -> tuple[Array, Array]:
         """First and second moment about the mean before it was cut off, in standard deviations then."""
         below, above = self._ends()
         mass = 0.5 * (erf(above / np.sqrt(2)) - erf(below / np.sqrt(2)))
         at_low, at_high = (jnp.exp(-0.5 * end**2) / np.sqrt(2 * np.pi) for end in (below, above))
         return (at_low - at_high) / mass, 1 + (below * at_low - above * at_high) / mass
 
-    def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+    def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw; rounding leaves no draw beyond a limit."""
         noise = jax.random.truncated_normal(key, *self._ends(), (*sample_shape, *self.batch_shape))
         return jnp.clip(self.loc + self.scale * noise, self.low, self.high)

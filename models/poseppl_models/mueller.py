@@ -11,8 +11,8 @@ Du and Guan 2006 (section 2.2, Fig. 2b) sample it with DE-MC, and do not say at 
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 MINIMA = ((-0.558224, 1.441726), (0.623499, 0.028038), (-0.050011, 0.466694))
 """Where the three basins are deepest, the deepest basin first."""
@@ -22,13 +22,13 @@ _CURVES = ((-1.0, 0.0, -10.0), (-1.0, 0.0, -10.0), (-6.5, 11.0, -6.5), (0.7, 0.6
 _CENTRES = ((1.0, 0.0), (0.0, 0.5), (-0.5, 1.5), (-1.0, 1.0))
 
 
-def mueller_potential(position: jax.Array) -> jax.Array:
+def mueller_potential(position: Array) -> Array:
     """V at positions (..., 2), of shape (...)."""
     x, y = jnp.moveaxis(position[..., None, :] - jnp.asarray(_CENTRES, position.dtype), -1, 0)
     a, b, c = jnp.asarray(_CURVES, position.dtype).T
     return jnp.exp(a * x**2 + b * x * y + c * y**2) @ jnp.asarray(_HEIGHTS, position.dtype)
 
 
-def mueller_log_density(position: jax.Array, temperature: float = 15.0) -> jax.Array:
+def mueller_log_density(position: Array, temperature: float = 15.0) -> Array:
     """Unnormalised log-density -V / temperature at positions (..., 2), of shape (...)."""
     return -mueller_potential(position) / temperature

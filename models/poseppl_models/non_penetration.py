@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.geometry.batched_score import batched_score
@@ -46,7 +46,7 @@ _CHAINS = (
 )
 """Parts that meet: each with the next."""
 
-Penalty = Callable[[jax.Array, KinematicTree, Superquadrics], jax.Array]
+Penalty = Callable[[Array, KinematicTree, Superquadrics], Array]
 """A state (d,), the tree and the flesh to a cost () or residuals, with a gradient by the state."""
 
 
@@ -70,7 +70,7 @@ def non_penetration_residuals(
     pairs = apart(names)
     walls = np.array([[float(wall == part) for wall, _ in pairs] for part in range(len(names))])
 
-    def residuals(state: jax.Array, tree: KinematicTree, flesh: Superquadrics) -> jax.Array:
+    def residuals(state: Array, tree: KinematicTree, flesh: Superquadrics) -> Array:
         if not pairs:
             return jnp.zeros((len(names), state.shape[-1]), state.dtype)
         axes, centres = part_axes(flesh, frames_of(tree, state))

@@ -27,8 +27,8 @@ on a grid of pixels (:mod:`poseppl.motion.geometry.silhouette_bits`), edges at f
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.coverage import part_distances, project_parts, soft_coverage
@@ -60,7 +60,7 @@ def peursum_score(stride: int, tolerance: float = 3.0) -> CameraScore:
         tolerance: Within how many px an edge of the image is explained.
     """
 
-    def score(seen: SeenBody) -> jax.Array:
+    def score(seen: SeenBody) -> Array:
         evidence: TwoWayEvidence = seen.evidence
         corners = computed_once(seen.corners())
         near = squared_distance(evidence.edge_points, corners) <= tolerance**2
@@ -89,7 +89,7 @@ def smooth_peursum_score(softness: float = 2.0, tolerance: float = 3.0) -> Camer
         tolerance: Of the edges, px.
     """
 
-    def score(seen: SeenBody) -> jax.Array:
+    def score(seen: SeenBody) -> Array:
         evidence: TwoWayEvidence = seen.evidence
         corners = seen.corners()
         squared = squared_distance(evidence.edge_points, corners)
@@ -105,17 +105,17 @@ def smooth_peursum_score(softness: float = 2.0, tolerance: float = 3.0) -> Camer
     return score
 
 
-def exponential(rate: jax.Array, distance: jax.Array) -> jax.Array:
+def exponential(rate: Array, distance: Array) -> Array:
     """Log-density (C, N) of an exponential distribution (Eq. 9) of distances (C, N)."""
     return jnp.log(rate) - rate * distance
 
 
-def _missing(both: jax.Array, whole: jax.Array) -> jax.Array:
+def _missing(both: Array, whole: Array) -> Array:
     """1 - both / whole, 0 where there is no whole."""
     return jnp.where(whole > 0, 1 - both / jnp.maximum(whole, 1), 0.0)
 
 
-def _mean(values: jax.Array, weights: jax.Array) -> jax.Array:
+def _mean(values: Array, weights: Array) -> Array:
     """Mean (C, N) of values (C, K, N) at points with weights (C, K, 1); 0 without weight."""
     total = jnp.sum(weights, 1)
     return jnp.where(total > 0, jnp.sum(values * weights, 1) / jnp.where(total > 0, total, 1.0), 0.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.program import StateSpaceModel
 
@@ -43,7 +43,7 @@ def random_walk(spans: Mapping[str, slice]) -> Programs:
     return initial, transition
 
 
-Observe = Callable[[Any, jax.Array, Any], None]
+Observe = Callable[[Any, Array, Any], None]
 """``(params, pose, inputs)``: what is observed of a pose (d,)."""
 
 

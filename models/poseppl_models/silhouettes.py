@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import jax
 import numpyro
+from jax import Array
 
 from poseppl.motion.bodies.body import Body, SilhouetteInputs
 from poseppl.motion.geometry import marker_positions
@@ -38,7 +38,7 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
 
 @lru_cache(maxsize=8)
 def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    def observe(params: Any, pose: jax.Array, inputs: SilhouetteInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: SilhouetteInputs) -> None:
         numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 

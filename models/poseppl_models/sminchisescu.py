@@ -15,9 +15,9 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, Literal
 
-import jax
 import numpy as np
 import numpyro
+from jax import Array
 
 from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.geometry import marker_positions
@@ -32,7 +32,7 @@ from poseppl_models.limited_walk import limited_walk
 from poseppl_models.random_walk import Observe, walking_body
 from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
 
-Limits = Literal["support", "barrier"]
+Limits = Literal["support", "barrier", "none"]
 _ALIASES = {
     **ALIASES,
     **{
@@ -88,7 +88,7 @@ def _programs(kind: Kind, limits: Limits) -> StateSpaceModel:
     """Programs of a kind of body; all sizes share them."""
     body = superquadric_body(kind)
 
-    def observe(params: Any, pose: jax.Array, inputs: BodyInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: BodyInputs) -> None:
         numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
 
     return limited_body(body, limits, observe)
@@ -99,12 +99,12 @@ def limited_body(body: SuperquadricBody, limits: Limits, observe: Observe) -> St
 
     Args:
         body: The body; its markers are kept as ``markers``.
-        limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor.
+        limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor; "none" does neither.
         observe: What is observed of a pose.
     """
     bounds = body.limits if limits == "support" else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
 
-    def limited(params: Any, pose: jax.Array, inputs: Any) -> None:
+    def limited(params: Any, pose: Array, inputs: Any) -> None:
         observe(params, pose, inputs)
         if limits == "barrier":
             numpyro.factor("limits", smooth_limits(body.limits, pose, LIMIT_WIDTH))

@@ -25,6 +25,7 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.superquadrics import Superquadrics, superquadrics_of
@@ -90,7 +91,7 @@ class SuperquadricBody(NamedTuple):
         own = {**self.sizes, **sizes}
         return self.sized_in(self.tree, self.flesh, jnp.stack([jnp.asarray(own[name], float) for name in self.sizes]))
 
-    def sized_in(self, tree: KinematicTree, flesh: Superquadrics, sizes: jax.Array) -> tuple[KinematicTree, Superquadrics]:
+    def sized_in(self, tree: KinematicTree, flesh: Superquadrics, sizes: Array) -> tuple[KinematicTree, Superquadrics]:
         """A given tree and flesh with sizes (S,) or (S, N), mm, in the order of the body's; batch last where there is one."""
         arrays = (jnp.tensordot(part, sizes, ((0,), (0,)), precision="highest") for part in _basis(self.kind))
         offsets, markers, centres, half_axes = arrays

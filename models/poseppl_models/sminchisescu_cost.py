@@ -3,17 +3,19 @@
 Nodes of a part, N of them, are on its occluding contour (two of each of some rings) or inside, and cost
 
     visible contour node    1/2 sum over edges e on its normal of w_e rho(d_e^2 / sigma^2) + w_0 nu / 2,
-    visible inner node      1/2 t rho(|u + v(u) - r|^2 / sigma_f^2),
+    visible inner node      1/2 rho((u + v(u) - r)^T W(u) (u + v(u) - r) / sigma_f^2),
     back-facing             nu,
     occluded                k nu,   k > 1,
 
 summed over the part's nodes and divided by N, and summed over parts. d_e is the offset of an edge along the contour's normal
 within a window; w_e its importance, that is its energy, more at motion boundaries, falling to 0 at the window's ends, and
 normalised with w_0 for "no edge at all" to a sum of 1. u is where the node was seen in the frame before, for a given pose then,
-v the flow there, t how far it can be believed, and r where the node is now. rho is a robust potential of strength nu: Leclerc's
-for edges, of which another one may be meant, the Lorentzian for flow, which pulls from afar.
+v the flow there, W how far it can be believed in which direction (:mod:`poseppl.motion.vision.flow_weights`), and r where the
+node is now. rho is a robust potential of strength nu: Leclerc's for edges, of which another one may be meant, the Lorentzian
+for flow, which pulls from afar.
 
-Departures: that a visible node without edges costs nu / 2, for otherwise clutter would cost more than its absence; that
+Departures: that a visible node without edges costs nu / 2, for otherwise clutter would cost more than its absence, and that so
+does one of a ring that is seen as a whole, which has no contour, for otherwise limbs that point to the eye cost least; that
 facing and occlusion set in smoothly, with the ellipsoids of the parts as occluders. Which potential is for which cue the paper
 does not say. A weight multiplies it all, the number of independent measurements that a part is worth, for neighbouring nodes
 err alike.
@@ -32,6 +34,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.motion.geometry.contour_nodes import ContourNodes, contour_nodes, nodes_facing, project_point
 from poseppl.motion.geometry.kinematics import frames_of
@@ -41,7 +44,7 @@ from poseppl.motion.likelihoods.distance_maps import at_points
 from poseppl.motion.likelihoods.line_search import edges_along_normals
 from poseppl.program import Leclerc, Lorentzian, RobustError
 
-Parts = tuple[jax.Array, jax.Array]
+Parts = tuple[Array, Array]
 """Axes (P, 3, 3, N) and centres (P, 3, N), mm, of parts in the world."""
 _RINGS = np.linspace(-1.25, 1.25, 7)
 _MERIDIANS = 2 * np.pi * np.arange(12) / 12
@@ -60,7 +63,8 @@ class CostSettings(NamedTuple):
     """The cost's numbers.
 
     Attributes:
-        window: How far along its normal to both sides a contour node looks for edges, whole px.
+        window: How far along its normal to both sides a contour node looks for edges, steps.
+        fineness: Steps to a standard deviation of edges.
         assignments: How many edges it may have.
         threshold: Energy that an edge has to have.
         unassigned: w_0 before weights are normalised, an edge of full energy at a motion boundary having 1.
@@ -73,6 +77,7 @@ class CostSettings(NamedTuple):
     """
 
     window: int = 8
+    fineness: float = 2.0
     assignments: int = ASSIGNMENTS
     threshold: float = 0.15
     unassigned: float = 0.25
@@ -90,28 +95,28 @@ class ImageSeen(NamedTuple):
         energy: Edge energy (C, H, W), in [0, 1].
         boundary: Motion boundaries (C, H, W), in [0, 1].
         flow: From the frame before to this one, at the frame before (C, 2, H, W), px of the image.
-        trust: How far the flow can be believed (C, H, W), 0 without a frame before.
+        trust: How far the flow can be believed: symmetric roots of W (C, 3, H, W), xx, xy and yy, 0 without a frame before.
         scale: Pixels of the maps to one of the image (C,).
         previous: The pose in the frame before (d,): of a tracker its estimate then; not read where nothing is trusted.
     """
 
-    energy: jax.Array
-    boundary: jax.Array
-    flow: jax.Array
-    trust: jax.Array
-    scale: jax.Array
-    previous: jax.Array
+    energy: Array
+    boundary: Array
+    flow: Array
+    trust: Array
+    scale: Array
+    previous: Array
 
 
 class CostNoise(NamedTuple):
     """Standard deviations of edges and of flow (C,), px, and the weight of each camera (C,), 0 for none."""
 
-    edges: jax.Array
-    flow: jax.Array
-    weight: jax.Array
+    edges: Array
+    flow: Array
+    weight: Array
 
 
-def robust_root(potential: type[RobustError], squared: jax.Array, strength: float) -> jax.Array:
+def robust_root(potential: type[RobustError], squared: Array, strength: float) -> Array:
     """sqrt(rho(s) / s) of a potential of strength nu: a residual times this has rho as its square."""
     squared = jnp.maximum(squared, _TINY)
     return jnp.sqrt(potential(dist.Normal(0.0, 1.0), strength).potential(squared) / squared)
@@ -120,15 +125,15 @@ def robust_root(potential: type[RobustError], squared: jax.Array, strength: floa
 class _Assigned(NamedTuple):
     """Edges assigned to contour nodes: where these were and their normals (P, K, 2, N), offsets and importance (P, K, E, N)."""
 
-    image: jax.Array
-    normals: jax.Array
-    offset: jax.Array
-    importance: jax.Array
+    image: Array
+    normals: Array
+    offset: Array
+    importance: Array
 
 
 def _per_camera(
     settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts, before: Parts
-) -> jax.Array:
+) -> Array:
     """Residuals (P, entries, N) of one camera: of edges, of flow, and one for all that has no assignment.
 
     Args:
@@ -138,7 +143,7 @@ def _per_camera(
         own: The parts in the world, whose nodes they move.
         others: The same again, as occluders.
         assigned_at: The same again, where edges are assigned.
-        before: Where the flow expects the inner nodes (P, K, 2, N or 1), and how far it can be believed (P, K, N or 1).
+        before: Where the flow expects the inner nodes (P, K, 2, N or 1), and roots of its weights (P, K, 3, N or 1).
     """
     lens, _, noise = camera
     edges, missed = _edge_residuals(settings, camera, flesh, own, others, assigned_at)
@@ -147,9 +152,11 @@ def _per_camera(
     points, front = (leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]) for leaf in (inner.points, facing))
     front = jax.nn.sigmoid(front / (0.5 * settings.lean))
     behind = hidden(flesh, *others, lens.centre, points, settings.softness)
-    offset = (before[0] - project_point(lens, points)) / noise.flow
+    x, y = jnp.moveaxis((before[0] - project_point(lens, points)) / noise.flow, 2, 0)
+    xx, xy, yy = jnp.moveaxis(before[1], 2, 0)
+    offset = jnp.stack([xx * x + xy * y, xy * x + yy * y], 2)
     root = robust_root(Lorentzian, jnp.sum(offset**2, 2), settings.strength)
-    seen = jnp.sqrt(front * (1 - behind) * before[1] + _TINY)
+    seen = jnp.sqrt(front * (1 - behind) + _TINY)
     flow = (offset * (root * seen)[:, :, None]).reshape(len(points), -1, points.shape[-1])
     lost = (1 - front) + settings.occluded * front * behind
     rest = missed + settings.strength * jnp.sum(lost, 1, keepdims=True)
@@ -159,14 +166,15 @@ def _per_camera(
 
 def _edge_residuals(
     settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """Residuals (P, K * E, N) of assigned edges, and the cost (P, 1, N) of contour nodes without, or occluded."""
     lens, seen, noise = camera
     contour = _contour(settings, lens, flesh, own)
     at = contour if assigned_at is own else _contour(settings, lens, flesh, assigned_at)
-    found = jax.lax.stop_gradient(_assigned(settings, seen, at))
+    step = noise.edges / settings.fineness
+    found = jax.lax.stop_gradient(_assigned(settings, seen, at, step))
     offset = found.offset - jnp.sum(found.normals * (contour.image - found.image), 2)[:, :, None]  # (P, K, E, N)
-    inside = jnp.maximum(1 - (offset / (settings.window + 1)) ** 2, 0.0)
+    inside = jnp.maximum(1 - (offset / (step * (settings.window + 1))) ** 2, 0.0)
     weight = found.importance * inside**2
     total = settings.unassigned + jnp.sum(weight, 2, keepdims=True)
     behind = hidden(flesh, *others, lens.centre, contour.points, settings.softness)
@@ -174,7 +182,8 @@ def _edge_residuals(
     deviation = offset / noise.edges
     root = robust_root(Leclerc, deviation**2, settings.strength)
     residuals = deviation * root * jnp.sqrt(visible[:, :, None] * weight / total + _TINY)
-    missed = 0.5 * visible * settings.unassigned / total[:, :, 0] + settings.occluded * contour.share * behind
+    missed = 0.5 * (visible * settings.unassigned / total[:, :, 0] + 1 - contour.share)
+    missed = missed + settings.occluded * contour.share * behind
     cost = settings.strength * jnp.sum(missed, 1, keepdims=True)
     return residuals.reshape(len(residuals), -1, residuals.shape[-1]), cost
 
@@ -184,7 +193,7 @@ def _contour(settings: CostSettings, lens: Any, flesh: Superquadrics, parts: Par
     return contour_nodes(lens, flesh, *parts, rings, meridians, lean=settings.lean)
 
 
-def _assigned(settings: CostSettings, seen: Any, contour: ContourNodes) -> _Assigned:
+def _assigned(settings: CostSettings, seen: Any, contour: ContourNodes, step: Array) -> _Assigned:
     """Search for edges along the normals of a contour."""
     found = edges_along_normals(
         seen.energy,
@@ -194,6 +203,7 @@ def _assigned(settings: CostSettings, seen: Any, contour: ContourNodes) -> _Assi
         window=settings.window,
         number=settings.assignments,
         threshold=settings.threshold,
+        step=step,
     )
     place = contour.image[:, :, None] + found.offset[:, :, :, None] * contour.normals[:, :, None]
     moving = _looked_up(seen.boundary, seen.scale, place)
@@ -201,23 +211,23 @@ def _assigned(settings: CostSettings, seen: Any, contour: ContourNodes) -> _Assi
     return _Assigned(contour.image, contour.normals, found.offset, importance)
 
 
-def _looked_up(image: jax.Array, scale: jax.Array, place: jax.Array) -> jax.Array:
+def _looked_up(image: Array, scale: Array, place: Array) -> Array:
     """Values (..., N) of a map (H, W, 1) of one camera at image points (..., 2, N)."""
     return at_points(image[None], scale[None], place[None, ..., 0, :], place[None, ..., 1, :])[0]
 
 
 def _expected_by_flow(lens: Any, seen: Any, flesh: Superquadrics, before: Parts) -> Parts:
-    """Where the inner nodes of the frame before are expected now (P, K, 2, N), and how far that can be believed (P, K, N)."""
+    """Where the inner nodes of the frame before are expected now (P, K, 2, N), and roots of the weights (P, K, 3, N)."""
     inner = place_in(*before, local_nodes(flesh, *(jnp.asarray(angles, float) for angles in _INNER)))
     points = inner.points.reshape(len(inner.points), -1, *inner.points.shape[3:])
     image = project_point(lens, points)
     moved = jnp.stack([_looked_up(plane, seen.scale, image) for plane in seen.flow], 2)
-    return image + moved, _looked_up(seen.trust, seen.scale, image)
+    return image + moved, jnp.stack([_looked_up(plane, seen.scale, image) for plane in seen.trust], 2)
 
 
 def residuals_of(
     settings: CostSettings, fixed: Any, own: Parts, others: Parts | None = None, assigned_at: Parts | None = None
-) -> jax.Array:
+) -> Array:
     """Residuals (C, P, entries, N) of parts in the world.
 
     Args:

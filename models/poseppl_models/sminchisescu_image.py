@@ -5,7 +5,8 @@ are residuals whose value is 0, ``image`` of the cost (:mod:`poseppl_models.smin
 that run through each other (:mod:`poseppl_models.non_penetration`): both have gradients and Gauss-Newton curvature.
 
 Flow compares with the frame before, and so with a pose then, that comes by the inputs (``seen.previous``): a tracker gives its
-estimate. The programs' own transition knows nothing of it.
+estimate. The programs' own transition knows nothing of it, and so flow keeps a limb that is lost where it is: what the image
+says of motion there is that there is none. Edges of coarser levels (``levels``) pull from as far as their smoothing goes.
 """
 
 from __future__ import annotations
@@ -19,11 +20,19 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.superquadrics import Superquadrics
-from poseppl.motion.vision import EnergySettings, dense_flow, edge_energy, flow_outliers, motion_boundaries
+from poseppl.motion.vision import (
+    EnergySettings,
+    dense_flow,
+    edge_energy,
+    flow_outliers,
+    flow_weights,
+    motion_boundaries,
+)
 from poseppl.program import StateSpaceModel
 from poseppl_models.non_penetration import non_penetration_residuals
 from poseppl_models.sminchisescu import Limits, limited_body
@@ -32,6 +41,7 @@ from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen
 from poseppl_models.sminchisescu_likelihood import ContourAndFlow
 
 Images = Sequence[NDArray[Any]]
+Levels = Sequence[float]
 
 
 class CostInputs(NamedTuple):
@@ -51,9 +61,9 @@ class CostInputs(NamedTuple):
     cameras: Cameras
     seen: ImageSeen
     noise: CostNoise
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
     tree: KinematicTree
     flesh: Superquadrics
 
@@ -73,7 +83,7 @@ def image_programs(
     body, chosen = superquadric_body(kind), settings or CostSettings()
     repelled = non_penetration_residuals(body.flesh.names)
 
-    def observe(params: Any, pose: jax.Array, inputs: CostInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: CostInputs) -> None:
         arguments = (inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise)
         numpyro.sample("image", ContourAndFlow(*arguments, chosen))
         if parts:
@@ -83,7 +93,12 @@ def image_programs(
 
 
 def seen_in_images(
-    images: Images, previous: Any, before: Images | None = None, *, settings: EnergySettings | None = None
+    images: Images,
+    previous: Any,
+    before: Images | None = None,
+    *,
+    settings: EnergySettings | None = None,
+    levels: Levels = (1.0,),
 ) -> ImageSeen:
     """Take edge energy, flow and motion boundaries from a frame.
 
@@ -93,23 +108,43 @@ def seen_in_images(
         before: The images of the frame before; None for none, and then there is no flow, and every edge counts as one at a
             motion boundary.
         settings: Of the edge energy.
+        levels: Of a pyramid: how many times the smoothing edges are taken at. Each camera has a row for each of L levels, and
+            flow at the first.
     """
-    energy = np.stack([edge_energy(image, settings) for image in images])
-    boundary, trust = np.ones_like(energy), np.zeros_like(energy)
+    chosen = settings or EnergySettings()
+    energy = np.stack([edge_energy(image, chosen.at_level(level)) for image in images for level in levels])
+    boundary, trust = np.ones_like(energy), np.zeros((len(energy), 3, *energy.shape[1:]), np.float32)
     flow = np.zeros((len(energy), 2, *energy.shape[1:]), np.float32)
-    if before is not None:
-        for number, (first, second) in enumerate(zip(before, images, strict=True)):
-            forth, back = dense_flow(first, second, "dis_medium"), dense_flow(second, first, "dis_medium")
-            flow[number] = np.moveaxis(forth, 2, 0)
-            trust[number] = 1.0 - flow_outliers(forth, back)
-            boundary[number] = motion_boundaries(flow_outliers(back, forth), settings)
+    for number, (first, second) in enumerate(zip(before or (), images, strict=before is not None)):
+        row, rows = number * len(levels), slice(number * len(levels), (number + 1) * len(levels))
+        forth, back = dense_flow(first, second, "dis_medium"), dense_flow(second, first, "dis_medium")
+        flow[row] = np.moveaxis(forth, 2, 0)
+        trust[row] = flow_weights(first, second, forth, flow_outliers(forth, back))
+        boundary[rows] = motion_boundaries(flow_outliers(back, forth), back, chosen)
     arrays = energy, boundary, flow, trust, np.ones(len(energy)), previous
     return ImageSeen(*(jnp.asarray(each, float) for each in arrays))
 
 
-def cost_noise(cameras: int = 1, *, edges: float = 2.0, flow: float = 1.5, weight: float = 8.0) -> CostNoise:
-    """Noise of cameras that are all alike: standard deviations (px) of edges and flow, and the weight of each."""
-    return CostNoise(*(jnp.full(cameras, value) for value in (edges, flow, weight)))
+def at_levels(cameras: Cameras, levels: Levels) -> Cameras:
+    """Each of C cameras once for each of L levels: the cameras of :func:`seen_in_images`."""
+    repeated: Cameras = jax.tree.map(lambda leaf: jnp.repeat(jnp.asarray(leaf), len(levels), 0), cameras)
+    return repeated
+
+
+def cost_noise(
+    cameras: int = 1, *, edges: float = 2.0, flow: float = 1.5, weight: float = 8.0, levels: Levels = (1.0,)
+) -> CostNoise:
+    """Noise of cameras that are all alike.
+
+    Args:
+        cameras: C.
+        edges: Standard deviation of edges, px at the first level; in proportion to the smoothing at the others.
+        flow: Standard deviation of flow, px.
+        weight: Of each camera at each level.
+        levels: As in :func:`seen_in_images`.
+    """
+    spread = edges * jnp.asarray(levels, float) / levels[0]
+    return CostNoise(jnp.tile(spread, cameras), *(jnp.full(cameras * len(levels), value) for value in (flow, weight)))
 
 
 def cost_data(program: StateSpaceModel, inputs: CostInputs) -> dict[str, NDArray[Any]]:

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
@@ -24,23 +25,19 @@ from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen,
 _CHUNK = 16
 
 
-def _residuals_last(
-    state: jax.Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings
-) -> jax.Array:
+def _residuals_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings) -> Array:
     """Residuals (C, entries, N) of states (d, N), given cameras, what they saw, and its noise."""
     found = residuals_of(settings, (tree, flesh, *seen), part_axes(flesh, frames_of(tree, state)))
     return found.reshape(len(found), -1, found.shape[-1])
 
 
-def _jacobian_last(
-    state: jax.Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings
-) -> jax.Array:
+def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings) -> Array:
     """Derivatives (C, entries, d, N): a residual moves with its own part, as that part's link does."""
     frames = frames_of(tree, state)
     axes, centres = part_axes(flesh, frames)
     count = state.shape[-1]
 
-    def residuals(axes: jax.Array, centres: jax.Array) -> jax.Array:
+    def residuals(axes: Array, centres: Array) -> Array:
         others = jax.lax.stop_gradient((axes, centres))
         found = residuals_of(settings, (tree, flesh, *seen), (axes, centres), others)
         return jnp.broadcast_to(found, (*found.shape[:-1], count))
@@ -56,7 +53,7 @@ def _jacobian_last(
     return moved.reshape(len(moved), -1, *moved.shape[3:])
 
 
-def _cross(row: jax.Array, vectors: jax.Array) -> jax.Array:
+def _cross(row: Array, vectors: Array) -> Array:
     """Cross product of one vector with vectors (P, 3, ...)."""
     return jnp.cross(jnp.broadcast_to(row, vectors.shape), vectors, axis=1)
 
@@ -74,13 +71,13 @@ class _Functions(NamedTuple):
 def _functions(settings: CostSettings) -> _Functions:
     residuals = partial(_residuals_last, settings=settings)
 
-    def density(state: jax.Array, fixed: Any) -> jax.Array:
+    def density(state: Array, fixed: Any) -> Array:
         *known, value, mask = fixed
         offset = residuals(state, *known) - value
         terms = -0.5 * offset**2 - 0.5 * np.log(2 * np.pi)
         return jnp.sum(jnp.where(mask > 0, terms, 0.0), (0, 1))
 
-    def value_and_gradient(state: jax.Array, fixed: Any) -> tuple[jax.Array, jax.Array]:
+    def value_and_gradient(state: Array, fixed: Any) -> tuple[Array, Array]:
         value, pull = jax.vjp(partial(density, fixed=fixed), state)
         return value, pull(jnp.ones_like(value))[0]
 
@@ -93,17 +90,17 @@ def _functions(settings: CostSettings) -> _Functions:
 
 
 @partial(jax.custom_vjp, nondiff_argnums=(0,))
-def _log_density(settings: CostSettings, state: jax.Array, fixed: Any) -> jax.Array:
-    density: jax.Array = _functions(settings).density(state, fixed)
+def _log_density(settings: CostSettings, state: Array, fixed: Any) -> Array:
+    density: Array = _functions(settings).density(state, fixed)
     return density
 
 
-def _forward(settings: CostSettings, state: jax.Array, fixed: Any) -> tuple[jax.Array, Any]:
+def _forward(settings: CostSettings, state: Array, fixed: Any) -> tuple[Array, Any]:
     density, gradient = _functions(settings).value_and_gradient(state, fixed)
     return density, (gradient, fixed)
 
 
-def _backward(settings: CostSettings, kept: Any, cotangent: jax.Array) -> Any:
+def _backward(settings: CostSettings, kept: Any, cotangent: Array) -> Any:
     gradient, fixed = kept
     return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
 
@@ -134,7 +131,7 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         tree: KinematicTree,
         flesh: Superquadrics,
         cameras: Cameras,
-        state: jax.Array,
+        state: Array,
         seen: ImageSeen,
         noise: CostNoise,
         settings: CostSettings,
@@ -145,7 +142,7 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         self.known = (tree, flesh, cameras, seen, noise)
         super().__init__(_functions(settings).residuals(state, *self.known), 1.0, validate_args=validate_args)
 
-    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+    def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         return _log_density(self.settings, self.state, (*self.known, value, weight))
@@ -155,8 +152,8 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.known
 
-    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+    def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of the residuals by ``state`` (C * entries, d), what other parts hide held fixed; 0 where masked."""
-        rows: jax.Array = _functions(self.settings).jacobian(self.state, *self.known)
+        rows: Array = _functions(self.settings).jacobian(self.state, *self.known)
         seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
         return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.batch_last import batch_last
@@ -60,12 +61,12 @@ class SizeInputs(NamedTuple):
     """
 
     cameras: Cameras
-    marked: jax.Array
+    marked: Array
     seen: ImageSeen
     noise: CostNoise
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
 
 
 @lru_cache(maxsize=8)
@@ -121,7 +122,7 @@ class _Prior(NamedTuple):
     mean: np.ndarray[Any, Any]
     root: np.ndarray[Any, Any]
 
-    def sizes_of(self, white: jax.Array) -> jax.Array:
+    def sizes_of(self, white: Array) -> Array:
         """All sizes (S, ...), mm, from whitened ones (n, ...)."""
         own = jnp.asarray([*self.body.sizes.values()], white.dtype).reshape(-1, *(1,) * (white.ndim - 1))
         mean = jnp.asarray(self.mean, white.dtype).reshape(-1, *(1,) * (white.ndim - 1))
@@ -140,19 +141,17 @@ def _functions(kind: Kind, names: tuple[str, ...], stature: float, settings: Cos
     body = superquadric_body(kind, stature=stature)
     prior = _prior(body, names, stature)
 
-    def residuals(both: jax.Array, cameras: Cameras, seen: ImageSeen, noise: CostNoise) -> jax.Array:
+    def residuals(both: Array, cameras: Cameras, seen: ImageSeen, noise: CostNoise) -> Array:
         split = body.tree.dimension
         still_tree, still_flesh = jax.tree.map(lambda leaf: leaf[..., None], (body.tree, body.flesh))
         tree, flesh = body.sized_in(still_tree, still_flesh, prior.sizes_of(both[split:]))
         own = part_axes(flesh, frames_of(tree, both[:split]))
-        found: jax.Array = residuals_of(settings, (tree, flesh, cameras, seen, noise), own)
+        found: Array = residuals_of(settings, (tree, flesh, cameras, seen, noise), own)
         return found.reshape(len(found), -1, found.shape[-1])
 
-    def jacobian(both: jax.Array, *known: Any) -> jax.Array:
-        def along(row: jax.Array) -> jax.Array:
-            slope: jax.Array = jax.jvp(lambda x: residuals(x, *known), (both,), (jnp.broadcast_to(row[:, None], both.shape),))[
-                1
-            ]
+    def jacobian(both: Array, *known: Any) -> Array:
+        def along(row: Array) -> Array:
+            slope: Array = jax.jvp(lambda x: residuals(x, *known), (both,), (jnp.broadcast_to(row[:, None], both.shape),))[1]
             return slope
 
         return jnp.moveaxis(jax.vmap(along)(jnp.eye(both.shape[0], dtype=both.dtype)), 0, 2)
@@ -172,7 +171,7 @@ class SizedContours(dist.Normal):  # type: ignore[misc]
     is_predictive = False
     """The images are among the arguments: a draw is of no image."""
 
-    def __init__(self, functions: tuple[Any, Any], state: jax.Array, inputs: SizeInputs, *, validate_args: Any = None) -> None:
+    def __init__(self, functions: tuple[Any, Any], state: Array, inputs: SizeInputs, *, validate_args: Any = None) -> None:
         residuals, self.jacobian = functions
         self.state, self.known = state, (inputs.cameras, inputs.seen, inputs.noise)
         super().__init__(residuals(state, *self.known), 1.0, validate_args=validate_args)
@@ -182,8 +181,8 @@ class SizedContours(dist.Normal):  # type: ignore[misc]
         """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.known
 
-    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+    def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of the residuals by ``state`` (C * entries, d + n), 0 where masked."""
-        rows: jax.Array = self.jacobian(self.state, *self.known)
+        rows: Array = self.jacobian(self.state, *self.known)
         seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
         return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
 from poseppl.motion.geometry.part_samples import pad_maps
@@ -31,14 +31,14 @@ class TwoWayEvidence(NamedTuple):
         edge_weights: Their weights (C, K).
     """
 
-    foreground: jax.Array
-    known: jax.Array
-    inside_error: jax.Array
-    edge_error: jax.Array
-    foreground_points: jax.Array
-    foreground_weights: jax.Array
-    edge_points: jax.Array
-    edge_weights: jax.Array
+    foreground: Array
+    known: Array
+    inside_error: Array
+    edge_error: Array
+    foreground_points: Array
+    foreground_weights: Array
+    edge_points: Array
+    edge_weights: Array
 
 
 def two_way_evidence(
@@ -79,7 +79,7 @@ def two_way_evidence(
     )
 
 
-def _spread(masks: Images, count: int) -> tuple[jax.Array, jax.Array]:
+def _spread(masks: Images, count: int) -> tuple[Array, Array]:
     """Points (C, count, 2) of masks (C, H, W) and their weights (C, count): evenly among those of a grid as fine as need be."""
     points, weights = np.zeros((len(masks), count, 2)), np.zeros((len(masks), count))
     for camera, mask in enumerate(masks):

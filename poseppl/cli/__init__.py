@@ -1,4 +1,4 @@
-"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait.
+"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait, fit-motion.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -14,6 +14,7 @@ import click
 
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.gait import fit_gait as gait_command
+from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.settings import filters as filters_command, smoothers as smoothers_command
@@ -63,6 +64,7 @@ for command in (
     compare_command,
     reproduce_command,
     gait_command,
+    motion_command,
 ):
     cli.add_command(command)
 

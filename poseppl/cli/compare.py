@@ -109,11 +109,11 @@ def _target(given: str, field: str, *suffixes: str) -> Path:
 
 
 def _print(comparison: Any, targets: list[Path]) -> None:
-    from poseppl.cli.console import print_columns
+    from poseppl.cli.console import print_table
     from poseppl.diagnostics.verdicts.comparison import findings
 
     head, rows = _columns(comparison)
-    print_columns("poseppl compare", head, rows)
+    print_table("poseppl compare", rows, head)
     for found in findings(comparison):
         click.echo(f"{found.text}")
     for path in targets:
@@ -122,7 +122,8 @@ def _print(comparison: Any, targets: list[Path]) -> None:
 
 def _columns(comparison: Any) -> tuple[list[str], list[list[str]]]:
     """The runs, one a row."""
-    from poseppl.report.compare_tables import covered, shown
+    from poseppl.report.compare_tables import covered
+    from poseppl.report.page import shown
 
     figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
     columns = {

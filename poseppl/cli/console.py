@@ -20,6 +20,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from poseppl.files.cache_folder import cache_folder
+
 _STYLES = {"error": "red", "warning": "yellow"}
 
 
@@ -40,8 +42,7 @@ def start_jax(devices: int = 1) -> None:
                 settings.update("jax_num_cpu_devices", min(devices, cores))
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
-    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    folder = Path(home) / "poseppl" / "xla"
+    folder = cache_folder("xla")
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
@@ -122,14 +123,15 @@ class ConsoleProgress:
         self.console.print(f"poseppl: {message}", markup=False)
 
 
-def print_table(title: str, rows: Sequence[tuple[str, str]]) -> None:
-    """Print a table of two columns on stdout."""
-    table = Table(title=title, title_justify="left", show_header=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(justify="right", overflow="fold")
-    for name, value in rows:
-        table.add_row(name, value)
-    Console(soft_wrap=False, highlight=False).print(table)
+def print_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> None:
+    """Print a table on stdout: a first column of names, the others of what belongs to them, with a head if there is one."""
+    table = Table(title=title, title_justify="left", show_header=bool(head))
+    for index, name in enumerate(head or ("", "")):
+        how: dict[str, Any] = {"justify": "right", "overflow": "fold"} if index else {"style": "bold", "no_wrap": True}
+        table.add_column(name, **how)
+    for row in rows:
+        table.add_row(*row)
+    Console(soft_wrap=False, highlight=False, markup=False).print(table)
 
 
 def print_verdict(tree: Any, path: Path, quiet: bool) -> None:
@@ -149,13 +151,3 @@ def print_verdict(tree: Any, path: Path, quiet: bool) -> None:
         console = Console(stderr=quiet, soft_wrap=True, highlight=False)
         start = "poseppl: " if quiet else ""
         console.print(f"{start}{worst.severity}: {worst.text}{more}", style=_STYLES.get(worst.severity), markup=False)
-
-
-def print_columns(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table on stdout: the first column of names, the others of numbers."""
-    table = Table(title=title, title_justify="left")
-    for index, name in enumerate(head):
-        table.add_column(name, justify="right" if index else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*row)
-    Console(soft_wrap=False, highlight=False, markup=False).print(table)

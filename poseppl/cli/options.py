@@ -8,128 +8,113 @@ from typing import Any, TypeVar
 import click
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Option = Callable[[Any], Any]
 
 
-def _apply(options: list[Callable[[Any], Any]]) -> Callable[[Command], Command]:
+def option_group(*given: Option) -> Callable[[Command], Command]:
+    """Make one decorator of several options, which help lists in this order."""
+
     def decorate(command: Command) -> Command:
-        for option in reversed(options):
+        for option in reversed(given):
             command = option(command)
         return command
 
     return decorate
 
 
-def subject_options(command: Command) -> Command:
-    """Who is seen: a recording, or the built-in walk."""
-    return _apply(
-        [
-            click.option(
-                "--skeleton",
-                metavar="ASF",
-                type=click.Path(),
-                help="Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps.",
-            ),
-            click.option(
-                "--names",
-                metavar="TOML",
-                type=click.Path(),
-                help="Which points of the recording are which markers, where its names are unusual: lines such as "
-                'knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several.',
-            ),
-            click.option(
-                "--lengths",
-                metavar="TOML",
-                type=click.Path(),
-                help="Segment lengths that are known, mm: lines such as thigh = 435.0. [default: measured in a recording; "
-                "those of --stature otherwise]",
-            ),
-            click.option(
-                "--model",
-                metavar="NAME",
-                default=None,
-                help="Body to track: package.module:builder or FILE.py:builder. "
-                "[default: poseppl_models.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
-                "clamped to the truth]",
-            ),
-            click.option(
-                "--frames",
-                metavar="A:B:C",
-                default=None,
-                help="Frames A to B - 1 in steps of C, counted from 0; each part may be left out. "
-                "[default: all; 0:60 of the built-in walk]",
-            ),
-            click.option(
-                "--rate",
-                metavar="HZ",
-                type=float,
-                default=None,
-                help="Frames a second, where the file does not tell. [default: 120 for .amc and exponential maps, else 30]",
-            ),
-            click.option(
-                "--scale",
-                metavar="MM",
-                type=float,
-                default=None,
-                help="Millimetres a unit of a .bvh file. [default: guessed from the skeleton's height]",
-            ),
-            click.option(
-                "--up",
-                type=click.Choice(["x", "y", "z"]),
-                default=None,
-                help="Axis that points up in a .bvh, .c3d or .trc file. [default: found in the file; y in .trc]",
-            ),
-        ]
-    )(command)
+subject_options = option_group(
+    click.option(
+        "--skeleton",
+        metavar="ASF",
+        type=click.Path(),
+        help="Skeleton of an .amc recording; character of a DeepMimic motion; .json of exponential maps.",
+    ),
+    click.option(
+        "--names",
+        metavar="TOML",
+        type=click.Path(),
+        help="Which points of the recording are which markers, where its names are unusual: lines such as "
+        'knee_l = "lShin", or neck = ["C7", "CLAV"] for the mean of several.',
+    ),
+    click.option(
+        "--lengths",
+        metavar="TOML",
+        type=click.Path(),
+        help="Segment lengths that are known, mm: lines such as thigh = 435.0. [default: measured in a recording; "
+        "those of --stature otherwise]",
+    ),
+    click.option(
+        "--model",
+        metavar="NAME",
+        help="Body to track: package.module:builder or FILE.py:builder. "
+        "[default: poseppl_models.choo_fleet:full_body; lower_body and arm are there too, with all other joints "
+        "clamped to the truth]",
+    ),
+    click.option(
+        "--frames",
+        metavar="A:B:C",
+        help="Frames A to B - 1 in steps of C, counted from 0; each part may be left out. "
+        "[default: all; 0:60 of the built-in walk]",
+    ),
+    click.option(
+        "--rate",
+        metavar="HZ",
+        type=float,
+        help="Frames a second, where the file does not tell. [default: 120 for .amc and exponential maps, else 30]",
+    ),
+    click.option(
+        "--scale",
+        metavar="MM",
+        type=float,
+        help="Millimetres a unit of a .bvh file. [default: guessed from the skeleton's height]",
+    ),
+    click.option(
+        "--up",
+        type=click.Choice(["x", "y", "z"]),
+        help="Axis that points up in a .bvh, .c3d or .trc file. [default: found in the file; y in .trc]",
+    ),
+)
+"""Who is seen: a recording, or the built-in walk."""
 
 
-def camera_options(command: Command) -> Command:
-    """From where the subject is seen."""
-    return _apply(
-        [
-            click.option(
-                "--camera",
-                metavar="TOML",
-                type=click.Path(),
-                help="Calibrated cameras (our own form or anipose's). [default: cameras placed around the subject]",
-            ),
-            click.option(
-                "--cameras",
-                metavar="N",
-                type=int,
-                default=None,
-                help="How many cameras are placed, 1 to 4, each at a right angle to the one before. [default: 1]",
-            ),
-            click.option(
-                "--camera-distance",
-                metavar="MM",
-                type=float,
-                default=None,
-                help="Distance of placed cameras from the subject's path, mm. [default: 5000]",
-            ),
-            click.option(
-                "--view",
-                metavar="DEGREES",
-                type=float,
-                default=None,
-                help="From where the first camera sees the walk: 90 the right side, 0 the front, 180 the back. [default: 90]",
-            ),
-            click.option(
-                "--noise",
-                metavar="FRACTION",
-                type=float,
-                default=None,
-                help="Standard deviation of the image noise as a fraction of the focal length: 0.003 is 3 mm at 1 m, and 3 "
-                "pixels at a focal length of 1000. [default: the body's, 0.003]",
-            ),
-        ]
-    )(command)
+camera_options = option_group(
+    click.option(
+        "--camera",
+        metavar="TOML",
+        type=click.Path(),
+        help="Calibrated cameras (our own form or anipose's). [default: cameras placed around the subject]",
+    ),
+    click.option(
+        "--cameras",
+        metavar="N",
+        type=int,
+        help="How many cameras are placed, 1 to 4, each at a right angle to the one before. [default: 1]",
+    ),
+    click.option(
+        "--camera-distance",
+        metavar="MM",
+        type=float,
+        help="Distance of placed cameras from the subject's path, mm. [default: 5000]",
+    ),
+    click.option(
+        "--view",
+        metavar="DEGREES",
+        type=float,
+        help="From where the first camera sees the walk: 90 the right side, 0 the front, 180 the back. [default: 90]",
+    ),
+    click.option(
+        "--noise",
+        metavar="FRACTION",
+        type=float,
+        help="Standard deviation of the image noise as a fraction of the focal length: 0.003 is 3 mm at 1 m, and 3 "
+        "pixels at a focal length of 1000. [default: the body's, 0.003]",
+    ),
+)
+"""From where the subject is seen."""
 
 
-def common_options(command: Command) -> Command:
-    """How much is said."""
-    return _apply(
-        [
-            click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still told."),
-            click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
-        ]
-    )(command)
+common_options = option_group(
+    click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still told."),
+    click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),
+)
+"""How much is said."""

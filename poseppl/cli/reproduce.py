@@ -8,18 +8,20 @@ import click
 
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
-
-PAPERS = ("choo-fleet-2001",)
-PARTS = ("single-frame", "sequence", "tuning", "contest")
+from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment
 
 EXAMPLES = """
 \b
 Examples:
+  poseppl reproduce
+      The papers, and the parts of their experiments.
   poseppl reproduce choo-fleet-2001 --quick
       All parts on the built-in walk, small: some minutes (needs pip install 'poseppl[experiments]').
   poseppl reproduce choo-fleet-2001 single-frame --motion walk=02_01.amc,02.asf \\
       --motion dance=humanoid3d_dance_a.txt,humanoid3d.txt
       Table 1, Figs. 2 and 3 and the volumes, on recordings, in full.
+  poseppl reproduce peursum-2010 trackers --motion walk=02_01.amc,02.asf
+      Filters on a walk, rendered in a room with four cameras (needs pip install 'poseppl[render]').
   poseppl reproduce choo-fleet-2001 --scheduler tcp://host:8786
       On a Dask cluster.
 
@@ -27,13 +29,14 @@ Examples:
 Files written to the folder: page.md, which says of each published claim whether it holds; tables
 as CSV and tables.nc; tables.json, how each was made; figures as PNG; jobs/, from which the same
 command goes on where it was stopped. Tables of parts that are not run stay, on the page too.
+Scenes that trackers see are rendered once, into the cache folder (~/.cache/poseppl/scenes).
 Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
 """
 
 
 @click.command(epilog=EXAMPLES, short_help="Run a paper's experiments again.")
-@click.argument("paper", type=click.Choice(PAPERS))
-@click.argument("parts", nargs=-1, type=click.Choice(PARTS))
+@click.argument("paper", required=False, type=click.Choice(list(EXPERIMENTS)))
+@click.argument("parts", nargs=-1)
 @click.option("--quick", is_flag=True, help="Fewer runs, settings, frames and particles: minutes instead of hours.")
 @click.option("--folder", "-o", metavar="DIR", type=click.Path(), help="Where everything goes. [default: the paper's name]")
 @click.option(
@@ -49,27 +52,36 @@ Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of processes.")
 @common_options
-def reproduce(paper: str, parts: tuple[str, ...], **options: Any) -> None:
+def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None:
     """Run the experiments of a paper again and say which of its claims hold.
 
-    PARTS are single-frame (variance against time, volumes), sequence (both filters over 25 frames), tuning, and contest (the
-    library's filters against the published ones); all of them by default. Interrupted runs go on where they were.
+    PARTS are some of the paper's parts; all of them by default. Interrupted runs go on where they were. Without PAPER, all
+    papers and their parts are listed.
     """
     from poseppl.cli.console import ConsoleProgress, start_jax
-    from poseppl.experiments.choo_fleet import BUILT_IN, FULL, QUICK, reproduce
     from poseppl.experiments.jobs import Processes
+    from poseppl.experiments.recordings import BUILT_IN
+    from poseppl.experiments.reproduction import reproduce
 
+    if paper is None:
+        _list_papers()
+        return
     if options["workers"] is not None and (options["workers"] < 1 or options["scheduler"]):
         raise InputError(f"{options['workers']}", field="--workers", expected="at least 1, and no --scheduler")
-    start_jax()
     recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
+    start_jax()
+    experiment = find_experiment(paper)
+    for part in parts:
+        if part not in experiment.parts:
+            raise click.BadParameter(f"{paper} has no part {part!r}; its parts are {', '.join(experiment.parts)}")
     folder = options["folder"] or paper
     with ConsoleProgress(options["quiet"], doing="computing", unit="jobs").running() as progress:
         reproduce(
+            experiment,
             folder,
-            parts=parts or PARTS,
+            parts=parts,
             recordings=recordings,
-            scale=QUICK if options["quick"] else FULL,
+            scale=experiment.quick if options["quick"] else None,
             executor=options["scheduler"] or Processes(options["workers"], prepare=start_jax),
             progress=progress,
         )
@@ -77,8 +89,15 @@ def reproduce(paper: str, parts: tuple[str, ...], **options: Any) -> None:
         click.echo(f"{folder}/page.md")
 
 
+def _list_papers() -> None:
+    from poseppl.cli.console import print_table
+
+    for name in EXPERIMENTS:
+        print_table(name, [(part, row.about) for part, row in find_experiment(name).parts.items()])
+
+
 def _recording(word: str) -> Any:
-    from poseppl.experiments.choo_fleet import Recording
+    from poseppl.experiments.recordings import Recording
 
     name, equals, files = word.partition("=")
     path, _, skeleton = files.partition(",")

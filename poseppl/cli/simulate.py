@@ -20,6 +20,8 @@ Examples:
       Track what was written, without the truth.
   poseppl simulate 02_01.amc --skeleton 02.asf --frames ::4 --video -o room/
       Videos of a person in a room with four cameras and furniture in the way, with masks and truth.
+  poseppl simulate 02_01.amc --skeleton 02.asf --frames ::2 --turn 1200 --no-clutter --video -o circle/
+      The same walk to the left along a circle of 1.2 m, in an empty room.
 
 \b
 Files written:
@@ -44,12 +46,18 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.command(epilog=EXAMPLES, short_help="Write 2-D observations of a motion, or videos.")
 @click.argument("recording", required=False, type=click.Path())
 @subject_options
+@click.option(
+    "--turn",
+    metavar="MM",
+    type=float,
+    help="Lay the walk along a circle of this radius on the floor: to the left, or to the right with -MM; at least 300. Poses "
+    "stay as they are, and so feet on the floor turn with the body. [default: as recorded]",
+)
 @camera_options
 @click.option(
     "--focal",
     metavar="PIXELS",
     type=float,
-    default=None,
     help="Focal length of placed cameras. [default: 1500; a view of 70 degrees with --video]",
 )
 @click.option(

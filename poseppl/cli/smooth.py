@@ -55,7 +55,6 @@ class SmoothCommand(CommandWithSettings):
     "--max-draws",
     metavar="N",
     type=int,
-    default=None,
     help="Draws kept of each chain, or of all particles. [default: as many as fit into 256 MiB]",
 )
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: NAME-METHOD.nc, here]")

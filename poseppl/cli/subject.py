@@ -9,7 +9,7 @@ from poseppl.errors import InputError
 
 
 def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
-    """The recorded subject, or the one that walks; its scale, rate and frames as the options say."""
+    """The recorded subject, or the one that walks; its scale, rate, frames and circle as the options say."""
     from poseppl.motion.tracking import recorded_subject, walking_subject
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
@@ -21,7 +21,7 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
         for name in ("skeleton", "scale", "up", "names", "lengths"):
             if options[name] is not None:
                 raise InputError("the built-in walk takes none", field=f"--{name}", expected="a recording with it")
-        return walking_subject(model, frames=options["frames"], rate=rate)
+        return walking_subject(model, frames=options["frames"], rate=rate, turn=options.get("turn"))
     return recorded_subject(
         recording,
         options["skeleton"],
@@ -32,6 +32,7 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
         up=options["up"],
         names=options["names"],
         lengths=options["lengths"],
+        turn=options.get("turn"),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.cli.settings import settings_option
@@ -90,6 +91,18 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     show_default=True,
     help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under.",
 )
+@click.option(
+    "--prior",
+    metavar="FILE.nc",
+    type=click.Path(),
+    help="A learned activity of poseppl fit-motion in place of the random walk, for points. The body is then its own, and the "
+    "filter switching, unless others are asked for. Frames in which it does not hold are told.",
+)
+@click.option(
+    "--prior-alone",
+    is_flag=True,
+    help="With --prior: nothing but the learned activity, as --filter activity-guided needs it.",
+)
 @click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise and of the filter.")
 @click.option(
     "--devices",
@@ -103,7 +116,6 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--max-draws",
     metavar="N",
     type=int,
-    default=None,
     help="Draws kept of each chain, or of all particles; means and intervals are made from all of them anyway. "
     "[default: as many as fit into 256 MiB]",
 )
@@ -138,7 +150,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
-    tables = [options[name] for name in ("skeleton", "names", "lengths", "camera", "calibration")]
+    tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration")]
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources, target) if sources else []
@@ -191,13 +203,18 @@ def _run(
     from poseppl.motion.tracking.walk import ASSUMED_RATE
     from poseppl.runs.algorithms import FILTERS
 
+    if options["prior"]:
+        _choose_for_prior(options)
+    elif options["prior_alone"]:
+        raise click.UsageError("--prior-alone goes with --prior")
     model = options["model"] or (SILHOUETTES if options["video"] else DEFAULT_MODEL)
     settings = TrackSettings(
         model=model,
         filter=options["filter_name"],
         options=options["settings"],
         on_failure=options["on_failure"],
-        **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "seed", "max_draws", "devices")},
+        other_motion=not options["prior_alone"],
+        **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "prior", "seed", "max_draws", "devices")},
     )
     FILTERS[settings.filter].check(settings.options)
     progress.stage("reading")
@@ -225,6 +242,20 @@ def _run(
     except TrackStopped as stopped:
         done = stopped.result["posterior"].sizes["frame"]
         return stopped.result, f"{stopped}; the frames before it, {done} of {len(scene.frames)}, are"
+
+
+def _choose_for_prior(options: dict[str, Any]) -> None:
+    """Take the body and the filter that go with a learned prior, where no others are asked for."""
+    from poseppl.motion.bodies.body import installed_builder
+    from poseppl.motion.learned import read_motion_model
+    from poseppl.motion.tracking.learned_prior import DEFAULT_FILTER
+
+    known = read_motion_model(options["prior"])
+    if options["model"] is None:
+        installed_builder(known.body)
+        options["model"] = known.body
+    if click.get_current_context().get_parameter_source("filter_name") == ParameterSource.DEFAULT:
+        options["filter_name"] = DEFAULT_FILTER
 
 
 def _seed(seed: int) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.options import option_group
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
@@ -35,71 +36,67 @@ class ManyFiles(CommandWithSettings):
         return super().parse_args(ctx, spread)
 
 
-def video_options(command: Any) -> Any:
-    """Videos, their cameras and backgrounds."""
-    options = [
-        click.option(
-            "--video",
-            metavar="FILE...",
-            multiple=True,
-            type=click.Path(),
-            help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
-            "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
-        ),
-        click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
-        click.option(
-            "--background",
-            metavar="FILE...",
-            multiple=True,
-            type=click.Path(),
-            help="--video: background plates, pictures or clips of the empty scene, named as the cameras or NAME=FILE. "
-            "[default: the background is learned from the videos]",
-        ),
-        click.option(
-            "--occlusion",
-            metavar="FILE...",
-            multiple=True,
-            type=click.Path(),
-            help="--video: occlusion masks, white where furniture stands before the person, named alike.",
-        ),
-        click.option(
-            "--masks",
-            metavar="FILE...",
-            multiple=True,
-            type=click.Path(),
-            help="--video: masks instead of a background, white on the person, named alike: a video, a folder of pictures, or "
-            ".npz as poseppl simulate --video writes it.",
-        ),
-        click.option(
-            "--stature",
-            metavar="MM",
-            type=float,
-            help="--video, --observations: height of the person, whose segments are in proportion. [default: 1750, or the "
-            "scene's truth]",
-        ),
-        click.option(
-            "--facing",
-            metavar="NAME",
-            help="--video: the camera that the person faces at first, roughly; front and back look alike. [default: where "
-            "the person goes]",
-        ),
-        click.option(
-            "--silhouette-noise",
-            metavar="MM",
-            type=float,
-            help="--video: standard deviation of a silhouette's distances at the body. [default: 80]",
-        ),
-        click.option(
-            "--refine",
-            is_flag=True,
-            default=None,
-            help="--video: silhouettes completed by colour where the person looks like the background; some 40 ms a picture.",
-        ),
-        click.option("--edges", is_flag=True, default=None, help="--video: edges within the silhouettes count, too."),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+video_options = option_group(
+    click.option(
+        "--video",
+        metavar="FILE...",
+        multiple=True,
+        type=click.Path(),
+        help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
+        "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
+    ),
+    click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
+    click.option(
+        "--background",
+        metavar="FILE...",
+        multiple=True,
+        type=click.Path(),
+        help="--video: background plates, pictures or clips of the empty scene, named as the cameras or NAME=FILE. "
+        "[default: the background is learned from the videos]",
+    ),
+    click.option(
+        "--occlusion",
+        metavar="FILE...",
+        multiple=True,
+        type=click.Path(),
+        help="--video: occlusion masks, white where furniture stands before the person, named alike.",
+    ),
+    click.option(
+        "--masks",
+        metavar="FILE...",
+        multiple=True,
+        type=click.Path(),
+        help="--video: masks instead of a background, white on the person, named alike: a video, a folder of pictures, or "
+        ".npz as poseppl simulate --video writes it.",
+    ),
+    click.option(
+        "--stature",
+        metavar="MM",
+        type=float,
+        help="--video, --observations: height of the person, whose segments are in proportion. [default: 1750, or the "
+        "scene's truth]",
+    ),
+    click.option(
+        "--facing",
+        metavar="NAME",
+        help="--video: the camera that the person faces at first, roughly; front and back look alike. [default: where "
+        "the person goes]",
+    ),
+    click.option(
+        "--silhouette-noise",
+        metavar="MM",
+        type=float,
+        help="--video: standard deviation of a silhouette's distances at the body. [default: 80]",
+    ),
+    click.option(
+        "--refine",
+        is_flag=True,
+        default=None,
+        help="--video: silhouettes completed by colour where the person looks like the background; some 40 ms a picture.",
+    ),
+    click.option("--edges", is_flag=True, default=None, help="--video: edges within the silhouettes count, too."),
+)
+"""Videos, their cameras and backgrounds."""
 
 
 def check_video_usage(options: dict[str, Any], others: bool) -> None:

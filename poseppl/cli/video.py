@@ -22,10 +22,10 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
     from poseppl.cli.console import ConsoleProgress, print_table, start_jax
     from poseppl.cli.subject import find_subject, stem_of
     from poseppl.motion.io.opencv import opencv
-    from poseppl.motion.rendering import SensorNoise, Truth, build_setting, write_scene
+    from poseppl.motion.rendering import SensorNoise, build_setting
     from poseppl.motion.rendering.noise import check_noise
     from poseppl.motion.rendering.packages import load_mujoco
-    from poseppl.motion.tracking.truth import save_subject_truth
+    from poseppl.motion.tracking.subject_video import film_subject
 
     folder = _folder(options["output"], stem_of(recording))
     _refuse(options)
@@ -45,19 +45,10 @@ def simulate_video(recording: str | None, options: dict[str, Any]) -> None:
         focal=options["focal"],
         seed=options["seed"],
     )
-    truth = Truth(subject.frames, subject.rate, subject.body.tree.marker_names, subject.markers, subject.source)
     progress = ConsoleProgress(options["quiet"], doing="rendering")
     with progress.running():
         progress.stage("rendering", setting.num_frames)
-        write_scene(
-            folder,
-            setting,
-            truth,
-            noise=noise,
-            lossless=options["lossless"],
-            advance=progress.advance,
-            besides=lambda place: save_subject_truth(subject, place / "truth.nc"),
-        )
+        film_subject(folder, subject, setting, noise=noise, lossless=options["lossless"], advance=progress.advance)
     if not options["quiet"]:
         cameras = f"{len(setting.cameras)} of {setting.size[0]} x {setting.size[1]} pixels"
         furniture = ", ".join(piece.kind for piece in setting.furniture) or "none"
@@ -85,11 +76,13 @@ def _refuse(options: dict[str, Any]) -> None:
 
 def _toes(recording: str | None, options: dict[str, Any]) -> dict[str, Any]:
     """The toes of a recording, which the body that is tracked does not have."""
-    from poseppl.motion.io import read_motion, slice_frames
+    from poseppl.motion.io import read_motion
     from poseppl.motion.rendering import find_toes
+    from poseppl.motion.tracking.subjects import DEFAULT_MODEL, chosen_motion
 
     if recording is None:
         return {}
     asked = {name: options[name] for name in ("rate", "scale", "up")}
     motion = read_motion(recording, options["skeleton"], **asked)
-    return find_toes(motion if options["frames"] is None else slice_frames(motion, options["frames"]))
+    chosen = (options[name] for name in ("frames", "names", "turn"))
+    return find_toes(chosen_motion(motion, options["model"] or DEFAULT_MODEL, *chosen))

@@ -57,7 +57,7 @@ def autocorrelation(draws: ArrayLike, max_lag: int | None = None) -> Floats:
     variance = np.where(constant, 1.0, covariance[0])
     rho = np.where(constant, np.nan, covariance / variance)
     rho[0] = np.where(constant, np.nan, 1.0)
-    return np.asarray(rho if max_lag is None else rho[: max_lag + 1])
+    return rho if max_lag is None else rho[: max_lag + 1]
 
 
 def is_constant(draws: Floats) -> Booleans:
@@ -70,7 +70,7 @@ def is_constant(draws: Floats) -> Booleans:
         (...).
     """
     spread = np.ptp(draws, axis=(0, 1)) if np.isfinite(draws).all() else _finite_spread(draws)
-    return np.asarray(~(spread >= np.finfo(np.float64).resolution))
+    return ~(spread >= np.finfo(np.float64).resolution)
 
 
 def _finite_spread(draws: Floats) -> Floats:

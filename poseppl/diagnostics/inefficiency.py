@@ -80,7 +80,7 @@ def inefficiency(draws: ArrayLike) -> Floats:
     constant = is_constant(values) | is_constant(halves)
     rho = _geyer_autocorrelation(np.where(constant, 0.0, halves))
     floor = 1 / np.log10(halves.shape[0] * halves.shape[1])
-    return np.asarray(np.where(constant, np.nan, np.maximum(_monotone_sum(rho), floor)))
+    return np.where(constant, np.nan, np.maximum(_monotone_sum(rho), floor))
 
 
 @over_draws
@@ -128,7 +128,7 @@ def split_rhat(draws: ArrayLike) -> Floats:
     within = halves.var(axis=1, ddof=1).mean(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         rhat = np.sqrt((between / within + length - 1) / length)
-    return np.asarray(np.where(constant, np.nan, rhat))
+    return np.where(constant, np.nan, rhat)
 
 
 def _first(condition: Booleans) -> NDArray[np.intp]:

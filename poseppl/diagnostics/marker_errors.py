@@ -137,4 +137,4 @@ def _mean(values: Floats) -> Floats:
     """Mean over the last axis of what is known; NaN where nothing is."""
     known = np.isfinite(values)
     count = known.sum(-1)
-    return np.asarray(np.where(count > 0, np.where(known, values, 0.0).sum(-1) / np.maximum(count, 1), np.nan))
+    return np.where(count > 0, np.where(known, values, 0.0).sum(-1) / np.maximum(count, 1), np.nan)

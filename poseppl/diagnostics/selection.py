@@ -58,7 +58,7 @@ def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:
     if values is None:
         return None
     pooled = values.reshape(-1, *values.shape[2:])
-    return np.asarray(pooled[evenly(len(pooled), most)])
+    return pooled[evenly(len(pooled), most)]
 
 
 def edges(tree: xr.DataTree) -> Integers:
@@ -80,7 +80,7 @@ def segments(points: Array, pairs: Integers) -> Array:
     ends = points[..., pairs, :].astype(np.float64)
     gap = np.full((*ends.shape[:-2], 1, ends.shape[-1]), np.nan)
     whole = np.concatenate([ends, gap], axis=-2)
-    return np.asarray(whole.reshape(*points.shape[:-2], -1, points.shape[-1]))
+    return whole.reshape(*points.shape[:-2], -1, points.shape[-1])
 
 
 def mean_points(tree: xr.DataTree) -> Array | None:

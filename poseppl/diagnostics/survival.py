@@ -27,7 +27,7 @@ def effective_number(log_weights: ArrayLike) -> Floats:
     total = weights.sum(axis=-1)
     squares = np.square(weights).sum(axis=-1)
     valid = np.isfinite(top[..., 0])
-    return np.asarray(np.where(valid, np.square(total) / np.where(valid, squares, 1.0), np.nan))
+    return np.where(valid, np.square(total) / np.where(valid, squares, 1.0), np.nan)
 
 
 def unique_ancestors(ancestors: ArrayLike) -> Integers:

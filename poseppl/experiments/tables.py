@@ -38,6 +38,10 @@ class Table(NamedTuple):
         wanted = [(self.columns.index(name), value) for name, value in where.items()]
         return [row for row in self.rows if all(row[index] == value for index, value in wanted)]
 
+    def records(self, **where: Any) -> list[dict[str, Any]]:
+        """The same rows by the names of their columns."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.select(**where)]
+
 
 def write_csv(table: Table, folder: Path) -> None:
     """Write a table as FOLDER/NAME.csv, with six significant digits."""

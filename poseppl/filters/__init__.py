@@ -1,5 +1,6 @@
 """Filters: one algorithm a file, each a pair of pure functions `init` and `step`."""
 
+from poseppl.filters.activity_guided import activity_guided_filter as activity_guided_filter
 from poseppl.filters.annealed import AnnealedState as AnnealedState, annealed_filter as annealed_filter
 from poseppl.filters.assumed_density import assumed_density_filter as assumed_density_filter
 from poseppl.filters.base import Filter as Filter, FilterState as FilterState, Info as Info
@@ -13,5 +14,6 @@ from poseppl.filters.kalman import KalmanState as KalmanState, kalman_filter as 
 from poseppl.filters.particle import particle_filter as particle_filter
 from poseppl.filters.sequential_monte_carlo import ParticleState as ParticleState
 from poseppl.filters.sharding import sharded as sharded
+from poseppl.filters.switching import SwitchingState as SwitchingState, switching_filter as switching_filter
 from poseppl.filters.tempered import TemperedState as TemperedState, tempered_filter as tempered_filter
 from poseppl.filters.window import WindowState as WindowState, window_filter as window_filter

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
@@ -21,9 +22,9 @@ class Ancestry(NamedTuple):
         ess: That of the weights that they were drawn by, where these looked ahead; else N.
     """
 
-    ancestors: jax.Array
-    log_weights: jax.Array
-    ess: jax.Array
+    ancestors: Array
+    log_weights: Array
+    ess: Array
 
 
 class AdaptiveResampling(NamedTuple):
@@ -39,12 +40,12 @@ class AdaptiveResampling(NamedTuple):
     scheme: Resampling
     ess_threshold: float
 
-    def keep(self, log_weights: jax.Array) -> Ancestry:
+    def keep(self, log_weights: Array) -> Ancestry:
         """Each particle its own ancestor, with its own weight."""
         count = self.num_particles
         return Ancestry(jnp.arange(count, dtype=jnp.int32), log_weights, jnp.asarray(count, log_weights.dtype))
 
-    def choose(self, rng_key: jax.Array, log_weights: jax.Array, lookahead: jax.Array | None = None) -> Ancestry:
+    def choose(self, rng_key: Array, log_weights: Array, lookahead: Array | None = None) -> Ancestry:
         """Draw ancestors, or keep every particle.
 
         Args:

@@ -8,8 +8,9 @@ In the form of section 6 of Darby, Li and Costen 2008 and section 3.2 of Peursum
 2. they are weighted by p(z | x)^beta_r (Eq. 6), with the beta_r at which a fraction tau of the particles survives (Eq. 7):
    the survival diagnostic 1 / sum w_i^2 is tau N, found by bisection.
 
-P is the variance of the transition, from pairs of draws with a common ancestor, unless given. With crossover (Deutscher,
-Davison and Reid 2001, doi:10.1109/CVPR.2001.991028), a particle has two parents, and groups of coordinates come from either.
+P is the variance of the transition, from pairs of draws with a common ancestor, unless given; what takes integers stays as it
+was drawn. With crossover (Deutscher, Davison and Reid 2001, doi:10.1109/CVPR.2001.991028), a particle has two parents, and
+groups of coordinates come from either.
 
 What it is not: a sampler of the posterior. Each layer weighs by the likelihood anew, so that after R layers the particles have
 gathered where the likelihood is highest within reach of the prediction; their spread says how far the layers have come, not how
@@ -28,6 +29,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info
@@ -51,20 +53,27 @@ class AnnealedState(NamedTuple):
         best: The particle of the highest likelihood (d,); the other estimate is the weighted mean.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    best: jax.Array
+    particles: Array
+    log_weights: Array
+    best: Array
 
 
 class _Layer(NamedTuple):
     """Particles (N, d), their log-likelihoods (N,), -inf where impossible, and their ancestors (N,)."""
 
-    particles: jax.Array
-    values: jax.Array
-    ancestors: jax.Array
+    particles: Array
+    values: Array
+    ancestors: Array
 
 
-class _Annealing(NamedTuple):
+Keys = tuple[Array, Array]
+Disperse = Callable[[Array, Array, Array], Array]
+"""`(rng_key, centres (N, d), tau^(R - r)) -> particles (N, d)` of a later layer."""
+Predict = Callable[[Keys, Array | None, Any], tuple[Array, Disperse]]
+"""`(two keys, particles before (N, d) or None, inputs)` to the first layer's particles (N, d), and how later ones disperse."""
+
+
+class Annealing(NamedTuple):
     """How a frame's layers are gone through.
 
     Attributes:
@@ -87,7 +96,7 @@ def annealed_filter(
     *,
     num_layers: int = 10,
     survival: float = 0.5,
-    diffusion: jax.Array | None = None,
+    diffusion: Array | None = None,
     crossover: Sequence[Sequence[int | str]] | None = None,
     resampling: Scheme = "multinomial",
 ) -> Filter:
@@ -109,70 +118,99 @@ def annealed_filter(
     Raises:
         ValueError: A number out of its range, an unknown coordinate, or one in two groups.
     """
+    settings = annealing_of(model, num_particles, num_layers, survival, diffusion, crossover, resampling)
+
+    def predict(rng_keys: Keys, previous: Array | None, inputs: Any) -> tuple[Array, Disperse]:
+        drawn, other = (draw_or_propagate(model, key, num_particles, previous, inputs) for key in rng_keys)
+        variance = layer_variance(model, drawn, other, diffusion)
+
+        def disperse(rng_key: Array, centres: Array, shrinking: Array) -> Array:
+            noise = jax.random.normal(rng_key, centres.shape, centres.dtype)
+            return centres + jnp.sqrt(shrinking * variance) * noise
+
+        return drawn, disperse
+
+    return annealing_filter(model, num_particles, settings, predict)
+
+
+def annealing_of(
+    model: CompiledModel,
+    num_particles: int,
+    num_layers: int,
+    survival: float,
+    diffusion: Array | None,
+    crossover: Sequence[Sequence[int | str]] | None,
+    resampling: Scheme,
+) -> Annealing:
+    """Check the settings of :func:`annealed_filter`, and gather them."""
     check_at_least(1, num_particles=num_particles, num_layers=num_layers)
     check_fraction("(0, 1)", survival=survival)
     if diffusion is not None and (np.shape(diffusion) != (model.dimension,) or np.any(np.asarray(diffusion) < 0)):
         raise ValueError(f"diffusion has shape {np.shape(diffusion)}. Expected variances of shape ({model.dimension},).")
     groups = None if crossover is None else _group_numbers(model, crossover)
-    settings = _Annealing(num_layers, survival, groups, resampling_scheme(resampling))
+    return Annealing(num_layers, survival, groups, resampling_scheme(resampling))
 
-    def values_of(particles: jax.Array, data: tuple[Observation, Any]) -> jax.Array:
+
+def draw_or_propagate(model: CompiledModel, rng_key: Array, num_particles: int, previous: Array | None, inputs: Any) -> Array:
+    """States (N, d) from the transition of those before (N, d), or at the first frame from the initial program."""
+    keys = jax.random.split(rng_key, num_particles)
+    return draw_initial(model, keys, inputs) if previous is None else propagate(model, keys, previous, inputs)
+
+
+def layer_variance(model: CompiledModel, drawn: Array, other: Array, diffusion: Array | None) -> Array:
+    """The diagonal of P (d,): as given, or from pairs of draws (N, d) with a common ancestor; 0 of what takes integers."""
+    variance = 0.5 * jnp.mean((drawn - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
+    return jnp.where(jnp.asarray(model.finite_coordinates), 0.0, variance)
+
+
+def annealing_filter(model: CompiledModel, num_particles: int, settings: Annealing, predict: Predict) -> Filter:
+    """Build an annealed filter from how its particles are predicted and dispersed."""
+
+    def values_of(particles: Array, data: tuple[Observation, Any]) -> Array:
         values = log_likelihoods(model, particles, *data)
         return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
 
     def anneal(
-        rng_key: jax.Array, predicted: jax.Array, other: jax.Array, ancestors: jax.Array, data: tuple[Observation, Any]
+        rng_key: Array, predicted: Array, disperse: Disperse, ancestors: Array, data: tuple[Observation, Any]
     ) -> tuple[AnnealedState, Info]:
         values = values_of(predicted, data)
         first = normalise(values)
-        variance = 0.5 * jnp.mean((predicted - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
-        layer = _refine(rng_key, _Layer(predicted, values, ancestors), variance, lambda x: values_of(x, data), settings)
-        log_weights = _layer_weights(layer.values, survival)
+        layer = _refine(rng_key, _Layer(predicted, values, ancestors), disperse, lambda x: values_of(x, data), settings)
+        log_weights = _layer_weights(layer.values, settings.survival)
         state = AnnealedState(layer.particles, log_weights, layer.particles[jnp.argmax(layer.values)])
-        return state, _info(first, log_weights, layer.ancestors, num_layers)
+        return state, _info(first, log_weights, layer.ancestors, settings.num_layers)
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
         key_draw, key_other, key_layers = jax.random.split(rng_key, 3)
-
-        def draw(rng_key: jax.Array) -> jax.Array:
-            return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
-
         ancestors = jnp.arange(num_particles, dtype=jnp.int32)
-        return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
+        return anneal(key_layers, *predict((key_draw, key_other), None, inputs), ancestors, (observation, inputs))
 
-    def step(
-        rng_key: jax.Array, state: AnnealedState, observation: Observation, inputs: Any = None
-    ) -> tuple[AnnealedState, Info]:
+    def step(rng_key: Array, state: AnnealedState, observation: Observation, inputs: Any = None) -> tuple[AnnealedState, Info]:
         key_resample, key_draw, key_other, key_layers = jax.random.split(rng_key, 4)
         ancestors = settings.resampling(key_resample, state.log_weights, num_particles)
-        previous = state.particles[ancestors]
-
-        def draw(rng_key: jax.Array) -> jax.Array:
-            return propagate(model, jax.random.split(rng_key, num_particles), previous, inputs)
-
-        return anneal(key_layers, draw(key_draw), draw(key_other), ancestors, (observation, inputs))
+        predicted = predict((key_draw, key_other), state.particles[ancestors], inputs)
+        return anneal(key_layers, *predicted, ancestors, (observation, inputs))
 
     return Filter(init, step, evidence="none", genealogy=True)
 
 
 def _refine(
-    rng_key: jax.Array,
+    rng_key: Array,
     first: _Layer,
-    variance: jax.Array,
-    log_likelihoods: Callable[[jax.Array], jax.Array],
-    settings: _Annealing,
+    disperse: Disperse,
+    log_likelihoods: Callable[[Array], Array],
+    settings: Annealing,
 ) -> _Layer:
-    """From a frame's first layer, of the particles as predicted, to its last; `variance` is the diagonal of P (d,)."""
+    """From a frame's first layer, of the particles as predicted, to its last."""
 
-    def next_layer(layer: _Layer, item: tuple[jax.Array, jax.Array]) -> tuple[_Layer, None]:
+    def next_layer(layer: _Layer, item: tuple[Array, Array]) -> tuple[_Layer, None]:
         key_resample, key_cross, key_noise = jax.random.split(item[0], 3)
         log_weights = _layer_weights(layer.values, settings.survival)
         chosen = settings.resampling(key_resample, log_weights, len(log_weights))
         centres = layer.particles[chosen]
         if settings.groups is not None:
             centres = _cross(key_cross, centres, layer.particles, log_weights, settings.groups)
-        noise = jax.random.normal(key_noise, centres.shape, centres.dtype)
-        particles = centres + jnp.sqrt(settings.survival ** item[1] * variance) * noise
+        particles = disperse(key_noise, centres, settings.survival ** item[1])
         after = _Layer(particles, log_likelihoods(particles), layer.ancestors[chosen])
         flat = jnp.min(layer.values) == jnp.max(layer.values)
         keep = flat | ~jnp.any(jnp.isfinite(after.values))
@@ -183,9 +221,7 @@ def _refine(
     return last
 
 
-def _cross(
-    rng_key: jax.Array, first: jax.Array, particles: jax.Array, log_weights: jax.Array, groups: np.ndarray[Any, Any]
-) -> jax.Array:
+def _cross(rng_key: Array, first: Array, particles: Array, log_weights: Array, groups: np.ndarray[Any, Any]) -> Array:
     """Cross parents (N, d) with other ones that are drawn by the weights, group by group."""
     key_parent, key_choice = jax.random.split(rng_key)
     second = particles[jax.random.categorical(key_parent, log_weights, shape=first.shape[:1])]
@@ -193,12 +229,12 @@ def _cross(
     return jnp.where(swap[:, groups], second, first)
 
 
-def _info(predicted: Normalised, log_weights: jax.Array, ancestors: jax.Array, num_layers: int) -> Info:
+def _info(predicted: Normalised, log_weights: Array, ancestors: Array, num_layers: int) -> Info:
     ess, evaluations = effective_sample_size(log_weights), log_weights.shape[0] * num_layers
     return filter_info(predicted.log_mean, ess, ancestors, predicted.degenerate, num_likelihood=evaluations)
 
 
-def annealing_exponent(log_likelihoods: jax.Array, survival: float) -> jax.Array:
+def annealing_exponent(log_likelihoods: Array, survival: float) -> Array:
     """The beta at which a fraction `survival` of the particles of positive likelihood survives.
 
     Args:
@@ -215,7 +251,7 @@ def annealing_exponent(log_likelihoods: jax.Array, survival: float) -> jax.Array
     spread = jnp.sum(jnp.where(finite, -below, 0.0)) / jnp.maximum(jnp.sum(finite), 1)
     centre = -jnp.log(jnp.where(spread > 0, spread, 1.0))
 
-    def halve(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
         middle = 0.5 * (low + high)
         enough = effective_sample_size(jnp.exp(middle) * below) >= goal
@@ -225,7 +261,7 @@ def annealing_exponent(log_likelihoods: jax.Array, survival: float) -> jax.Array
     return jnp.exp(low)
 
 
-def _layer_weights(values: jax.Array, survival: float) -> jax.Array:
+def _layer_weights(values: Array, survival: float) -> Array:
     """Normalised log-weights (N,) of a layer: uniform where all values are equal or impossible."""
     peak = jnp.max(values)
     return normalise(annealing_exponent(values, survival) * (values - jnp.where(jnp.isfinite(peak), peak, 0.0))).log_weights

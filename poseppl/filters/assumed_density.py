@@ -31,6 +31,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info, filter_info
@@ -94,7 +95,7 @@ def assumed_density_filter(
         draws = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, *mean.shape))
         return chain_state(draws, jnp.log(jnp.asarray(settings.step_size, mean.dtype)), started=False)
 
-    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         first = ~state.started
         prior, factors, log_prior = _prior(model, state, first, inputs, num_components)
         key_climb, key_move, key_chains = jax.random.split(rng_key, 3)
@@ -105,10 +106,10 @@ def assumed_density_filter(
         failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
         seen = drop_impossible(model, observation, failed)
 
-        def log_density(x: jax.Array) -> jax.Array:
+        def log_density(x: Array) -> Array:
             return model.log_observation(x, seen, inputs) + log_prior(x)
 
-        def curvature(x: jax.Array) -> jax.Array:
+        def curvature(x: Array) -> Array:
             return prior_curvature(x) + model.observation_information(x, seen, inputs)
 
         found = find_modes(starts, log_density, curvature, num_mode_steps)
@@ -129,14 +130,14 @@ def assumed_density_filter(
         )
         return chain_state(draws, chains.log_step_size, log_weights=log_weights), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
     return Filter(init, step, initial_state=initial_state)
 
 
 def _prior(
-    model: CompiledModel, state: ChainState, first: jax.Array, inputs: Any, num_components: int
+    model: CompiledModel, state: ChainState, first: Array, inputs: Any, num_components: int
 ) -> tuple[GaussianMixture, MixtureFactors, LogDensity]:
     """The Gaussians that sum up the past, their factors, and the prior log-density: at first that of the initial program.
 
@@ -157,14 +158,14 @@ def _prior(
     if model.initial_is_gaussian(inputs):
         return prior, factors, log_predicted
 
-    def log_prior(x: jax.Array) -> jax.Array:
+    def log_prior(x: Array) -> Array:
         # the inner choice keeps what is not chosen finite, and with it its gradient
         return jnp.where(first, model.log_initial(jnp.where(first, x, mean), inputs), log_predicted(x))
 
     return prior, factors, log_prior
 
 
-def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: Any, number: int) -> jax.Array:
+def _move(model: CompiledModel, rng_key: Array, draws: Array, inputs: Any, number: int) -> Array:
     """Draws (number, d) of the next frame from some of the draws (M, R, d) of this one, of each chain in turn."""
     key_choose, key_move = jax.random.split(rng_key)
     num_chains, num_draws, _ = draws.shape
@@ -175,6 +176,6 @@ def _move(model: CompiledModel, rng_key: jax.Array, draws: jax.Array, inputs: An
     return propagate(model, particle_keys(key_move, number), chosen, inputs)
 
 
-def draws_of_covariances(residuals: jax.Array) -> jax.Array:
+def draws_of_covariances(residuals: Array) -> Array:
     """Effective draws that covariances are estimated from, a scalar, given draws (M, R, d) less their components' means."""
     return jnp.clip(effective_draws(residuals), residuals.shape[-1] + _LEAST_FREEDOM, _MOST_DRAWS)

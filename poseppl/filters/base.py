@@ -15,8 +15,8 @@ import math
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, Protocol
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.program import CompiledModel
 
@@ -25,11 +25,11 @@ class FilterState(Protocol):
     """Particles and weights, which every filter's state has."""
 
     @property
-    def particles(self) -> jax.Array:
+    def particles(self) -> Array:
         """Flat states (..., d)."""
 
     @property
-    def log_weights(self) -> jax.Array:
+    def log_weights(self) -> Array:
         """Log-weights (...), one for each particle."""
 
 
@@ -48,22 +48,22 @@ class Info(NamedTuple):
         step_size: Step size of the frame's moves; NaN when there are none.
     """
 
-    log_evidence: jax.Array
-    ess: jax.Array
-    ancestors: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    num_likelihood: jax.Array
-    num_gradient: jax.Array
-    failed: jax.Array
-    step_size: jax.Array
+    log_evidence: Array
+    ess: Array
+    ancestors: Array
+    acceptance: Array
+    divergences: Array
+    num_likelihood: Array
+    num_gradient: Array
+    failed: Array
+    step_size: Array
 
 
 def filter_info(
-    log_evidence: jax.Array,
+    log_evidence: Array,
     ess: Any,
     ancestors: Any,
-    failed: jax.Array,
+    failed: Array,
     *,
     num_likelihood: Any,
     num_gradient: Any = 0,
@@ -112,8 +112,8 @@ class Filter:
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
 
-    init: Callable[[jax.Array, Any, Any], tuple[Any, Info]]
-    step: Callable[[jax.Array, Any, Any, Any], tuple[Any, Info]]
+    init: Callable[[Array, Any, Any], tuple[Any, Info]]
+    step: Callable[[Array, Any, Any, Any], tuple[Any, Info]]
     to_devices: Callable[[Any], Any] = identity
     initial_state: Callable[[Any, Any], Any] | None = None
     closed_form: bool = False

@@ -32,6 +32,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
@@ -51,7 +52,7 @@ PriorMode = Literal["closest", "mixture"]
 class Jumps(Protocol):
     """Other states that a state may be mistaken for."""
 
-    def __call__(self, state: jax.Array, inputs: Any) -> jax.Array:
+    def __call__(self, state: Array, inputs: Any) -> Array:
         """States (n, d) for a state (d,), given the inputs of its frame."""
 
 
@@ -66,10 +67,10 @@ class ModeState(NamedTuple):
         started: Whether there has been a frame, a boolean; before the first one `modes` stand for nothing.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
+    particles: Array
+    log_weights: Array
     modes: GaussianMixture
-    started: jax.Array
+    started: Array
 
 
 @built_once
@@ -119,7 +120,7 @@ def covariance_scaled_filter(
         raise RangeError("stretch", stretch, "a positive number")
     boxed = bounded(model)
 
-    def proposal(number: int, noise: jax.Array) -> ModeProposal:
+    def proposal(number: int, noise: Array) -> ModeProposal:
         if sampling == "covariance":
             units = jnp.sqrt(jnp.diagonal(noise))
             return covariance_scaled(number, units, num_directions=num_directions, stretch=stretch, pattern=pattern)
@@ -129,7 +130,7 @@ def covariance_scaled_filter(
         boxed, _joined(limits, boxed), proposal, jumps, num_particles, num_modes, num_starts, num_steps, prior == "closest"
     )
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
         return tracker.step(rng_key, tracker.initial_state(observation, inputs), observation, inputs)
 
     return Filter(init, tracker.step, initial_state=tracker.initial_state)
@@ -140,7 +141,7 @@ class _Tracker(NamedTuple):
 
     boxed: Bounded
     limits: Constraints | None
-    proposal: Callable[[int, jax.Array], ModeProposal]
+    proposal: Callable[[int, Array], ModeProposal]
     jumps: Jumps | None
     num_particles: int
     num_modes: int
@@ -154,9 +155,7 @@ class _Tracker(NamedTuple):
         draws = jnp.broadcast_to(mean, (self.num_particles, *mean.shape))
         return self._state(draws, _one_of(self.num_modes, mean, covariance), inputs, started=False)
 
-    def step(
-        self, rng_key: jax.Array, state: ModeState, observation: Observation, inputs: Any = None
-    ) -> tuple[ModeState, Info]:
+    def step(self, rng_key: Array, state: ModeState, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
         """One frame."""
         key_starts, key_draws = jax.random.split(rng_key)
         predicted, noise = predicted_modes(self.boxed.model, state.modes, ~state.started, inputs)
@@ -177,9 +176,7 @@ class _Tracker(NamedTuple):
         )
         return self._state(draws, modes, inputs, started=True), info
 
-    def _search(
-        self, starts: jax.Array, prior: GaussianMixture, units: jax.Array, observation: Observation, inputs: Any
-    ) -> Found:
+    def _search(self, starts: Array, prior: GaussianMixture, units: Array, observation: Observation, inputs: Any) -> Found:
         """The modes of a frame."""
         model, limits = self.boxed.model, constraints(starts.shape[1]) if self.limits is None else self.limits
         log_prior, prior_curvature = prior_density(prior, closest=self.closest)
@@ -193,13 +190,13 @@ class _Tracker(NamedTuple):
             num_steps=self.num_steps,
         )
 
-    def _state(self, draws: jax.Array, modes: GaussianMixture, inputs: Any, *, started: bool) -> ModeState:
+    def _state(self, draws: Array, modes: GaussianMixture, inputs: Any, *, started: bool) -> ModeState:
         particles = jax.vmap(lambda y: self.boxed.to_unbounded(y, inputs))(draws)
         log_weights = jnp.full(len(draws), -np.log(len(draws)), draws.dtype)
         return ModeState(particles, log_weights, modes, jnp.asarray(started))
 
 
-def _one_of(number: int, mean: jax.Array, covariance: jax.Array) -> GaussianMixture:
+def _one_of(number: int, mean: Array, covariance: Array) -> GaussianMixture:
     """A mixture of K, of which the first has all the weight."""
     log_weights = jnp.where(jnp.arange(number) == 0, 0.0, -jnp.inf).astype(mean.dtype)
     return GaussianMixture(log_weights, *(jnp.broadcast_to(part, (number, *part.shape)) for part in (mean, covariance)))

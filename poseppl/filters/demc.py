@@ -37,6 +37,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
@@ -62,10 +63,10 @@ class DEMCState(NamedTuple):
         velocity: V_k, what `best` moved since the last frame (d,).
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    best: jax.Array
-    velocity: jax.Array
+    particles: Array
+    log_weights: Array
+    best: Array
+    velocity: Array
 
 
 class _Layers(NamedTuple):
@@ -97,9 +98,9 @@ class _Evolved(NamedTuple):
 
     members: Members
     predicted: Normalised
-    origin: jax.Array
-    acceptance: jax.Array
-    num_likelihood: jax.Array
+    origin: Array
+    acceptance: Array
+    num_likelihood: Array
 
 
 @built_once
@@ -143,13 +144,13 @@ def demc_filter(
     by_velocity = prediction == "velocity" and not layers.posterior
     identity = jnp.arange(num_particles, dtype=jnp.int32)
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_draw, key_evolve = jax.random.split(rng_key)
         predicted = draw_initial(model, jax.random.split(key_draw, num_particles), inputs)
         evolved = _evolve(model, layers, key_evolve, predicted, lambda x: model.log_initial(x, inputs), (observation, inputs))
         return _conclude(evolved, identity, None, layers.posterior)
 
-    def step(rng_key: jax.Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
+    def step(rng_key: Array, state: DEMCState, observation: Observation, inputs: Any = None) -> tuple[DEMCState, Info]:
         key_select, key_draw, key_evolve = jax.random.split(rng_key, 3)
         ancestors = identity if layers.posterior else layers.scheme(key_select, state.log_weights, num_particles)
         previous = state.particles[ancestors]
@@ -158,7 +159,7 @@ def demc_filter(
         else:
             predicted = propagate(model, jax.random.split(key_draw, num_particles), previous, inputs)
 
-        def log_prior(x: jax.Array) -> jax.Array:
+        def log_prior(x: Array) -> Array:
             return log_prediction(model, x, previous, inputs)
 
         otherwise = previous if by_velocity else None
@@ -171,17 +172,17 @@ def demc_filter(
 def _evolve(
     model: CompiledModel,
     layers: _Layers,
-    rng_key: jax.Array,
-    predicted: jax.Array,
-    log_prior: Callable[[jax.Array], jax.Array],
+    rng_key: Array,
+    predicted: Array,
+    log_prior: Callable[[Array], Array],
     data: tuple[Observation, Any],
-    otherwise: jax.Array | None = None,
+    otherwise: Array | None = None,
 ) -> _Evolved:
     """Evolve predictions (N, d); from other positions (N, d) where none of them has density."""
     key_resample, key_layers = jax.random.split(rng_key)
     posterior, num_particles = layers.posterior, predicted.shape[0]
 
-    def weighed(positions: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def weighed(positions: Array) -> tuple[Array, Array]:
         return positions, _safe(log_likelihoods(model, positions, *data))
 
     predicted, values = weighed(predicted)
@@ -196,11 +197,11 @@ def _evolve(
     if posterior:
         origin = jnp.where(weighted.degenerate, identity, layers.scheme(key_resample, weighted.log_weights, num_particles))
 
-    def log_density(x: jax.Array) -> jax.Array:
+    def log_density(x: Array) -> Array:
         value = model.log_observation(x, *data)
         return value + log_prior(x) if posterior else value
 
-    def layer(members: Members, rng_key: jax.Array) -> tuple[Members, jax.Array]:
+    def layer(members: Members, rng_key: Array) -> tuple[Members, Array]:
         factor = 1.0 if posterior else _noise_factor(members.values, layers.noise_follows)
         moved, rate = demc_update(rng_key, members, log_density, layers.moves, noise_factor=factor)
         return moved if posterior else jax.tree.map(lambda old, new: jnp.where(flat, old, new), members, moved), rate
@@ -212,7 +213,7 @@ def _evolve(
     return _Evolved(members, weighted, origin, jnp.mean(rates), jnp.int32(num_particles * rounds))
 
 
-def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
+def _conclude(evolved: _Evolved, ancestors: Array, previous: DEMCState | None, posterior: bool) -> tuple[DEMCState, Info]:
     members, predicted, origin, acceptance, num_likelihood = evolved
     possible = members.values > -jnp.inf
     last = normalise(jnp.where(possible, 0.0, -jnp.inf) if posterior else members.values)
@@ -230,10 +231,10 @@ def _conclude(evolved: _Evolved, ancestors: jax.Array, previous: DEMCState | Non
     return DEMCState(members.positions, last.log_weights, best, velocity), info
 
 
-def _noise_factor(values: jax.Array, follows: str) -> jax.Array:
+def _noise_factor(values: Array, follows: str) -> Array:
     survival = jnp.maximum(normalise(values).ess, 1.0) / values.shape[0]
     return {"survival": survival, "degeneracy": 1.0 / survival, "nothing": jnp.ones_like(survival)}[follows]
 
 
-def _safe(values: jax.Array) -> jax.Array:
+def _safe(values: Array) -> Array:
     return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)

@@ -4,9 +4,10 @@ r"""The guided and the auxiliary particle filter: proposals that have seen the f
 doi:10.1023/A:1008935410038); the auxiliary filter also resamples by what the data say of each ancestor, \lambda.
 
 The ready-made proposal, and \lambda, are from a local linearisation of the model (:mod:`poseppl.filters.local_proposal`),
-optimal for linear Gaussian programs; a user's own is a NumPyro program (:class:`~poseppl.program.proposal.Proposal`). The
-estimate of the evidence is unbiased with any proposal that is positive where the posterior is; how much it varies is another
-matter: a proposal with lighter tails than the posterior makes rare, huge weights.
+optimal for linear Gaussian programs; of a state with finite sites only the real ones are linearised, given the finite ones
+(:mod:`poseppl.filters.conditional_proposal`). A user's own is a NumPyro program (:class:`~poseppl.program.proposal.Proposal`).
+The estimate of the evidence is unbiased with any proposal that is positive where the posterior is; how much it varies is
+another matter: a proposal with lighter tails than the posterior makes rare, huge weights.
 """
 
 from __future__ import annotations
@@ -15,9 +16,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
+from poseppl.errors import UnsuitableModelError
 from poseppl.filters.adaptive_resampling import adaptive_resampling
 from poseppl.filters.base import Filter
+from poseppl.filters.conditional_proposal import conditional_draw
 from poseppl.filters.local_proposal import local_proposal
 from poseppl.filters.sequential_monte_carlo import Draw, Lookahead, smc_filter
 from poseppl.particles.keys import particle_keys
@@ -40,8 +44,8 @@ def guided_filter(
     """The guided or auxiliary particle filter: particles are drawn from a linearisation that has seen the frame.
 
     Args:
-        model: The compiled model; without a `proposal`, or with `auxiliary`, its sites over the real line and its initial and
-            transition programs with Gaussian moments.
+        model: The compiled model; without a `proposal`, or with `auxiliary`, its sites over the real line or (without
+            `auxiliary`) finite, and its initial and transition programs with Gaussian moments of the real ones.
         num_particles: N, at least 1.
         proposal: Programs to draw from; a local linearisation of the model if None.
         auxiliary: Whether ancestors are chosen by what the data say of them.
@@ -55,10 +59,17 @@ def guided_filter(
 
     Raises:
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
+        UnsuitableModelError: `auxiliary` for a model with finite sites.
     """
+    if auxiliary and model.finite_sites:
+        raise UnsuitableModelError(
+            f"The auxiliary filter linearises whole states, and {model.finite_sites[0]!r} takes integers. Leave auxiliary out."
+        )
 
-    def propose(previous: jax.Array | None, observation: Observation, inputs: Any) -> Lookahead:
+    def propose(previous: Array | None, observation: Observation, inputs: Any) -> Lookahead:
         frame = previous, observation, inputs
+        if proposal is None and model.finite_sites:
+            return Lookahead(_given_finite(model, *frame, num_particles), None, num_particles)
         if proposal is None:
             lookahead = _linearised(model, num_particles, *frame)
         elif auxiliary and previous is not None:
@@ -71,7 +82,7 @@ def guided_filter(
 
 
 def _linearised(
-    model: CompiledModel, num_particles: int, previous: jax.Array | None, observation: Observation, inputs: Any
+    model: CompiledModel, num_particles: int, previous: Array | None, observation: Observation, inputs: Any
 ) -> Lookahead:
     """Proposals around the predictions of the particles; at the first frame one for all."""
     if previous is None:
@@ -82,14 +93,24 @@ def _linearised(
     return Lookahead(local.draw, local.log_predictive, num_particles)
 
 
-def _program(
-    model: CompiledModel, proposal: Proposal, previous: jax.Array | None, observation: Observation, inputs: Any
+def _given_finite(
+    model: CompiledModel, previous: Array | None, observation: Observation, inputs: Any, num_particles: int
 ) -> Draw:
+    """Draws of finite sites from the program, and of the real ones around the prediction that is made given these."""
+
+    def draw(rng_key: Array, ancestors: Array) -> tuple[Array, Array]:
+        keys = jax.random.split(rng_key, num_particles)
+        return conditional_draw(model, keys, None if previous is None else previous[ancestors], observation, inputs)
+
+    return draw
+
+
+def _program(model: CompiledModel, proposal: Proposal, previous: Array | None, observation: Observation, inputs: Any) -> Draw:
     """Draws from a user's program."""
     build = propose_initial if previous is None else propose_transition
     proposing = build(model, proposal, observation, inputs)
 
-    def draw(rng_key: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def draw(rng_key: Array, ancestors: Array) -> tuple[Array, Array]:
         before = () if previous is None else (previous[ancestors],)
         particles = jax.vmap(proposing.sample)(particle_keys(rng_key, ancestors.shape[0]), *before)
         return particles, jax.vmap(proposing.log_density)(particles, *before)

@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.sequential_monte_carlo import ParticleState
@@ -44,18 +45,16 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
     values = jnp.asarray(state_values(model), jnp.result_type(float))
     count = values.shape[0]
 
-    def update(log_prior: jax.Array, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
+    def update(log_prior: Array, observation: Observation, inputs: Any) -> tuple[ParticleState, Info]:
         weighed = weigh(log_prior, log_likelihoods(model, values, observation, inputs))
         # nothing is drawn: the ESS is the number of values
         info = filter_info(weighed.log_evidence, count, count, weighed.failed, num_likelihood=count)
         return ParticleState(values.astype(weighed.log_weights.dtype), weighed.log_weights), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         return update(log_initials(model, values, inputs), observation, inputs)
 
-    def step(
-        rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
-    ) -> tuple[ParticleState, Info]:
+    def step(rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         terms = log_transition_matrix(model, values, values, inputs) + state.log_weights
         return update(jax.nn.logsumexp(terms, axis=1), observation, inputs)
 
@@ -70,7 +69,7 @@ def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
     """
     choices: list[range] = []
     for name, site in model.sites.items():
-        bounds = _bounds(site.support) if site.discrete else None
+        bounds = integer_bounds(site.support) if site.discrete else None
         if bounds is None:
             raise ValueError(
                 f"Site {name!r} has support {site.support}. Expected finitely many integers (Categorical, Bernoulli, "
@@ -83,7 +82,7 @@ def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
     return np.array(list(itertools.product(*choices)), float)
 
 
-def _bounds(support: Any) -> tuple[int, int] | None:
+def integer_bounds(support: Any) -> tuple[int, int] | None:
     """Least and largest integer of a support, if it has them."""
     while hasattr(support, "base_constraint"):
         support = support.base_constraint

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info, filter_info
@@ -40,8 +41,8 @@ class _Prediction(NamedTuple):
     """A frame before its data: `log_density` of a state, and its mean (d,) and covariance (d, d)."""
 
     log_density: LogDensity
-    mean: jax.Array
-    covariance: jax.Array
+    mean: Array
+    covariance: Array
 
 
 @built_once
@@ -51,7 +52,7 @@ def hmc_filter(
     settings: HMCSettings = PAPER,
     *,
     dense_mass: bool = False,
-    curvature: jax.Array | None = None,
+    curvature: Array | None = None,
     resampling: Scheme = "systematic",
 ) -> Filter:
     """The HMC filter of Choo and Fleet 2001: the temporal prior is a mixture over the last state of every chain.
@@ -72,10 +73,10 @@ def hmc_filter(
     scheme = resampling_scheme(resampling)
 
     def run(
-        rng_key: jax.Array,
-        proposals: jax.Array,
+        rng_key: Array,
+        proposals: Array,
         predicted: _Prediction,
-        log_step_size: jax.Array,
+        log_step_size: Array,
         observation: Observation,
         inputs: Any,
     ) -> tuple[ChainState, Info]:
@@ -87,7 +88,7 @@ def hmc_filter(
         ancestors = scheme(key_resample, weights, num_chains)
         transform = _whitening(model, predicted, seen, inputs, dense_mass, curvature)
 
-        def log_density(z: jax.Array) -> jax.Array:
+        def log_density(z: Array) -> Array:
             x = transform.to_state(z)
             return model.log_observation(x, seen, inputs) + predicted.log_density(x)
 
@@ -105,14 +106,14 @@ def hmc_filter(
         )
         return chain_state(transform.to_state(chains.draws), chains.log_step_size), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         predicted = _Prediction(lambda x: model.log_initial(x, inputs), *model.initial_moments(inputs))
         proposals = draw_initial(model, jax.random.split(key_draw, num_chains), inputs)
         start = jnp.log(jnp.asarray(settings.step_size, proposals.dtype))
         return run(key_run, proposals, predicted, start, observation, inputs)
 
-    def step(rng_key: jax.Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
+    def step(rng_key: Array, state: ChainState, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
         key_draw, key_run = jax.random.split(rng_key)
         last = state.particles[:, -1]
         proposals = propagate(model, jax.random.split(key_draw, num_chains), last, inputs)
@@ -130,7 +131,7 @@ def _whitening(
     observation: Observation,
     inputs: Any,
     dense: bool,
-    curvature: jax.Array | None,
+    curvature: Array | None,
 ) -> Whitening:
     """Coordinates in which Eq. 17's step sizes are all epsilon."""
     mean = predicted.mean

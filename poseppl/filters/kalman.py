@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
@@ -34,10 +35,10 @@ class KalmanState(NamedTuple):
         started: Whether there has been a frame, a boolean; before the first one `posterior` is that of the initial program.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
+    particles: Array
+    log_weights: Array
     posterior: Gaussian
-    started: jax.Array
+    started: Array
 
 
 @built_once
@@ -63,7 +64,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
         return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
 
-    def step(rng_key: jax.Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+    def step(rng_key: Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
         # both are finite at every frame, and with them the gradient of the one that is not chosen
         initial, moved = Gaussian(*model.initial_moments(inputs)), predict(state.posterior, linear)
@@ -76,7 +77,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
         return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
         return step(rng_key, initial_state(observation, inputs), observation, inputs)
 
     return Filter(init, step, initial_state=initial_state, closed_form=True)
@@ -84,7 +85,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
 
 def update(
     model: CompiledModel, predicted: Gaussian, observation: Observation, inputs: Any, method: Method
-) -> tuple[Gaussian, jax.Array, jax.Array]:
+) -> tuple[Gaussian, Array, Array]:
     """Condition a prediction on a frame's data.
 
     Returns:

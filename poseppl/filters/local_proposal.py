@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
+from jax import Array
 
+from poseppl.gaussians.gaussian import lower_inverse
 from poseppl.particles.keys import particle_keys
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.dependence import output_dependence
 
-Moments = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
+Moments = Callable[[Array], tuple[Array, Array]]
 
 
 class LocalProposal(NamedTuple):
@@ -37,12 +38,12 @@ class LocalProposal(NamedTuple):
         log_det: log |S|, (N,) or a scalar.
     """
 
-    means: jax.Array
-    scales: jax.Array
-    log_predictive: jax.Array
-    log_det: jax.Array
+    means: Array
+    scales: Array
+    log_predictive: Array
+    log_det: Array
 
-    def draw(self, rng_key: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def draw(self, rng_key: Array, ancestors: Array) -> tuple[Array, Array]:
         """Draw states (N, d) around the means of the ancestors (N,), and their log-densities (N,)."""
         means = self.means[ancestors]
         keys = particle_keys(rng_key, means.shape[0])
@@ -56,7 +57,7 @@ class LocalProposal(NamedTuple):
 
 
 def local_proposal(
-    model: CompiledModel, moments: Moments, previous: jax.Array, observation: Observation, inputs: Any
+    model: CompiledModel, moments: Moments, previous: Array, observation: Observation, inputs: Any
 ) -> LocalProposal:
     """Linearise around the predictions of N particles.
 
@@ -72,7 +73,7 @@ def local_proposal(
     usable = jnp.isfinite(log_likelihood) & jnp.all(jnp.isfinite(gradients), 1)
     gradients = jnp.where(usable[:, None], gradients, 0.0)
 
-    def scale_of(before: jax.Array, at: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def scale_of(before: Array, at: Array) -> tuple[Array, Array, Array]:
         return _scale(moments(before)[1], model.observation_information(at, observation, inputs))
 
     if _is_constant(lambda x: (moments(x)[1], model.observation_information(x, observation, inputs)), means[0]):
@@ -85,7 +86,7 @@ def local_proposal(
     return LocalProposal(means + shifts, scales, _finite(jnp.where(usable, log_predictive, -jnp.inf)), log_det)
 
 
-def _scale(covariance: jax.Array, information: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _scale(covariance: Array, information: Array) -> tuple[Array, Array, Array]:
     """Square root S of (Q^-1 + I)^-1, its log-determinant, and log |1 + Q I| / 2.
 
     An information that is not finite is left out: the proposal is then the prediction.
@@ -94,17 +95,17 @@ def _scale(covariance: jax.Array, information: jax.Array) -> tuple[jax.Array, ja
     lower = jnp.linalg.cholesky(covariance)
     eye = jnp.eye(lower.shape[0], dtype=lower.dtype)
     factor = jnp.linalg.cholesky(eye + lower.T @ information @ lower)
-    scale = lower @ solve_triangular(factor, eye, lower=True).T
+    scale = lower @ lower_inverse(factor).T
     half_log_ratio = jnp.sum(jnp.log(jnp.diagonal(factor)))
     return scale, jnp.sum(jnp.log(jnp.diagonal(lower))) - half_log_ratio, half_log_ratio
 
 
-def _is_constant(function: Callable[[jax.Array], Any], x: jax.Array) -> bool:
+def _is_constant(function: Callable[[Array], Any], x: Array) -> bool:
     closed = jax.make_jaxpr(lambda x: jax.tree.leaves(function(x)))(x)
     return not any(output_dependence(closed, [frozenset({0})]))
 
 
-def _finite(log_predictive: jax.Array) -> jax.Array:
+def _finite(log_predictive: Array) -> Array:
     """The values with the least finite one in place of those that are not; zeros where none is."""
     finite = jnp.isfinite(log_predictive)
     least = jnp.min(jnp.where(finite, log_predictive, jnp.inf))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.filters.chains import LogDensity
 from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
@@ -29,16 +30,16 @@ class ModeChains(NamedTuple):
         chains: The chains in whitened coordinates.
     """
 
-    draws: jax.Array
-    log_weights: jax.Array
+    draws: Array
+    log_weights: Array
     chains: Chains
 
 
 def chains_from_modes(
-    rng_key: jax.Array,
+    rng_key: Array,
     modes: Modes,
     log_density: LogDensity,
-    log_step_size: jax.Array,
+    log_step_size: Array,
     num_chains: int,
     settings: HMCSettings,
 ) -> ModeChains:
@@ -62,7 +63,7 @@ def chains_from_modes(
     return ModeChains(transform.to_state(chains.draws), log_weights, chains)
 
 
-def share_out(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Array, jax.Array]:
+def share_out(rng_key: Array, modes: Modes, num_chains: int) -> tuple[Array, Array]:
     """Choose the mode of each chain (M,), and the chains' log-weights (M,).
 
     Chains are given to modes by a power below one of their masses, with as little chance as their number allows, and weigh what
@@ -79,7 +80,7 @@ def share_out(rng_key: jax.Array, modes: Modes, num_chains: int) -> tuple[jax.Ar
     return chosen, jax.nn.log_softmax(jnp.where(jnp.isfinite(weights), weights, 0.0))
 
 
-def start_chains(rng_key: jax.Array, modes: Modes, chosen: jax.Array, log_density: LogDensity) -> jax.Array:
+def start_chains(rng_key: Array, modes: Modes, chosen: Array, log_density: LogDensity) -> Array:
     """Starts (M, d) of chains in their chosen modes (M,).
 
     Each chain picks one of a few draws from its mode's Laplace approximation, by importance: where the posterior bends, some of

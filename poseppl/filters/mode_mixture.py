@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.gaussians.gaussian import Gaussian, precision_of
 from poseppl.gaussians.linearisation import linearise, predict
@@ -24,12 +25,10 @@ _EVENNESS = 0.5
 """Starts are shared among modes in proportion to this power of their weights: a lesser mode gets more than its share."""
 
 
-def predicted_modes(
-    model: CompiledModel, modes: GaussianMixture, first: jax.Array, inputs: Any
-) -> tuple[GaussianMixture, jax.Array]:
+def predicted_modes(model: CompiledModel, modes: GaussianMixture, first: Array, inputs: Any) -> tuple[GaussianMixture, Array]:
     """The prior of a frame, and the dynamical noise (d, d) at its best mode; both of the initial program at the first one."""
 
-    def move(mean: jax.Array, covariance: jax.Array) -> tuple[Gaussian, jax.Array]:
+    def move(mean: Array, covariance: Array) -> tuple[Gaussian, Array]:
         past = Gaussian(mean, covariance)
         linear = linearise(lambda x: model.transition_moments(x, inputs), past, "first-order")
         return predict(past, linear), linear.noise
@@ -62,12 +61,12 @@ def prior_density(modes: GaussianMixture, *, closest: bool) -> tuple[LogDensity,
 
 
 def mode_starts(
-    rng_key: jax.Array,
+    rng_key: Array,
     modes: GaussianMixture,
     num_starts: int,
     proposal: Callable[[int], ModeProposal],
-    jumps: Callable[[jax.Array], jax.Array] | None,
-) -> jax.Array:
+    jumps: Callable[[Array], Array] | None,
+) -> Array:
     """Starts (S, d) of climbs: the means of all K modes, then what each proposes, by the modes' weights.
 
     Args:
@@ -93,13 +92,13 @@ def mode_starts(
 
 
 def draw_modes(
-    rng_key: jax.Array,
+    rng_key: Array,
     modes: GaussianMixture,
     num_draws: int,
     constraints: Constraints | None,
     found: FaceModes,
-    failed: jax.Array,
-) -> jax.Array:
+    failed: Array,
+) -> Array:
     """Draws (N, d) from modes, each by its weight: of those on a constraint inside of it, of others folded back at the bounds.
 
     Args:
@@ -123,9 +122,7 @@ def draw_modes(
     return _folded(jnp.where(cut[:, None], inside, draws), constraints)
 
 
-def _draw_inside(
-    rng_key: jax.Array, found: FaceModes, constraints: Constraints, noise: jax.Array, chosen: jax.Array
-) -> jax.Array:
+def _draw_inside(rng_key: Array, found: FaceModes, constraints: Constraints, noise: Array, chosen: Array) -> Array:
     """Draws (N, d) on the free face, moved inside by a draw of the distance from each active constraint."""
     offset = jnp.einsum("nij,nj->ni", found.scales[chosen], noise)
     # what the Gaussian has of each distance is taken away, and that of the cut density put in its place
@@ -136,7 +133,7 @@ def _draw_inside(
     return found.states[chosen] + offset + jnp.einsum("nij,nj->ni", found.inward[chosen], inward)
 
 
-def _folded(states: jax.Array, constraints: Constraints) -> jax.Array:
+def _folded(states: Array, constraints: Constraints) -> Array:
     """States (N, d), those beyond a bound mirrored at it."""
     inside = constraints.lower + jnp.abs(states - constraints.lower)
     inside = jnp.where(jnp.isfinite(constraints.lower), inside, states)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
+from jax import Array
 
 from poseppl.filters.adaptive_resampling import adaptive_resampling
 from poseppl.filters.base import Filter
@@ -39,8 +39,8 @@ def particle_filter(
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
     """
 
-    def propose(previous: jax.Array | None, observation: Observation, inputs: Any) -> Lookahead:
-        def draw(rng_key: jax.Array, ancestors: jax.Array) -> tuple[jax.Array, None]:
+    def propose(previous: Array | None, observation: Observation, inputs: Any) -> Lookahead:
+        def draw(rng_key: Array, ancestors: Array) -> tuple[Array, None]:
             keys = particle_keys(rng_key, num_particles)
             if previous is None:
                 return draw_initial(model, keys, inputs), None

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.filters.adaptive_resampling import AdaptiveResampling, Ancestry
 from poseppl.filters.base import Filter, Info, filter_info
@@ -38,11 +39,11 @@ class ParticleState(NamedTuple):
         log_weights: Normalised log-weights (N,).
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
+    particles: Array
+    log_weights: Array
 
 
-Draw = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array | None]]
+Draw = Callable[[Array, Array], tuple[Array, Array | None]]
 """`(rng_key, ancestors (N,)) -> states (N, d) and their log-densities (N,)`; the latter None where the proposal is the
 transition, whose density then cancels."""
 
@@ -57,11 +58,11 @@ class Lookahead(NamedTuple):
     """
 
     draw: Draw
-    log_predictive: jax.Array | None = None
+    log_predictive: Array | None = None
     num_gradient: int = 0
 
 
-Propose = Callable[[jax.Array | None, Observation, Any], Lookahead]
+Propose = Callable[[Array | None, Observation, Any], Lookahead]
 """`(particles, observation, inputs) -> Lookahead`; particles of the frame before (N, d), or None at the first frame."""
 
 
@@ -79,8 +80,8 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
     """
 
     def update(
-        rng_key: jax.Array,
-        previous: jax.Array | None,
+        rng_key: Array,
+        previous: Array | None,
         lookahead: Lookahead,
         ancestry: Ancestry,
         observation: Observation,
@@ -105,14 +106,12 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
         )
         return ParticleState(particles, weighed.log_weights), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         uniform = jnp.full(adaptive.num_particles, -jnp.log(adaptive.num_particles))
         lookahead = propose(None, observation, inputs)
         return update(rng_key, None, lookahead, adaptive.keep(uniform), observation, inputs)
 
-    def step(
-        rng_key: jax.Array, state: ParticleState, observation: Observation, inputs: Any = None
-    ) -> tuple[ParticleState, Info]:
+    def step(rng_key: Array, state: ParticleState, observation: Observation, inputs: Any = None) -> tuple[ParticleState, Info]:
         key_resample, key_predict = jax.random.split(rng_key)
         lookahead = propose(state.particles, observation, inputs)
         ancestry = adaptive.choose(key_resample, state.log_weights, lookahead.log_predictive)

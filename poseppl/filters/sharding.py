@@ -25,6 +25,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
 from poseppl.filters.base import Filter, Info
@@ -66,11 +67,11 @@ def sharded(filter: Filter, devices: int | Sequence[jax.Device]) -> Filter:
     def kept(state: Any) -> Any:
         return constrain(state, shardings(state))
 
-    def init(rng_key: jax.Array, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
         state, info = filter.init(rng_key, observation, inputs)
         return kept(state), info
 
-    def step(rng_key: jax.Array, state: Any, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+    def step(rng_key: Array, state: Any, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
         state, info = filter.step(rng_key, kept(state), observation, inputs)
         return kept(state), info
 

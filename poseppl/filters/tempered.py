@@ -28,6 +28,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info
@@ -50,9 +51,9 @@ class TemperedState(NamedTuple):
         log_step_size: The adapted log step size of the moves.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    log_step_size: jax.Array
+    particles: Array
+    log_weights: Array
+    log_step_size: Array
 
 
 class _Prior(NamedTuple):
@@ -64,7 +65,7 @@ class _Prior(NamedTuple):
         log_density: Of a state, given its context.
     """
 
-    draw: Callable[[jax.Array], jax.Array]
+    draw: Callable[[Array], Array]
     contexts: Any
     log_density: ConditionalDensity
 
@@ -111,9 +112,7 @@ def tempered_filter(
 
     spread = partial(_prior_covariance, needed=moves.kernel == "random-walk" and whiten, given_ancestor=target == "ancestor")
 
-    def cool(
-        rng_keys: Iterable[jax.Array], prior: _Prior, log_step_size: jax.Array, observation: Observation, inputs: Any
-    ) -> Tempered:
+    def cool(rng_keys: Iterable[Array], prior: _Prior, log_step_size: Array, observation: Observation, inputs: Any) -> Tempered:
         key_draw, key_other, key_run = rng_keys
         particles = prior.draw(key_draw)
         return temper(
@@ -127,27 +126,25 @@ def tempered_filter(
             settings,
         )
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
         prior = _initial_prior(model, num_particles, inputs)
         step_size = jnp.log(jnp.asarray(moves.step_size, jnp.result_type(float)))
         tempered = cool(jax.random.split(rng_key, 3), prior, step_size, observation, inputs)
-        return _state(tempered), _info(tempered, tempered.ancestors)
+        return _state(model, tempered), _info(tempered, tempered.ancestors)
 
-    def step(
-        rng_key: jax.Array, state: TemperedState, observation: Observation, inputs: Any = None
-    ) -> tuple[TemperedState, Info]:
+    def step(rng_key: Array, state: TemperedState, observation: Observation, inputs: Any = None) -> tuple[TemperedState, Info]:
         *keys, key_ancestors = jax.random.split(rng_key, 4)
         prior = _transition_prior(model, state.particles, inputs, target)
         tempered = cool(keys, prior, state.log_step_size, observation, inputs)
         if target == "ancestor":
-            return _state(tempered), _info(tempered, tempered.ancestors)
+            return _state(model, tempered), _info(tempered, tempered.ancestors)
         ancestors = _draw_ancestors(key_ancestors, model, tempered.particles, state.particles, inputs)
-        return _state(tempered), _info(tempered, ancestors)
+        return _state(model, tempered), _info(tempered, ancestors)
 
     return Filter(init, step, genealogy=True)
 
 
-def _prior_covariance(particles: jax.Array, draw: Callable[[], jax.Array], *, needed: bool, given_ancestor: bool) -> jax.Array:
+def _prior_covariance(particles: Array, draw: Callable[[], Array], *, needed: bool, given_ancestor: bool) -> Array:
     """Half the mean square of what two draws differ by, of the same ancestor or of any two."""
     if not needed:
         return jnp.zeros((particles.shape[1],) * 2, particles.dtype)
@@ -156,17 +153,17 @@ def _prior_covariance(particles: jax.Array, draw: Callable[[], jax.Array], *, ne
 
 
 def _initial_prior(model: CompiledModel, num_particles: int, inputs: Any) -> _Prior:
-    def draw(rng_key: jax.Array) -> jax.Array:
+    def draw(rng_key: Array) -> Array:
         return draw_initial(model, jax.random.split(rng_key, num_particles), inputs)
 
     return _Prior(draw, None, lambda x, _: model.log_initial(x, inputs))
 
 
-def _transition_prior(model: CompiledModel, previous: jax.Array, inputs: Any, target: Target) -> _Prior:
-    def draw(rng_key: jax.Array) -> jax.Array:
+def _transition_prior(model: CompiledModel, previous: Array, inputs: Any, target: Target) -> _Prior:
+    def draw(rng_key: Array) -> Array:
         return propagate(model, jax.random.split(rng_key, len(previous)), previous, inputs)
 
-    def log_density(x: jax.Array, ancestor: jax.Array) -> jax.Array:
+    def log_density(x: Array, ancestor: Array) -> Array:
         if target == "ancestor":
             return model.log_transition(x, ancestor, inputs)
         return log_prediction(model, x, previous, inputs)
@@ -174,23 +171,24 @@ def _transition_prior(model: CompiledModel, previous: jax.Array, inputs: Any, ta
     return _Prior(draw, previous, log_density)
 
 
-def _draw_ancestors(
-    rng_key: jax.Array, model: CompiledModel, particles: jax.Array, previous: jax.Array, inputs: Any
-) -> jax.Array:
+def _draw_ancestors(rng_key: Array, model: CompiledModel, particles: Array, previous: Array, inputs: Any) -> Array:
     """An ancestor of each particle (N,), in proportion to p(x_i | x_(t-1)^j)."""
     keys = jax.random.split(rng_key, particles.shape[0])
     draw: Any = jax.vmap(lambda k, x: jax.random.categorical(k, log_transitions_into(model, x, previous, inputs)))
-    ancestors: jax.Array = draw(keys, particles)
+    ancestors: Array = draw(keys, particles)
     return ancestors.astype(jnp.int32)
 
 
-def _state(tempered: Tempered) -> TemperedState:
+def _state(model: CompiledModel, tempered: Tempered) -> TemperedState:
+    """The state; what takes integers, and was moved as a real number, is the integer that it stands for."""
     count = tempered.particles.shape[0]
     uniform = jnp.full(count, -jnp.log(count), tempered.particles.dtype)
-    return TemperedState(tempered.particles, uniform, tempered.log_step_size)
+    finite = jnp.asarray(model.finite_coordinates)
+    particles = jnp.where(finite, jnp.round(tempered.particles), tempered.particles)
+    return TemperedState(particles, uniform, tempered.log_step_size)
 
 
-def _info(tempered: Tempered, ancestors: jax.Array) -> Info:
+def _info(tempered: Tempered, ancestors: Array) -> Info:
     return filter_info(
         tempered.log_evidence,
         jnp.min(tempered.ess),

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.kernels.laplace import Whitening
 from poseppl.kernels.moves import (
@@ -82,21 +83,21 @@ class Tempered(NamedTuple):
         num_gradient: Evaluations of its gradient, int32.
     """
 
-    particles: jax.Array
-    ancestors: jax.Array
-    log_evidence: jax.Array
-    failed: jax.Array
-    temperatures: jax.Array
-    ess: jax.Array
-    num_temperatures: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    log_step_size: jax.Array
-    num_likelihood: jax.Array
-    num_gradient: jax.Array
+    particles: Array
+    ancestors: Array
+    log_evidence: Array
+    failed: Array
+    temperatures: Array
+    ess: Array
+    num_temperatures: Array
+    acceptance: Array
+    divergences: Array
+    log_step_size: Array
+    num_likelihood: Array
+    num_gradient: Array
 
 
-def next_increment(log_likelihoods: jax.Array, ess_target: float, limit: jax.Array) -> jax.Array:
+def next_increment(log_likelihoods: Array, ess_target: float, limit: Array) -> Array:
     """The largest delta up to `limit` at which the weights exp(delta * log_likelihoods) have the ESS asked for.
 
     Args:
@@ -106,7 +107,7 @@ def next_increment(log_likelihoods: jax.Array, ess_target: float, limit: jax.Arr
     """
     goal = ess_target * jnp.sum(jnp.isfinite(log_likelihoods))
 
-    def halve(_: int, bracket: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = bracket
         middle = 0.5 * (low + high)
         enough = effective_sample_size(middle * log_likelihoods) >= goal
@@ -119,13 +120,13 @@ def next_increment(log_likelihoods: jax.Array, ess_target: float, limit: jax.Arr
 
 
 def temper(
-    rng_key: jax.Array,
-    particles: jax.Array,
+    rng_key: Array,
+    particles: Array,
     contexts: Any,
     log_prior: ConditionalDensity,
-    log_likelihood: Callable[[jax.Array], jax.Array],
-    prior_covariance: jax.Array,
-    log_step_size: jax.Array,
+    log_likelihood: Callable[[Array], Array],
+    prior_covariance: Array,
+    log_step_size: Array,
     settings: Tempering,
 ) -> Tempered:
     """Temper draws of a prior into draws of its posterior.
@@ -146,16 +147,16 @@ def temper(
     if settings.chain_length > 1:
         moves = moves._replace(num_moves=settings.chain_length - 1)
 
-    def likelihood(x: jax.Array) -> jax.Array:
+    def likelihood(x: Array) -> Array:
         value = log_likelihood(x)
         return jnp.where(jnp.isnan(value) | jnp.isposinf(value), -jnp.inf, value)
 
-    def unfinished(carry: tuple[jax.Array, Tempered]) -> jax.Array:
+    def unfinished(carry: tuple[Array, Tempered]) -> Array:
         run = carry[1]
         cooled = (run.num_temperatures > 0) & (run.temperatures[run.num_temperatures - 1] == 1.0)
         return ~run.failed & ~cooled & (run.num_temperatures < cap)
 
-    def cool(carry: tuple[jax.Array, Tempered]) -> tuple[jax.Array, Tempered]:
+    def cool(carry: tuple[Array, Tempered]) -> tuple[Array, Tempered]:
         rng_key, run = carry
         rng_key, key_resample, key_move = jax.random.split(rng_key, 3)
         number = run.num_temperatures
@@ -165,7 +166,7 @@ def temper(
         chosen = settings.resampling(key_resample, weighted.log_weights, num_starts)
         ancestors = run.ancestors[chosen]
 
-        def log_density(x: jax.Array, context: Any) -> jax.Array:
+        def log_density(x: Array, context: Any) -> Array:
             return log_prior(x, context) + beta * likelihood(x)
 
         context = jax.tree.map(lambda leaf: leaf[ancestors], contexts)
@@ -199,7 +200,7 @@ def temper(
     return jax.lax.while_loop(unfinished, cool, (rng_key, start))[1]
 
 
-def _next_temperature(run: Tempered, log_likelihoods: jax.Array, settings: Tempering) -> tuple[jax.Array, jax.Array]:
+def _next_temperature(run: Tempered, log_likelihoods: Array, settings: Tempering) -> tuple[Array, Array]:
     """By how much the temperature rises, and to what; the last one takes all that is left."""
     number, cap = run.num_temperatures, len(run.temperatures)
     previous = jnp.where(number == 0, 0.0, run.temperatures[number - 1])
@@ -212,7 +213,7 @@ def _next_temperature(run: Tempered, log_likelihoods: jax.Array, settings: Tempe
     return delta, jnp.where(delta == left, 1.0, previous + delta)
 
 
-def _untempered(particles: jax.Array, log_step_size: jax.Array, max_temperatures: int) -> Tempered:
+def _untempered(particles: Array, log_step_size: Array, max_temperatures: int) -> Tempered:
     count, dtype = particles.shape[0], particles.dtype
     return Tempered(
         particles=particles,
@@ -230,7 +231,7 @@ def _untempered(particles: jax.Array, log_step_size: jax.Array, max_temperatures
     )
 
 
-def _whitening(starts: Starts, prior_covariance: jax.Array, settings: Tempering) -> Whitening:
+def _whitening(starts: Starts, prior_covariance: Array, settings: Tempering) -> Whitening:
     if not settings.whiten:
         origin = jnp.zeros_like(starts.positions[0])
         return Whitening(origin, origin + 1.0)

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER
@@ -55,10 +56,10 @@ class WindowState(NamedTuple):
         window: Summaries, data and inputs of its frames.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    log_step_size: jax.Array
-    trajectories: jax.Array
+    particles: Array
+    log_weights: Array
+    log_step_size: Array
+    trajectories: Array
     window: Window
 
 
@@ -95,7 +96,7 @@ def window_filter(
     dimension = model.dimension
 
     def run(
-        rng_key: jax.Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
+        rng_key: Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
     ) -> tuple[WindowState, Info]:
         key_climb, key_past, key_chains, key_even = jax.random.split(rng_key, 4)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
@@ -130,7 +131,7 @@ def window_filter(
         log_weights = jnp.zeros(particles.shape[:-1], particles.dtype)
         return WindowState(particles, log_weights, chains.log_step_size, trajectories, frames), info
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
         empty = empty_window(model, window, inputs)
         mean, covariance = empty.predictions.mean, empty.predictions.covariance
         nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, window, dimension))
@@ -138,13 +139,13 @@ def window_filter(
         past = WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
         return run(rng_key, past, Gaussian(mean[0], covariance[0]), observation, inputs)
 
-    def step(rng_key: jax.Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+    def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
         return run(rng_key, state, predict(model, state.particles, inputs), observation, inputs)
 
     return Filter(init, step)
 
 
-def predict(model: CompiledModel, draws: jax.Array, inputs: Any) -> Gaussian:
+def predict(model: CompiledModel, draws: Array, inputs: Any) -> Gaussian:
     """Moments of the next frame from draws (M, R, d) of this one, the spread of their means inflated."""
     means, covariances = transition_moments(model, draws.reshape(-1, draws.shape[-1]), inputs)
     mean = jnp.mean(means, 0)
@@ -160,7 +161,7 @@ def _masked(model: CompiledModel, observation: Observation) -> Observation:
     return Observation(values, observation.mask)
 
 
-def _pasts(model: CompiledModel, rng_key: jax.Array, past: WindowState, newest: jax.Array, inputs: Any) -> jax.Array:
+def _pasts(model: CompiledModel, rng_key: Array, past: WindowState, newest: Array, inputs: Any) -> Array:
     """For each state of the newest frame (S, d) the window's frames before it (S, W - 1, d).
 
     Every other one is moved as a whole, so that it leads to the newest state: from a mode that no trajectory came to, the climb
@@ -175,10 +176,10 @@ def _pasts(model: CompiledModel, rng_key: jax.Array, past: WindowState, newest: 
 
 
 def _info(
-    particles: jax.Array,
+    particles: Array,
     chains: Chains,
-    log_evidence: jax.Array,
-    failed: jax.Array,
+    log_evidence: Array,
+    failed: Array,
     window: int,
     num_starts: int,
     num_mode_steps: int,
@@ -198,7 +199,7 @@ def _info(
     )
 
 
-def covariance_inflation(draws: jax.Array) -> jax.Array:
+def covariance_inflation(draws: Array) -> Array:
     """Factor by which the inverse of the covariance of draws (M, R, d) is too large on average, from 1 to 2.
 
     It is (n - 1) / (n - d - 2) for n effective draws (Hartlap, Simon and Schneider 2007, doi:10.1051/0004-6361:20066170).

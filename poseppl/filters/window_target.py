@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.filters.chains import LogDensity
 from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, to_dense
@@ -38,7 +39,7 @@ class Window(NamedTuple):
     predictions: Gaussian
     observations: Observation
     inputs: Any
-    num_frames: jax.Array
+    num_frames: Array
 
 
 class WindowTarget(NamedTuple):
@@ -51,14 +52,14 @@ class WindowTarget(NamedTuple):
     """
 
     log_density: LogDensity
-    information: Callable[[jax.Array], jax.Array]
-    prior_precision: jax.Array
+    information: Callable[[Array], Array]
+    prior_precision: Array
 
 
 def empty_window(model: CompiledModel, size: int, inputs: Any) -> Window:
     """A window of W slots without a frame; every slot has the first frame's inputs and its initial moments."""
 
-    def repeat(leaf: Any) -> jax.Array:
+    def repeat(leaf: Any) -> Array:
         array = jnp.asarray(leaf)
         return jnp.broadcast_to(array, (size, *array.shape))
 
@@ -90,7 +91,7 @@ def window_target(model: CompiledModel, window: Window) -> WindowTarget:
     # with W + 1 frames behind it the window has left the first one
     started = (slot == first) & (window.num_frames <= size)
 
-    def log_density(flat: jax.Array) -> jax.Array:
+    def log_density(flat: Array) -> Array:
         xs = flat.reshape(size, dimension)
         summary = jnp.stack([log_normal(x) for log_normal, x in zip(summaries, xs, strict=True)])
         initial = log_initials(model, xs, begin)
@@ -99,7 +100,7 @@ def window_target(model: CompiledModel, window: Window) -> WindowTarget:
         data = jax.vmap(model.log_observation)(xs, window.observations, window.inputs)
         return total + jnp.sum(jnp.where(follows, moves, 0.0)) + jnp.sum(data)
 
-    def information(flat: jax.Array) -> jax.Array:
+    def information(flat: Array) -> Array:
         xs = flat.reshape(size, dimension)
         data = jax.vmap(model.observation_information)(xs, window.observations, window.inputs)
         blocks = jax.vmap(transition_curvature)(*jax.vmap(partial(transition_around, model))(xs[:-1], later)[1:])
@@ -110,5 +111,5 @@ def window_target(model: CompiledModel, window: Window) -> WindowTarget:
     return WindowTarget(log_density, information, to_dense(BlockTridiagonal(precisions, jnp.zeros_like(precisions[1:]))))
 
 
-def _log_normal(mean: jax.Array, covariance: jax.Array) -> LogDensity:
+def _log_normal(mean: Array, covariance: Array) -> LogDensity:
     return log_mixture(GaussianMixture(jnp.zeros(1, mean.dtype), mean[None], covariance[None]))

@@ -22,7 +22,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
+from jax import Array
+
+from poseppl.gaussians.gaussian import lower_inverse
 
 
 class BlockTridiagonal(NamedTuple):
@@ -33,8 +35,8 @@ class BlockTridiagonal(NamedTuple):
         below: B_t, the blocks of row t + 1 and column t (T - 1, d, d).
     """
 
-    diagonal: jax.Array
-    below: jax.Array
+    diagonal: Array
+    below: Array
 
 
 class BlockCholesky(NamedTuple):
@@ -45,23 +47,23 @@ class BlockCholesky(NamedTuple):
         gains: K_t, the blocks below the diagonal times W_t (T - 1, d, d).
     """
 
-    inverses: jax.Array
-    gains: jax.Array
+    inverses: Array
+    gains: Array
 
     @property
-    def log_det(self) -> jax.Array:
+    def log_det(self) -> Array:
         """The log-determinant of P, a scalar."""
         return -2.0 * jnp.sum(jnp.log(jnp.diagonal(self.inverses, axis1=1, axis2=2)))
 
 
-def multiply(matrix: BlockTridiagonal, x: jax.Array) -> jax.Array:
+def multiply(matrix: BlockTridiagonal, x: Array) -> Array:
     """P x for x (T, d)."""
     product = jnp.einsum("tij,tj->ti", matrix.diagonal, x)
     product = product.at[1:].add(jnp.einsum("tij,tj->ti", matrix.below, x[:-1]))
     return product.at[:-1].add(jnp.einsum("tji,tj->ti", matrix.below, x[1:]))
 
 
-def to_dense(matrix: BlockTridiagonal) -> jax.Array:
+def to_dense(matrix: BlockTridiagonal) -> Array:
     """The whole matrix (T d, T d)."""
     num_blocks, dimension = matrix.diagonal.shape[:2]
     frame = jnp.arange(num_blocks)
@@ -84,10 +86,10 @@ def block_cholesky(matrix: BlockTridiagonal, *, ridge: Any = 0.0) -> BlockCholes
     diagonal = matrix.diagonal * unit[:, :, None] * unit[:, None, :] + ridge * eye
     below = matrix.below * unit[1:, :, None] * unit[:-1, None, :]
 
-    def invert(block: jax.Array) -> jax.Array:
-        return solve_triangular(jnp.linalg.cholesky(block), eye, lower=True)
+    def invert(block: Array) -> Array:
+        return lower_inverse(jnp.linalg.cholesky(block))
 
-    def advance(inverse: jax.Array, blocks: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def advance(inverse: Array, blocks: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         block, beside = blocks
         lower = beside @ inverse.T
         following = invert(block - lower @ lower.T)
@@ -99,11 +101,11 @@ def block_cholesky(matrix: BlockTridiagonal, *, ridge: Any = 0.0) -> BlockCholes
     return BlockCholesky(inverses, gains / unit[1:, :, None] * unit[:-1, None, :])
 
 
-def solve_upper(factor: BlockCholesky, z: jax.Array) -> jax.Array:
+def solve_upper(factor: BlockCholesky, z: Array) -> Array:
     """L^(-T) z for z (T, d)."""
     scaled = jnp.einsum("tji,tj->ti", factor.inverses, z)
 
-    def back(x: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def back(x: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         x = row[0] - x @ row[1]
         return x, x
 
@@ -111,10 +113,10 @@ def solve_upper(factor: BlockCholesky, z: jax.Array) -> jax.Array:
     return jnp.concatenate([earlier, scaled[-1:]])
 
 
-def solve_lower(factor: BlockCholesky, b: jax.Array) -> jax.Array:
+def solve_lower(factor: BlockCholesky, b: Array) -> Array:
     """L^(-1) b for b (T, d)."""
 
-    def forward(e: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def forward(e: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         e = row[0] - row[1] @ e
         return e, e
 
@@ -122,11 +124,6 @@ def solve_lower(factor: BlockCholesky, b: jax.Array) -> jax.Array:
     return jnp.einsum("tij,tj->ti", factor.inverses, jnp.concatenate([b[:1], later]))
 
 
-def solve(factor: BlockCholesky, b: jax.Array) -> jax.Array:
+def solve(factor: BlockCholesky, b: Array) -> Array:
     """P^(-1) b for b (T, d)."""
     return solve_upper(factor, solve_lower(factor, b))
-
-
-def multiply_upper(matrix: BlockTridiagonal, factor: BlockCholesky, x: jax.Array) -> jax.Array:
-    """L^T x for x (T, d), the inverse of `solve_upper`: L^(-1) P x."""
-    return solve_lower(factor, multiply(matrix, x))

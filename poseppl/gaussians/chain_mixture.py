@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.gaussian import diagonal, inverse_root
 from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
@@ -25,10 +26,10 @@ class Fitted(NamedTuple):
     """
 
     mixture: GaussianMixture
-    residuals: jax.Array
+    residuals: Array
 
 
-def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array | None = None) -> Fitted:
+def fit_mixture(chains: Array, num_components: int, log_weights: Array | None = None) -> Fitted:
     """Fit K Gaussians to draws of M chains by expectation maximisation.
 
     Chains seldom cross from one mode of a posterior to another, so modes show as chains whose means lie far apart in units of
@@ -66,11 +67,11 @@ def fit_mixture(chains: jax.Array, num_components: int, log_weights: jax.Array |
     return Fitted(mixture, chains - (shares @ mixture.means).reshape(chains.shape))
 
 
-def _far_apart(points: jax.Array, covariance: jax.Array, number: int) -> jax.Array:
+def _far_apart(points: Array, covariance: Array, number: int) -> Array:
     """Indices of points (M, d): the one farthest from the mean, and then each the farthest from those before it."""
     white = (points - jnp.mean(points, 0)) @ inverse_root(covariance).T
 
-    def choose(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+    def choose(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], Array]:
         nearest, index = carry
         nearest = jnp.minimum(nearest, jnp.sum((white - white[index]) ** 2, 1))
         return (nearest, jnp.argmax(nearest)), index

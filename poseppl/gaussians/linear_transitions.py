@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal
 from poseppl.gaussians.gaussian import precision_of
@@ -33,16 +34,16 @@ class LinearTransitions(NamedTuple):
         precisions: S, inverse covariances (T, d, d).
     """
 
-    means: jax.Array
-    jacobians: jax.Array
-    precisions: jax.Array
+    means: Array
+    jacobians: Array
+    precisions: Array
 
 
 class Marginals(NamedTuple):
     """Covariances of a Gaussian trajectory: ``own`` (T, d, d), and ``next`` = Cov(x_(t+1), x_t) (T - 1, d, d)."""
 
-    own: jax.Array
-    next: jax.Array
+    own: Array
+    next: Array
 
 
 class Structure(NamedTuple):
@@ -69,10 +70,10 @@ def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
     """
     row = jax.tree.map(lambda a: a[0], inputs)
 
-    def moments(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def moments(x: Array) -> tuple[Array, Array]:
         return model.transition_moments(x, row)
 
-    def parts(x: jax.Array) -> Any:
+    def parts(x: Array) -> Any:
         return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
 
     closed = jax.make_jaxpr(parts)(jnp.zeros(model.dimension))
@@ -80,7 +81,7 @@ def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
     return Structure(not jacobian, not covariance)
 
 
-def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> LinearTransitions:
+def linear_transitions(model: CompiledModel, states: Array, inputs: Any) -> LinearTransitions:
     """Linearise all transitions around states (T, d).
 
     Raises:
@@ -92,7 +93,7 @@ def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> 
     if states.shape[0] == 1:
         return first
 
-    def one(x: jax.Array, row_inputs: Any) -> LinearTransitions:
+    def one(x: Array, row_inputs: Any) -> LinearTransitions:
         return transition_around(model, x, row_inputs)
 
     later = jax.vmap(one)(states[:-1], jax.tree.map(lambda a: a[1:], inputs))
@@ -100,13 +101,13 @@ def linear_transitions(model: CompiledModel, states: jax.Array, inputs: Any) -> 
     return whole
 
 
-def transition_around(model: CompiledModel, x: jax.Array, inputs: Any) -> LinearTransitions:
+def transition_around(model: CompiledModel, x: Array, inputs: Any) -> LinearTransitions:
     """Linearise one transition around the state (d,) that it starts from."""
     mean, jacobian, covariance = first_order(lambda x: model.transition_moments(x, inputs), x)
     return LinearTransitions(mean, jacobian, precision_of(covariance))
 
 
-def transition_curvature(jacobian: jax.Array, precision: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def transition_curvature(jacobian: Array, precision: Array) -> tuple[Array, Array, Array]:
     """The curvature (-F, 1)^T S (-F, 1) of a linearised transition in (x_(t-1), x_t), which is never negative.
 
     Args:
@@ -120,7 +121,7 @@ def transition_curvature(jacobian: jax.Array, precision: jax.Array) -> tuple[jax
     return jacobian.T @ pulled, -pulled, precision
 
 
-def quadratic_prior(transitions: LinearTransitions, states: jax.Array) -> tuple[BlockTridiagonal, jax.Array]:
+def quadratic_prior(transitions: LinearTransitions, states: Array) -> tuple[BlockTridiagonal, Array]:
     """J and h (T, d) around the states (T, d) that the transitions were linearised at."""
     means, jacobians, precisions = transitions
     force = jnp.einsum("tij,tj->ti", precisions, states - means)
@@ -134,7 +135,7 @@ def marginal_covariances(factor: BlockCholesky) -> Marginals:
     inverses, gains = factor
     conditional = jnp.einsum("tji,tjk->tik", inverses, inverses)
 
-    def back(following: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         own, gain = row
         covariance = own + gain.T @ following @ gain
         return covariance, (covariance, -following @ gain)

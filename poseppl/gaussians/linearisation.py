@@ -21,27 +21,28 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from poseppl.gaussians.gaussian import Gaussian
 
 Method = Literal["first-order", "unscented"]
-Conditional = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
+Conditional = Callable[[Array], tuple[Array, Array]]
 """Mean and covariance of y given x."""
 
 
 class Linear(NamedTuple):
     """A linear conditional: mean (k,) of y at the mean of x, jacobian (k, d) and noise covariance (k, k)."""
 
-    mean: jax.Array
-    jacobian: jax.Array
-    noise: jax.Array
+    mean: Array
+    jacobian: Array
+    noise: Array
 
 
-def first_order(conditional: Conditional, x: jax.Array) -> Linear:
+def first_order(conditional: Conditional, x: Array) -> Linear:
     """Linearise a conditional at a state (d,)."""
 
-    def mean(x: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def mean(x: Array) -> tuple[Array, tuple[Array, Array]]:
         moments = conditional(x)
         return moments[0], moments
 
@@ -50,7 +51,7 @@ def first_order(conditional: Conditional, x: jax.Array) -> Linear:
 
 
 def linearise(
-    conditional: Conditional, x: Gaussian, method: Method, jacobian_at: Callable[[jax.Array], jax.Array] | None = None
+    conditional: Conditional, x: Gaussian, method: Method, jacobian_at: Callable[[Array], Array] | None = None
 ) -> Linear:
     """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
@@ -79,7 +80,7 @@ def predict(x: Gaussian, linear: Linear) -> Gaussian:
     return Gaussian(linear.mean, _symmetric(linear.jacobian @ x.covariance @ linear.jacobian.T + linear.noise))
 
 
-def condition(x: Gaussian, linear: Linear, y: jax.Array, seen: jax.Array) -> tuple[Gaussian, jax.Array]:
+def condition(x: Gaussian, linear: Linear, y: Array, seen: Array) -> tuple[Gaussian, Array]:
     """Distribution of x given the seen entries of y.
 
     Args:
@@ -104,5 +105,5 @@ def condition(x: Gaussian, linear: Linear, y: jax.Array, seen: jax.Array) -> tup
     return Gaussian(x.mean + gain @ residual, covariance), log_density
 
 
-def _symmetric(matrix: jax.Array) -> jax.Array:
+def _symmetric(matrix: Array) -> Array:
     return (matrix + matrix.T) / 2

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.gaussian import diagonal, triangular_factors
 from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
@@ -24,9 +25,9 @@ from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choi
 class GaussianMixture(NamedTuple):
     """K Gaussians: ``log_weights`` (K,), -inf if empty, ``means`` (K, d), ``covariances`` (K, d, d), or (1, d, d) for all."""
 
-    log_weights: jax.Array
-    means: jax.Array
-    covariances: jax.Array
+    log_weights: Array
+    means: Array
+    covariances: Array
 
 
 class MixtureFactors(NamedTuple):
@@ -38,17 +39,17 @@ class MixtureFactors(NamedTuple):
         num_draws: Independent draws that the covariances are estimates from, a scalar; None: they are exact.
     """
 
-    scales: jax.Array
-    roots: jax.Array
-    num_draws: jax.Array | None
+    scales: Array
+    roots: Array
+    num_draws: Array | None
 
 
-def factorise_mixture(mixture: GaussianMixture, num_draws: jax.Array | None = None) -> MixtureFactors:
+def factorise_mixture(mixture: GaussianMixture, num_draws: Array | None = None) -> MixtureFactors:
     """Factorise the covariances once, for the functions of this module that would each do it."""
     return MixtureFactors(*jax.vmap(triangular_factors)(mixture.covariances), num_draws)
 
 
-def log_mixture_terms(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[jax.Array], jax.Array]:
+def log_mixture_terms(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[Array], Array]:
     """Return the log-densities (K,) of the weighted components at one state (d,); factorisations are made here, once."""
     factors = factorise_mixture(mixture) if factors is None else factors
     squared_distances, number = _squared_distances(mixture, factors), factors.num_draws
@@ -60,7 +61,7 @@ def log_mixture_terms(mixture: GaussianMixture, factors: MixtureFactors | None =
     return lambda x: constant - 0.5 * number * jnp.log1p(squared_distances(x) / (number - 1.0))
 
 
-def _squared_distances(mixture: GaussianMixture, factors: MixtureFactors) -> Callable[[jax.Array], jax.Array]:
+def _squared_distances(mixture: GaussianMixture, factors: MixtureFactors) -> Callable[[Array], Array]:
     """Return the squared distances (K,) of one state (d,) from the means, each in units of its covariance."""
     number, dimension = mixture.means.shape
     # W_k (x - m_k) = W_k (x - m_1) - W_k (m_k - m_1), so that all components are one product of matrices
@@ -69,14 +70,14 @@ def _squared_distances(mixture: GaussianMixture, factors: MixtureFactors) -> Cal
     shifts = jnp.einsum("kij,kj->ki", roots, mixture.means - centre)
     whiten = roots.reshape(number * dimension, dimension)
 
-    def squared(x: jax.Array) -> jax.Array:
+    def squared(x: Array) -> Array:
         white = (whiten @ (x - centre)).reshape(number, dimension) - shifts
         return jnp.sum(white * white, -1)
 
     return squared
 
 
-def log_mixture(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[jax.Array], jax.Array]:
+def log_mixture(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[Array], Array]:
     """Return the log-density of one state (d,)."""
     terms = log_mixture_terms(mixture, factors)
     if mixture.means.shape[0] == 1:
@@ -84,7 +85,7 @@ def log_mixture(mixture: GaussianMixture, factors: MixtureFactors | None = None)
     return lambda x: jax.nn.logsumexp(terms(x))
 
 
-def mixture_curvature(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[jax.Array], jax.Array]:
+def mixture_curvature(mixture: GaussianMixture, factors: MixtureFactors | None = None) -> Callable[[Array], Array]:
     """Return a positive definite curvature (d, d) of the negative log-density at one state.
 
     It is the components' precisions, each by the probability that the state comes from it, and where covariances are estimates
@@ -97,7 +98,7 @@ def mixture_curvature(mixture: GaussianMixture, factors: MixtureFactors | None =
         return lambda x: precisions[0]
     terms, squared_distances = log_mixture_terms(mixture, factors), _squared_distances(mixture, factors)
 
-    def curvature(x: jax.Array) -> jax.Array:
+    def curvature(x: Array) -> Array:
         pull = 1.0 if number is None else number / (number - 1.0 + squared_distances(x))
         return jnp.tensordot(jax.nn.softmax(terms(x)) * pull, precisions, 1)
 
@@ -105,8 +106,8 @@ def mixture_curvature(mixture: GaussianMixture, factors: MixtureFactors | None =
 
 
 def draw_mixture(
-    rng_key: jax.Array, mixture: GaussianMixture, num_draws: int, factors: MixtureFactors | None = None
-) -> tuple[jax.Array, jax.Array]:
+    rng_key: Array, mixture: GaussianMixture, num_draws: int, factors: MixtureFactors | None = None
+) -> tuple[Array, Array]:
     """Draw states (N, d) and tell which component each came from (N,)."""
     scales = (factorise_mixture(mixture) if factors is None else factors).scales
     noise, chances = normals_and_uniforms(rng_key, (num_draws,), mixture.means.shape[1], 1, mixture.means.dtype)

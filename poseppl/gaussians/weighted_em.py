@@ -20,6 +20,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.mixture import GaussianMixture, log_mixture_terms
 from poseppl.particles.weights import weighted_covariance
@@ -28,7 +29,7 @@ _KEPT = 1e-6
 """Share of a component that its old mean counts for: an empty one stays where it is."""
 
 
-def choose_seeds(rng_key: jax.Array, log_weights: jax.Array, num_components: int) -> tuple[jax.Array, jax.Array]:
+def choose_seeds(rng_key: Array, log_weights: Array, num_components: int) -> tuple[Array, Array]:
     """Indices (K,) of particles at or above the average weight, and which of them count (K,).
 
     Args:
@@ -44,9 +45,7 @@ def choose_seeds(rng_key: jax.Array, log_weights: jax.Array, num_components: int
     return jnp.pad(index, (0, missing)), jnp.pad(place >= 0, (0, missing))
 
 
-def fit_fixed(
-    points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, scales: jax.Array, num_steps: int
-) -> GaussianMixture:
+def fit_fixed(points: Array, weights: Array, seeds: Array, alive: Array, scales: Array, num_steps: int) -> GaussianMixture:
     """Fit weights and means of components that share one diagonal covariance.
 
     Args:
@@ -59,7 +58,7 @@ def fit_fixed(
     """
     white = points / scales
 
-    def update(state: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], None]:
+    def update(state: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
         log_weights, means = state
         logits = white @ means.T + log_weights - 0.5 * jnp.sum(means**2, -1)
         return _update_means(weights, logits, white, means), None
@@ -68,9 +67,7 @@ def fit_fixed(
     return GaussianMixture(log_weights, means * scales, jnp.diag(scales**2)[None])
 
 
-def fit_free(
-    points: jax.Array, weights: jax.Array, seeds: jax.Array, alive: jax.Array, num_steps: int, floor: jax.Array
-) -> GaussianMixture:
+def fit_free(points: Array, weights: Array, seeds: Array, alive: Array, num_steps: int, floor: Array) -> GaussianMixture:
     """Fit weights, means and covariances; arguments as in :func:`fit_fixed`, and the least variances (d,)."""
     common = weighted_covariance(points, jnp.log(weights)) + jnp.diag(floor)
     covariances = jnp.broadcast_to(common, (seeds.shape[0], *common.shape))
@@ -79,7 +76,7 @@ def fit_free(
 
 
 def fit_from(
-    start: GaussianMixture, points: jax.Array, weights: jax.Array, common: jax.Array, num_steps: int, floor: Any = 0.0
+    start: GaussianMixture, points: Array, weights: Array, common: Array, num_steps: int, floor: Any = 0.0
 ) -> GaussianMixture:
     """Fit weights, means and covariances of a mixture that is there.
 
@@ -108,13 +105,13 @@ def fit_from(
     return fitted
 
 
-def _start(weights: jax.Array, seeds: jax.Array, alive: jax.Array) -> jax.Array:
+def _start(weights: Array, seeds: Array, alive: Array) -> Array:
     """Log-weights (K,) in proportion to the seeds' own."""
     chosen = jnp.where(alive, weights[seeds], 0.0)
     return jnp.log(chosen / jnp.sum(chosen))
 
 
-def _update_means(weights: jax.Array, logits: jax.Array, points: jax.Array, means: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _update_means(weights: Array, logits: Array, points: Array, means: Array) -> tuple[Array, Array]:
     """Eqs. 18 to 20: log-weights (K,) and means (K, d)."""
     share = weights[:, None] * jax.nn.softmax(logits, axis=1)
     mass = jnp.sum(share, 0)

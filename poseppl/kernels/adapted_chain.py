@@ -14,6 +14,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice, check_fraction
 
@@ -59,19 +60,19 @@ class AdaptedChain(NamedTuple):
         num_gradient: Evaluations of the gradient, warm-up included, a float.
     """
 
-    draws: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    step_size: jax.Array
-    num_gradient: jax.Array
+    draws: Array
+    acceptance: Array
+    divergences: Array
+    step_size: Array
+    num_gradient: Array
 
 
 def adapted_chain(
-    rng_key: jax.Array,
-    start: jax.Array,
-    log_density: Callable[[jax.Array], jax.Array],
+    rng_key: Array,
+    start: Array,
+    log_density: Callable[[Array], Array],
     settings: ChainSettings,
-    num_steps: jax.Array,
+    num_steps: Array,
 ) -> AdaptedChain:
     """Run one chain; vmap it for several.
 
@@ -87,7 +88,7 @@ def adapted_chain(
         The draws after the warm-up and how it went.
     """
 
-    def safe_density(position: jax.Array) -> jax.Array:
+    def safe_density(position: Array) -> Array:
         value = log_density(position)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
@@ -99,7 +100,7 @@ def adapted_chain(
         adaptation = adaptation._replace(log_step_size_avg=adaptation.log_step_size)
 
     # warm-up and draws in one loop: the kernel is compiled once
-    def update(carry: tuple[Any, Any], row: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
+    def update(carry: tuple[Any, Any], row: tuple[Array, Array]) -> tuple[Any, Any]:
         state, adaptation = carry
         number, steps = row
         early = number < settings.num_warmup
@@ -123,13 +124,13 @@ def adapted_chain(
     )
 
 
-def trajectory_lengths(rng_key: jax.Array, settings: ChainSettings) -> jax.Array:
+def trajectory_lengths(rng_key: Array, settings: ChainSettings) -> Array:
     """Leapfrog steps of each update of "hmc" (num_warmup + num_draws,), int32."""
     shortest = (settings.num_leapfrog + 1) // 2
     return jax.random.randint(rng_key, (settings.num_warmup + settings.num_draws,), shortest, settings.num_leapfrog + 1)
 
 
-def _kernel(density: Callable[[jax.Array], jax.Array], start: jax.Array, settings: ChainSettings) -> Callable[..., Any]:
+def _kernel(density: Callable[[Array], Array], start: Array, settings: ChainSettings) -> Callable[..., Any]:
     """`(rng_key, state, step_size, num_steps) -> (state, info)`."""
     mass = jnp.ones_like(start)
     if settings.kernel == "hmc":
@@ -137,12 +138,12 @@ def _kernel(density: Callable[[jax.Array], jax.Array], start: jax.Array, setting
         return lambda key, state, step_size, steps: hmc(key, state, density, step_size, mass, steps)
     nuts: Any = blackjax.nuts.build_kernel()
 
-    def move(key: jax.Array, state: Any, step_size: jax.Array, _: jax.Array) -> Any:
+    def move(key: Array, state: Any, step_size: Array, _: Array) -> Any:
         return nuts(unchecked(key), state, density, step_size, mass, settings.max_doublings)
 
     return move
 
 
-def unchecked(rng_key: jax.Array) -> jax.Array:
+def unchecked(rng_key: Array) -> Array:
     """The key as plain data: JAX's check of key reuse takes a vmapped loop, as NUTS is, for one that uses a key twice."""
     return jax.random.key_data(rng_key)

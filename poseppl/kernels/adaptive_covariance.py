@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 _DECAY = 0.6
 _OFFSET = 10.0
@@ -31,11 +31,11 @@ class AdaptiveCovariance(NamedTuple):
         covariance: S (p, p).
     """
 
-    mean: jax.Array
-    covariance: jax.Array
+    mean: Array
+    covariance: Array
 
 
-def initial_covariance(draws: jax.Array) -> AdaptiveCovariance:
+def initial_covariance(draws: Array) -> AdaptiveCovariance:
     """Begin with the moments of rough draws (S, p), say of the prior; draws that are not finite are left out."""
     sound = jnp.all(jnp.isfinite(draws), 1, keepdims=True)
     count = jnp.maximum(jnp.sum(sound), 1)
@@ -46,7 +46,7 @@ def initial_covariance(draws: jax.Array) -> AdaptiveCovariance:
     return AdaptiveCovariance(mean, jnp.diag(jnp.where(variance > 0, variance, 1.0)))
 
 
-def learn(known: AdaptiveCovariance, positions: jax.Array, number: jax.Array) -> AdaptiveCovariance:
+def learn(known: AdaptiveCovariance, positions: Array, number: Array) -> AdaptiveCovariance:
     """Take in the positions (M, p) of all chains after update `number`, counted from 0."""
     gain = (jnp.asarray(number, positions.dtype) + _OFFSET) ** -_DECAY
     centred = positions - known.mean
@@ -55,6 +55,6 @@ def learn(known: AdaptiveCovariance, positions: jax.Array, number: jax.Array) ->
     return AdaptiveCovariance(mean, known.covariance + gain * (scatter - known.covariance))
 
 
-def ridged(covariance: jax.Array) -> jax.Array:
+def ridged(covariance: Array) -> Array:
     """The covariance (p, p) with a small ridge, positive definite."""
     return covariance + jnp.diag(_RIDGE * jnp.diagonal(covariance) + _SMALLEST)

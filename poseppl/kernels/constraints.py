@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 _SWEEPS = 30
 """Rounds of projections that make a start feasible."""
@@ -22,41 +23,41 @@ class Constraints(NamedTuple):
         limits: Shape (m,).
     """
 
-    lower: jax.Array
-    upper: jax.Array
-    rows: jax.Array
-    limits: jax.Array
+    lower: Array
+    upper: Array
+    rows: Array
+    limits: Array
 
-    def normals(self, x: jax.Array) -> jax.Array:
+    def normals(self, x: Array) -> Array:
         """Outward normals (d + m, d): of the bound of each coordinate that a state (d,) is nearer to, and of the rows."""
         at_upper = self.upper - x < x - self.lower
         return jnp.concatenate([jnp.diag(jnp.where(at_upper, 1.0, -1.0).astype(x.dtype)), self.rows])
 
-    def slacks(self, x: jax.Array) -> jax.Array:
+    def slacks(self, x: Array) -> Array:
         """Distances (d + m,) of a state (d,) from the nearer bounds, and from the rows in their own units; negative beyond."""
         return jnp.concatenate([jnp.minimum(x - self.lower, self.upper - x), self.limits - self.rows @ x])
 
-    def row_tolerance(self, x: jax.Array) -> jax.Array:
+    def row_tolerance(self, x: Array) -> Array:
         """Slacks of the rows (m,) that count as none: what rounding makes of them."""
         size = jnp.abs(self.rows) @ jnp.abs(x) + jnp.abs(self.limits)
         return float(32 * np.finfo(x.dtype).eps) * size
 
-    def project(self, x: jax.Array) -> jax.Array:
+    def project(self, x: Array) -> Array:
         """A state (d,) that keeps to the bounds, and to the rows as far as cyclic projections go: a start of a search."""
         if not self.rows.shape[0]:
             return jnp.clip(x, self.lower, self.upper)
 
-        def onto(x: jax.Array, row: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, None]:
+        def onto(x: Array, row: tuple[Array, Array]) -> tuple[Array, None]:
             normal, limit = row
             excess = jnp.maximum(normal @ x - limit, 0.0)
             # a little beyond the face, or rounding leaves the last of it
             step = excess * (1.0 + 1e-3) / jnp.maximum(normal @ normal, np.finfo(x.dtype).tiny)
             return jnp.clip(x - step * normal, self.lower, self.upper), None
 
-        def sweep(_: Any, x: jax.Array) -> jax.Array:
+        def sweep(_: Any, x: Array) -> Array:
             return jax.lax.scan(onto, x, (self.rows, self.limits))[0]
 
-        projected: jax.Array = jax.lax.fori_loop(0, _SWEEPS, sweep, jnp.clip(x, self.lower, self.upper))
+        projected: Array = jax.lax.fori_loop(0, _SWEEPS, sweep, jnp.clip(x, self.lower, self.upper))
         return projected
 
 

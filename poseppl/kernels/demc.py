@@ -28,10 +28,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
 
-LogDensity = Callable[[jax.Array], jax.Array]
+LogDensity = Callable[[Array], Array]
 
 _SNOOKER = (1.2, 2.2)
 """Range of the snooker's gamma."""
@@ -73,8 +74,8 @@ class DEMCSettings(NamedTuple):
 class Members(NamedTuple):
     """Positions (N, d) of a population, and their log-densities (N,)."""
 
-    positions: jax.Array
-    values: jax.Array
+    positions: Array
+    values: Array
 
 
 class DEMCChains(NamedTuple):
@@ -87,18 +88,18 @@ class DEMCChains(NamedTuple):
         num_density: Evaluations of the density, int32.
     """
 
-    draws: jax.Array
-    values: jax.Array
-    acceptance: jax.Array
-    num_density: jax.Array
+    draws: Array
+    values: Array
+    acceptance: Array
+    num_density: Array
 
 
 def demc_chains(
-    rng_key: jax.Array,
-    starts: jax.Array,
+    rng_key: Array,
+    starts: Array,
     log_density: LogDensity,
     settings: DEMCSettings,
-    min_noise: jax.Array | float = 0.0,
+    min_noise: Array | float = 0.0,
 ) -> DEMCChains:
     """Run a population.
 
@@ -113,7 +114,7 @@ def demc_chains(
     number, dimension = starts.shape
     settings = settings.check()
 
-    def update(carry: tuple[Members, jax.Array], item: tuple[jax.Array, jax.Array]) -> tuple[Any, Any]:
+    def update(carry: tuple[Members, Array], item: tuple[Array, Array]) -> tuple[Any, Any]:
         members, archive = carry
         rng_key, turn = item
         if settings.past_states:
@@ -141,14 +142,14 @@ def demc_chains(
 
 
 def demc_update(
-    rng_key: jax.Array,
+    rng_key: Array,
     members: Members,
     log_density: LogDensity,
     settings: DEMCSettings,
     *,
-    noise_factor: jax.Array | float = 1.0,
-    min_noise: jax.Array | float = 0.0,
-) -> tuple[Members, jax.Array]:
+    noise_factor: Array | float = 1.0,
+    min_noise: Array | float = 0.0,
+) -> tuple[Members, Array]:
     """Move every member once, each half by the differences of the other.
 
     Args:
@@ -165,7 +166,7 @@ def demc_update(
     number = members.values.shape[0]
     keys = jax.random.split(rng_key)
 
-    def move(rng_key: jax.Array, some: Members, pool: jax.Array) -> tuple[Members, jax.Array]:
+    def move(rng_key: Array, some: Members, pool: Array) -> tuple[Members, Array]:
         noise = jnp.maximum(noise_factor * settings.noise * jnp.std(pool, 0), min_noise)
         return move_members(rng_key, some, pool, pool.shape[0], log_density, settings, noise)
 
@@ -180,14 +181,14 @@ def demc_update(
 
 
 def move_members(
-    rng_key: jax.Array,
+    rng_key: Array,
     members: Members,
-    pool: jax.Array,
-    num_pool: jax.Array | int,
+    pool: Array,
+    num_pool: Array | int,
     log_density: LogDensity,
     settings: DEMCSettings,
-    noise: jax.Array,
-) -> tuple[Members, jax.Array]:
+    noise: Array,
+) -> tuple[Members, Array]:
     """Move members once by the differences of a pool; exact as long as the pool does not depend on them.
 
     Args:
@@ -205,7 +206,7 @@ def move_members(
     count, dimension = members.positions.shape
     scale = (1.0 - settings.noise) * 2.38 / (2 * dimension) ** 0.5 if settings.scale is None else settings.scale
 
-    def propose(x: jax.Array, choices: jax.Array, shake: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def propose(x: Array, choices: Array, shake: Array) -> tuple[Array, Array]:
         first, second, third = pool[_three_indices(choices[:3], num_pool)]
         leap = jnp.where(choices[3] < settings.jump, 1.0, scale)
         straight = x + leap * (first - second) + shake
@@ -229,17 +230,17 @@ def move_members(
     return Members(positions, jnp.where(accept, values, members.values)), jnp.mean(rates)
 
 
-def symmetric_noise(rng_key: jax.Array, half_width: jax.Array, x: jax.Array) -> jax.Array:
+def symmetric_noise(rng_key: Array, half_width: Array, x: Array) -> Array:
     """Uniform noise around zero for positions (N, d), of half-width a scalar or (d,)."""
     return half_width * jax.random.uniform(rng_key, x.shape, x.dtype, -1.0, 1.0)
 
 
-def _values(positions: jax.Array, log_density: LogDensity) -> jax.Array:
+def _values(positions: Array, log_density: LogDensity) -> Array:
     values = jax.vmap(log_density)(positions)
     return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
 
 
-def _three_indices(uniforms: jax.Array, count: jax.Array | int) -> jax.Array:
+def _three_indices(uniforms: Array, count: Array | int) -> Array:
     """Three different indices below `count` (3,), as far as there are three, from uniforms (3,) in [0, 1)."""
     choices = jnp.maximum(count - jnp.arange(3), 1)
     first, second, third = jnp.minimum((uniforms * choices).astype(jnp.int32), choices - 1)
@@ -250,7 +251,7 @@ def _three_indices(uniforms: jax.Array, count: jax.Array | int) -> jax.Array:
     return jnp.stack([first, second, third]) % count
 
 
-def _snooker(x: jax.Array, centre: jax.Array, step: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _snooker(x: Array, centre: Array, step: Array) -> tuple[Array, Array]:
     """The snooker proposal along the line from `centre` to x (d,), and the log of its factor in the acceptance ratio."""
     line = x - centre
     distance = jnp.linalg.norm(line)

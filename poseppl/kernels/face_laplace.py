@@ -22,6 +22,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve
 from jax.scipy.special import log_ndtr
 
@@ -49,17 +50,17 @@ class FaceModes(NamedTuple):
         inward: How a state moves with t (S, d, d + m), 0 where a constraint is not active.
     """
 
-    states: jax.Array
-    precisions: jax.Array
-    scales: jax.Array
-    log_masses: jax.Array
-    covariances: jax.Array
-    active: jax.Array
-    slopes: jax.Array
-    inner_curvatures: jax.Array
-    inward: jax.Array
+    states: Array
+    precisions: Array
+    scales: Array
+    log_masses: Array
+    covariances: Array
+    active: Array
+    slopes: Array
+    inner_curvatures: Array
+    inward: Array
 
-    def moments(self) -> tuple[jax.Array, jax.Array]:
+    def moments(self) -> tuple[Array, Array]:
         """Means (S, d) and covariances (S, d, d): those of the face, moved and widened by what lies inside of it."""
         mean, variance = truncation.moments(self.slopes, self.inner_curvatures)
         means = self.states + jnp.einsum("sdn,sn->sd", self.inward, jnp.where(self.active, mean, 0.0))
@@ -103,7 +104,7 @@ def _describe(climb: Climb, constraints: Constraints) -> FaceModes:
     )
 
 
-def _kept_by_others(x: jax.Array, covariance: jax.Array, active: jax.Array, constraints: Constraints) -> jax.Array:
+def _kept_by_others(x: Array, covariance: Array, active: Array, constraints: Constraints) -> Array:
     """Logarithm of the share of the Gaussian on the face that other constraints leave: of two bounds the nearer."""
     normals = constraints.normals(x)
     spread = jnp.sqrt(jnp.maximum(jnp.einsum("ni,ij,nj->n", normals, covariance, normals), 0.0))
@@ -113,7 +114,7 @@ def _kept_by_others(x: jax.Array, covariance: jax.Array, active: jax.Array, cons
     return jnp.sum(jnp.where(near, log_ndtr(distance), 0.0))
 
 
-def _positive(matrix: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _positive(matrix: Array) -> tuple[Array, Array, Array]:
     """A symmetric matrix made positive definite, its inverse and its log-determinant."""
     diagonal = jnp.abs(jnp.diagonal(matrix))
     largest = jnp.max(diagonal)
@@ -126,7 +127,7 @@ def _positive(matrix: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     return whole, inverse, jnp.sum(jnp.log(values)) + jnp.sum(jnp.log(diagonal))
 
 
-def _inverse(matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _inverse(matrix: Array) -> tuple[Array, Array]:
     """The inverse of a positive semi-definite matrix, and the inverse's log-determinant."""
     unit = jax.lax.rsqrt(jnp.maximum(jnp.diagonal(matrix), np.finfo(matrix.dtype).tiny))
     eye = jnp.eye(len(matrix), dtype=matrix.dtype)

@@ -14,11 +14,12 @@ import jax
 import jax.numpy as jnp
 from blackjax.mcmc import integrators, metrics
 from blackjax.mcmc.hmc import HMCState, hmc_proposal
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
 from poseppl.particles.random_numbers import normals_and_uniforms
 
-LogDensity = Callable[[jax.Array], jax.Array]
+LogDensity = Callable[[Array], Array]
 
 _GAIN = 1.0
 """Gain of the first step of the Robbins-Monro recursion on the log step size; it falls as 1 / sqrt(update)."""
@@ -72,18 +73,18 @@ class Chains(NamedTuple):
         num_gradient: Evaluations of the density's gradient, all chains together.
     """
 
-    draws: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    log_step_size: jax.Array
-    num_gradient: jax.Array
+    draws: Array
+    acceptance: Array
+    divergences: Array
+    log_step_size: Array
+    num_gradient: Array
 
 
 def hmc_chains(
-    rng_key: jax.Array,
-    starts: jax.Array,
+    rng_key: Array,
+    starts: Array,
     log_density: LogDensity,
-    log_step_size: jax.Array,
+    log_step_size: Array,
     settings: HMCSettings,
 ) -> Chains:
     """Run M chains side by side.
@@ -101,11 +102,11 @@ def hmc_chains(
     num_chains, dimension = starts.shape
     dtype, number = starts.dtype, settings.num_updates
 
-    def safe_density(position: jax.Array) -> jax.Array:
+    def safe_density(position: Array) -> Array:
         value = log_density(position)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
-    def update(carry: Any, row: tuple[jax.Array, ...]) -> tuple[Any, Any]:
+    def update(carry: Any, row: tuple[Array, ...]) -> tuple[Any, Any]:
         states, log_step_size = carry
         number, noise, chances, steps = row
         # the first update stays where it is: the gradient at the starts, without compiling it a second time
@@ -137,12 +138,12 @@ def hmc_chains(
     )
 
 
-def _move(density: LogDensity, dimension: int, step_size: jax.Array, steps: jax.Array) -> Callable[..., Any]:
+def _move(density: LogDensity, dimension: int, step_size: Array, steps: Array) -> Callable[..., Any]:
     """`(state, noise (d,), chance) -> (state, info)`: BlackJAX's update, which draws no numbers of its own."""
     metric = metrics.default_metric(jnp.ones(dimension))
     integrator = integrators.velocity_verlet(density, metric.kinetic_energy)
 
-    def accept(chance: jax.Array, log_ratio: jax.Array, state: Any, proposal: Any) -> Any:
+    def accept(chance: Array, log_ratio: Array, state: Any, proposal: Any) -> Any:
         rate = jnp.minimum(jnp.exp(log_ratio), 1.0)
         accepted = chance < rate
         chosen = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), proposal, state)
@@ -150,7 +151,7 @@ def _move(density: LogDensity, dimension: int, step_size: jax.Array, steps: jax.
 
     update = hmc_proposal(integrator, metric.kinetic_energy, step_size, steps, _DIVERGENT, sample_proposal=accept)
 
-    def move(state: HMCState, noise: jax.Array, chance: jax.Array) -> Any:
+    def move(state: HMCState, noise: Array, chance: Array) -> Any:
         position, value, gradient = state
         moved, info, _ = update(chance, integrators.IntegratorState(position, noise, value, gradient))
         return HMCState(moved.position, moved.logdensity, moved.logdensity_grad), info
@@ -158,7 +159,7 @@ def _move(density: LogDensity, dimension: int, step_size: jax.Array, steps: jax.
     return move
 
 
-def _trajectory_lengths(chances: jax.Array, settings: HMCSettings) -> jax.Array:
+def _trajectory_lengths(chances: Array, settings: HMCSettings) -> Array:
     """L of each update, int32, from uniform numbers in [0, 1)."""
     shortest = max(1, round((1.0 - settings.jitter) * settings.num_leapfrog))
     return (shortest + jnp.floor(chances * (settings.num_leapfrog + 1 - shortest))).astype(jnp.int32)

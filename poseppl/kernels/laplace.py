@@ -13,9 +13,10 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import solve_triangular
 
-from poseppl.gaussians.gaussian import diagonal
+from poseppl.gaussians.gaussian import diagonal, lower_inverse
 
 _DAMPING = (0.0, 1.0, 0.3, 0.1, 0.01)
 """Fractions of a Gauss-Newton step that are tried; the best is taken, so that the density never falls."""
@@ -32,20 +33,20 @@ class Whitening(NamedTuple):
         scale: Upper triangular (d, d), or (d,) for a diagonal one.
     """
 
-    centre: jax.Array
-    scale: jax.Array
+    centre: Array
+    scale: Array
 
-    def to_state(self, z: jax.Array) -> jax.Array:
+    def to_state(self, z: Array) -> Array:
         """Map whitened coordinates (..., d) to the state."""
         return self.centre + (z * self.scale if self.scale.ndim == 1 else z @ self.scale.T)
 
-    def to_white(self, x: jax.Array) -> jax.Array:
+    def to_white(self, x: Array) -> Array:
         """Map states (N, d) to whitened coordinates."""
         offset = x - self.centre
         return offset / self.scale if self.scale.ndim == 1 else solve_triangular(self.scale, offset.T, lower=False).T
 
 
-def whitening(centre: jax.Array, precision: jax.Array, *, dense: bool = True) -> Whitening:
+def whitening(centre: Array, precision: Array, *, dense: bool = True) -> Whitening:
     """Whiten by a precision matrix.
 
     Args:
@@ -58,8 +59,7 @@ def whitening(centre: jax.Array, precision: jax.Array, *, dense: bool = True) ->
     # scaled to a unit diagonal first: millimetres and radians side by side cost float32 its digits
     unit = 1.0 / jnp.sqrt(diagonal(precision))
     lower = jnp.linalg.cholesky(precision * unit[:, None] * unit)
-    inverse = solve_triangular(lower, jnp.eye(lower.shape[0], dtype=lower.dtype), lower=True)
-    return Whitening(centre, unit[:, None] * inverse.T)
+    return Whitening(centre, unit[:, None] * lower_inverse(lower).T)
 
 
 class Modes(NamedTuple):
@@ -72,16 +72,16 @@ class Modes(NamedTuple):
         log_masses: Laplace's integral of the density around each, (S,): log p + d/2 log 2 pi - 1/2 log |precision|.
     """
 
-    states: jax.Array
-    precisions: jax.Array
-    scales: jax.Array
-    log_masses: jax.Array
+    states: Array
+    precisions: Array
+    scales: Array
+    log_masses: Array
 
 
 def find_modes(
-    starts: jax.Array,
-    log_density: Callable[[jax.Array], jax.Array],
-    curvature: Callable[[jax.Array], jax.Array],
+    starts: Array,
+    log_density: Callable[[Array], Array],
+    curvature: Callable[[Array], Array],
     num_steps: int,
 ) -> Modes:
     """Climb from many starts by damped Gauss-Newton, side by side.
@@ -94,7 +94,7 @@ def find_modes(
     """
     damping = jnp.array(_DAMPING, starts.dtype)
 
-    def describe_and_climb(x: jax.Array) -> tuple[Modes, jax.Array]:
+    def describe_and_climb(x: Array) -> tuple[Modes, Array]:
         value, gradient = jax.value_and_grad(log_density)(x)
         precision = curvature(x)
         scale = whitening(x, precision).scale
@@ -105,7 +105,7 @@ def find_modes(
         best = trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))]
         return Modes(x, precision, scale, mass), jnp.where(jnp.all(jnp.isfinite(best)), best, x)
 
-    def step(carry: tuple[Modes, jax.Array], _: None) -> tuple[tuple[Modes, jax.Array], None]:
+    def step(carry: tuple[Modes, Array], _: None) -> tuple[tuple[Modes, Array], None]:
         return jax.vmap(describe_and_climb)(carry[1]), None
 
     # a last turn whose climb nobody uses: cheaper than compiling the description a second time
@@ -115,7 +115,7 @@ def find_modes(
     return modes
 
 
-def mode_log_weights(modes: Modes) -> jax.Array:
+def mode_log_weights(modes: Modes) -> Array:
     """Log-weights (S,) of modes in a mixture, of which several may be the same one: these share its mass.
 
     Each is the importance weight of its state under the mixture of all S Laplace approximations, log p - log sum_k N(.; k): a
@@ -138,15 +138,15 @@ class Located(Protocol):
     """States (S, d) with precisions (S, d, d)."""
 
     @property
-    def states(self) -> jax.Array:
+    def states(self) -> Array:
         """Shape (S, d)."""
 
     @property
-    def precisions(self) -> jax.Array:
+    def precisions(self) -> Array:
         """Shape (S, d, d)."""
 
 
-def group_modes(modes: Located, within: float = _SAME_MODE, *, mutual: bool = False) -> jax.Array:
+def group_modes(modes: Located, within: float = _SAME_MODE, *, mutual: bool = False) -> Array:
     """Labels (S,) of modes that are the same one: the index of the first of those that are linked by steps of a few sd.
 
     Args:
@@ -160,12 +160,12 @@ def group_modes(modes: Located, within: float = _SAME_MODE, *, mutual: bool = Fa
     linked = apart < within**2
     linked = linked | jnp.eye(len(linked), dtype=bool)
 
-    def chained(_: Any, reached: jax.Array) -> jax.Array:
+    def chained(_: Any, reached: Array) -> Array:
         return jnp.minimum(reached @ reached, 1.0)
 
     return jnp.argmax(jax.lax.fori_loop(0, (len(linked) - 1).bit_length(), chained, linked.astype(jnp.float32)), 1)
 
 
-def group_masses(modes: Modes, labels: jax.Array) -> jax.Array:
+def group_masses(modes: Modes, labels: Array) -> Array:
     """Log-masses (S,) of the groups that modes belong to, at every one of their members."""
     return jax.nn.logsumexp(jnp.where(labels[:, None] == labels, modes.log_masses, -jnp.inf), axis=1)

@@ -19,6 +19,7 @@ from typing import Literal, Protocol
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 Pattern = Literal["regular", "random"]
 _RINGS = (1.0, 0.5, 1.5, 0.25, 0.75, 1.25, 1.75)
@@ -28,20 +29,20 @@ _RINGS = (1.0, 0.5, 1.5, 0.25, 0.75, 1.25, 1.75)
 class ModeProposal(Protocol):
     """A proposal of starts."""
 
-    def __call__(self, rng_key: jax.Array, mode: jax.Array, covariance: jax.Array) -> jax.Array:
+    def __call__(self, rng_key: Array, mode: Array, covariance: Array) -> Array:
         """Starts (n, d) from a mode (d,) and its covariance (d, d)."""
 
 
-def principal_axes(covariance: jax.Array, units: jax.Array, number: int) -> jax.Array:
+def principal_axes(covariance: Array, units: Array, number: int) -> Array:
     """The k largest principal axes (k, d), each as long as its standard deviation, of a covariance (d, d) in units (d,)."""
     values, vectors = jnp.linalg.eigh(covariance / units[:, None] / units)
     longest = jnp.sqrt(jnp.maximum(values[::-1][:number], 0.0))
-    axes: jax.Array = longest[:, None] * vectors[:, ::-1][:, :number].T * units
+    axes: Array = longest[:, None] * vectors[:, ::-1][:, :number].T * units
     return axes
 
 
 def covariance_scaled(
-    num_starts: int, units: jax.Array, *, num_directions: int = 6, stretch: float = 10.0, pattern: Pattern = "regular"
+    num_starts: int, units: Array, *, num_directions: int = 6, stretch: float = 10.0, pattern: Pattern = "regular"
 ) -> ModeProposal:
     """Sample along the most uncertain directions.
 
@@ -53,7 +54,7 @@ def covariance_scaled(
         pattern: "regular", points on the axes alone, or "random".
     """
 
-    def propose(rng_key: jax.Array, mode: jax.Array, covariance: jax.Array) -> jax.Array:
+    def propose(rng_key: Array, mode: Array, covariance: Array) -> Array:
         number = min(num_directions, mode.shape[0])
         axes = jnp.sqrt(jnp.asarray(stretch, mode.dtype)) * principal_axes(covariance, units, number)
         if pattern == "random":
@@ -65,7 +66,7 @@ def covariance_scaled(
     return propose
 
 
-def dynamic_noise(num_starts: int, noise: jax.Array, *, stretch: float = 1.0, spread: bool = False) -> ModeProposal:
+def dynamic_noise(num_starts: int, noise: Array, *, stretch: float = 1.0, spread: bool = False) -> ModeProposal:
     """Sample by inflated dynamical noise.
 
     Args:
@@ -75,11 +76,11 @@ def dynamic_noise(num_starts: int, noise: jax.Array, *, stretch: float = 1.0, sp
         spread: Whether the mode's own covariance is added, as in multiple hypothesis tracking.
     """
 
-    def propose(rng_key: jax.Array, mode: jax.Array, covariance: jax.Array) -> jax.Array:
+    def propose(rng_key: Array, mode: Array, covariance: Array) -> Array:
         whole = stretch * noise + (covariance if spread else 0.0)
         unit = jnp.sqrt(jnp.diagonal(whole))
         lower = jnp.linalg.cholesky(whole / unit[:, None] / unit)
-        starts: jax.Array = mode + unit * (jax.random.normal(rng_key, (num_starts, mode.shape[0]), mode.dtype) @ lower.T)
+        starts: Array = mode + unit * (jax.random.normal(rng_key, (num_starts, mode.shape[0]), mode.dtype) @ lower.T)
         return starts
 
     return propose

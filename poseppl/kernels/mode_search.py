@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
@@ -28,20 +29,20 @@ class Found(NamedTuple):
     """
 
     modes: FaceModes
-    log_mass: jax.Array
-    number: jax.Array
-    labels: jax.Array
-    evaluations: jax.Array
+    log_mass: Array
+    number: Array
+    labels: Array
+    evaluations: Array
 
 
 def search_modes(
-    starts: jax.Array,
+    starts: Array,
     log_density: LogDensity,
     curvature: Curvature,
     constraints: Constraints,
     num_modes: int,
     *,
-    units: jax.Array | None = None,
+    units: Array | None = None,
     num_steps: int = 40,
     tolerance: float = 1e-4,
 ) -> Found:
@@ -74,7 +75,7 @@ def search_modes(
     )
 
 
-def representatives(modes: FaceModes) -> jax.Array:
+def representatives(modes: FaceModes) -> Array:
     """For each of S climbs the index (S,) of the one that stands for its mode: the heaviest of those that coincide."""
     labels = group_modes(modes, _COINCIDE, mutual=True)
     together = labels[:, None] == labels

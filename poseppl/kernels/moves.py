@@ -20,11 +20,12 @@ from typing import Any, Literal, NamedTuple
 import blackjax
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
 
-ConditionalDensity = Callable[[jax.Array, Any], jax.Array]
+ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
 
 
@@ -76,13 +77,13 @@ class Starts(NamedTuple):
         gradients: Their gradients (M, d); zeros for a random walk.
     """
 
-    positions: jax.Array
+    positions: Array
     contexts: Any
-    values: jax.Array
-    gradients: jax.Array
+    values: Array
+    gradients: Array
 
 
-def evaluate(positions: jax.Array, contexts: Any, log_density: ConditionalDensity, settings: MoveSettings) -> Starts:
+def evaluate(positions: Array, contexts: Any, log_density: ConditionalDensity, settings: MoveSettings) -> Starts:
     """Evaluate what the moves start from, at positions (M, d) with contexts (a pytree with a leading axis of M)."""
     if settings.kernel == "random-walk":
         return Starts(positions, contexts, jax.vmap(log_density)(positions, contexts), jnp.zeros_like(positions))
@@ -102,20 +103,20 @@ class Moved(NamedTuple):
         num_gradient: Evaluations of its gradient, int32.
     """
 
-    positions: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    log_step_size: jax.Array
-    num_density: jax.Array
-    num_gradient: jax.Array
+    positions: Array
+    acceptance: Array
+    divergences: Array
+    log_step_size: Array
+    num_density: Array
+    num_gradient: Array
 
 
 def move_population(
-    rng_key: jax.Array,
+    rng_key: Array,
     starts: Starts,
     log_density: ConditionalDensity,
     transform: Whitening,
-    log_step_size: jax.Array,
+    log_step_size: Array,
     settings: MoveSettings,
 ) -> Moved:
     """Move every member K times.
@@ -131,13 +132,13 @@ def move_population(
     num_members, dimension = starts.positions.shape
     dtype = starts.positions.dtype
 
-    def safe_density(white: jax.Array, context: Any) -> jax.Array:
+    def safe_density(white: Array, context: Any) -> Array:
         value = log_density(transform.to_state(white), context)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
     update = (_hmc if settings.kernel == "hmc" else _random_walk)(safe_density, settings, dimension)
 
-    def turn(carry: tuple[Any, jax.Array], rng_key: jax.Array) -> tuple[Any, Any]:
+    def turn(carry: tuple[Any, Array], rng_key: Array) -> tuple[Any, Any]:
         states, log_step_size = carry
         key_jitter, key_update = jax.random.split(rng_key)
         jitter = jax.random.uniform(key_jitter, (num_members,), dtype, 1.0 - settings.jitter, 1.0)
@@ -169,7 +170,7 @@ def move_population(
 def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
     kernel: Callable[..., Any] = blackjax.hmc.build_kernel()
 
-    def update(rng_key: jax.Array, state: Any, context: Any, step_size: jax.Array) -> Any:
+    def update(rng_key: Array, state: Any, context: Any, step_size: Array) -> Any:
         mass = jnp.ones(dimension, state[0].dtype)
         state = blackjax.mcmc.hmc.HMCState(*state)
         state, info = kernel(rng_key, state, lambda z: log_density(z, context), step_size, mass, settings.num_leapfrog)
@@ -179,7 +180,7 @@ def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int
 
 
 def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
-    def update(rng_key: jax.Array, state: Any, context: Any, step_size: jax.Array) -> Any:
+    def update(rng_key: Array, state: Any, context: Any, step_size: Array) -> Any:
         key_noise, key_accept = jax.random.split(rng_key)
         white, value, unused = state
         proposal = white + 2.38 / dimension**0.5 * step_size * jax.random.normal(key_noise, white.shape, white.dtype)
@@ -201,7 +202,7 @@ def whitening_from_gradients(starts: Starts) -> Whitening:
     return whitening(jnp.mean(starts.positions, 0), _shrink(safe.T @ safe / count, count))
 
 
-def whitening_from_spread(positions: jax.Array, prior_covariance: jax.Array) -> Whitening:
+def whitening_from_spread(positions: Array, prior_covariance: Array) -> Whitening:
     """Whiten by the sum of two inverse covariances: that of the members, and of a member given its context alone.
 
     Args:
@@ -217,7 +218,7 @@ def whitening_from_spread(positions: jax.Array, prior_covariance: jax.Array) -> 
     return whitening(centre, jnp.linalg.inv(prior) + jnp.linalg.inv(covariance))
 
 
-def _shrink(matrix: jax.Array, count: int) -> jax.Array:
+def _shrink(matrix: Array, count: int) -> Array:
     """A second moment (d, d) of few draws made positive definite: correlations shrink as if by d draws without any."""
     dimension = matrix.shape[0]
     diagonal = jnp.diagonal(matrix)

@@ -24,12 +24,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.kernels.constraints import Constraints
 
-LogDensity = Callable[[jax.Array], jax.Array]
-Curvature = Callable[[jax.Array], jax.Array]
+LogDensity = Callable[[Array], Array]
+Curvature = Callable[[Array], Array]
 
 _FIRST, _LEAST, _MOST = 1e-2, 1e-7, 1e9
 """Lambda to start with, and the range that it keeps to; beyond the last a search gives up."""
@@ -53,23 +54,23 @@ class Climb(NamedTuple):
         evaluations: Times that density, gradient and curvature were evaluated, int32.
     """
 
-    states: jax.Array
-    costs: jax.Array
-    gradients: jax.Array
-    curvatures: jax.Array
-    damping: jax.Array
-    converged: jax.Array
-    stopped: jax.Array
-    evaluations: jax.Array
+    states: Array
+    costs: Array
+    gradients: Array
+    curvatures: Array
+    damping: Array
+    converged: Array
+    stopped: Array
+    evaluations: Array
 
 
 def climb_modes(
-    starts: jax.Array,
+    starts: Array,
     log_density: LogDensity,
     curvature: Curvature,
     constraints: Constraints,
     *,
-    units: jax.Array | None = None,
+    units: Array | None = None,
     num_steps: int = 40,
     tolerance: float = 1e-4,
 ) -> Climb:
@@ -90,7 +91,7 @@ def climb_modes(
         and has the cost inf.
     """
 
-    def evaluate(x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def evaluate(x: Array) -> tuple[Array, Array, Array]:
         value, gradient = jax.value_and_grad(log_density)(x)
         hessian = curvature(x)
         usable = jnp.isfinite(value) & jnp.all(jnp.isfinite(gradient)) & jnp.all(jnp.isfinite(hessian))
@@ -100,7 +101,7 @@ def climb_modes(
             jnp.where(usable, 0.5 * (hessian + hessian.T), jnp.eye(x.shape[0], dtype=x.dtype)),
         )
 
-    def begin(x: jax.Array) -> Climb:
+    def begin(x: Array) -> Climb:
         x = constraints.project(x)
         no = jnp.zeros((), bool)
         return Climb(x, *evaluate(x), jnp.asarray(_FIRST, x.dtype), no, no, jnp.ones((), jnp.int32))
@@ -111,10 +112,10 @@ def climb_modes(
         kept: Climb = jax.tree.map(lambda new, old: jnp.where(at.stopped, old, new), after, at)
         return kept
 
-    def unfinished(carry: tuple[jax.Array, Climb]) -> jax.Array:
+    def unfinished(carry: tuple[Array, Climb]) -> Array:
         return (carry[0] < num_steps) & ~jnp.all(carry[1].stopped)
 
-    def turn(carry: tuple[jax.Array, Climb]) -> tuple[jax.Array, Climb]:
+    def turn(carry: tuple[Array, Climb]) -> tuple[Array, Climb]:
         return carry[0] + 1, jax.vmap(advance)(carry[1])
 
     climbs: Climb = jax.lax.while_loop(unfinished, turn, (jnp.zeros((), jnp.int32), jax.vmap(begin)(starts)))[1]
@@ -130,15 +131,15 @@ class Step(NamedTuple):
         possible: Whether this damping allows a step; otherwise it leads nowhere.
     """
 
-    state: jax.Array
-    whole: jax.Array
-    possible: jax.Array
+    state: Array
+    whole: Array
+    possible: Array
 
 
-def _judged(at: Climb, step: Step, trial: tuple[jax.Array, jax.Array, jax.Array], tolerance: float) -> Climb:
+def _judged(at: Climb, step: Step, trial: tuple[Array, Array, Array], tolerance: float) -> Climb:
     """The climb after a trial, whether or not it was taken."""
 
-    def promise(step: jax.Array) -> jax.Array:
+    def promise(step: Array) -> Array:
         return -(at.gradients @ step + 0.5 * step @ at.curvatures @ step)
 
     promised = promise(step.state - at.states)
@@ -170,14 +171,14 @@ class Face(NamedTuple):
             gradient + normals^T multipliers = 0 with multipliers >= 0; 0 where a constraint is not active.
     """
 
-    lower: jax.Array
-    upper: jax.Array
-    rows: jax.Array
-    step: jax.Array
-    multipliers: jax.Array
+    lower: Array
+    upper: Array
+    rows: Array
+    step: Array
+    multipliers: Array
 
 
-def constrained_step(at: Climb, constraints: Constraints, units: jax.Array | None) -> Step:
+def constrained_step(at: Climb, constraints: Constraints, units: Array | None) -> Step:
     """The step of one climb."""
     model = at.curvatures + jnp.diag(at.damping * _metric(at.curvatures, units))
     face = active_face(at.states, at.gradients, model, constraints)
@@ -196,7 +197,7 @@ def constrained_step(at: Climb, constraints: Constraints, units: jax.Array | Non
     return Step(jnp.where(possible, state, at.states), jnp.where(possible, face.step, 0.0), possible)
 
 
-def active_face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints: Constraints) -> Face:
+def active_face(x: Array, gradient: Array, model: Array, constraints: Constraints) -> Face:
     """The active constraints at a state (d,), and the step to the least value of a quadratic model on their face.
 
     The model has the cost's gradient (d,) and a positive definite curvature (d, d).
@@ -210,7 +211,7 @@ def active_face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints
     none = jnp.zeros(x.shape[0] + len(touched), x.dtype)
     first = Face(lower, upper, touched, jnp.zeros_like(x), none)
 
-    def revise(carry: tuple[jax.Array, Face, Face]) -> tuple[jax.Array, Face, Face]:
+    def revise(carry: tuple[Array, Face, Face]) -> tuple[Array, Face, Face]:
         turn, _, face = carry
         step, pull, multipliers = _on_face(x, gradient, model, face, constraints)
         beyond = constraints.limits - constraints.rows @ (x + step) < -constraints.row_tolerance(x)
@@ -225,7 +226,7 @@ def active_face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints
         multipliers = jnp.maximum(jnp.concatenate([of_bounds, multipliers]), 0.0)
         return turn + 1, face._replace(step=step, multipliers=multipliers), after
 
-    def unsettled(carry: tuple[jax.Array, Face, Face]) -> jax.Array:
+    def unsettled(carry: tuple[Array, Face, Face]) -> Array:
         turn, face, after = carry
         changed = [jnp.any(one != other) for one, other in zip(face[:3], after[:3], strict=True)]
         return (turn == 0) | ((turn < _PASSES) & jnp.any(jnp.stack(changed)))
@@ -234,9 +235,7 @@ def active_face(x: jax.Array, gradient: jax.Array, model: jax.Array, constraints
     return face
 
 
-def _on_face(
-    x: jax.Array, gradient: jax.Array, model: jax.Array, face: Face, constraints: Constraints
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _on_face(x: Array, gradient: Array, model: Array, face: Face, constraints: Constraints) -> tuple[Array, Array, Array]:
     """The step (d,) to the least value of a quadratic model on a face, the gradient left there, and the rows' multipliers."""
     tiny, eps = np.finfo(x.dtype).tiny, np.finfo(x.dtype).eps
     free = (~(face.lower | face.upper)).astype(x.dtype)
@@ -246,7 +245,7 @@ def _on_face(
     unit = jax.lax.rsqrt(jnp.maximum(jnp.diagonal(reduced), tiny))
     factor = cho_factor(reduced * unit[:, None] * unit, lower=True)
 
-    def solve(right: jax.Array) -> Any:
+    def solve(right: Array) -> Any:
         """The inverse of the reduced model times vectors (..., d)."""
         return unit * free * cho_solve(factor, (right * unit * free).T).T
 
@@ -267,7 +266,7 @@ def _on_face(
     return step, gradient + model @ step + kept.T @ multipliers, multipliers
 
 
-def _metric(curvature: jax.Array, units: jax.Array | None) -> jax.Array:
+def _metric(curvature: Array, units: Array | None) -> Array:
     """W (d,), positive everywhere."""
     diagonal = jnp.abs(jnp.diagonal(curvature))
     if units is not None:

@@ -20,73 +20,74 @@ from typing import Any
 import jax
 import jax.extend.random
 import jax.numpy as jnp
+from jax import Array
 
 _WORDS = 3
 
 
-def particle_keys(rng_key: jax.Array, num: int) -> jax.Array:
+def particle_keys(rng_key: Array, num: int) -> Array:
     """Keys (num,) for functions of one particle under `jax.vmap`; see the module."""
     shared = jnp.broadcast_to(jax.random.bits(rng_key, (2,), jnp.uint32), (num, 2))
     data = jnp.concatenate([shared, jnp.arange(num, dtype=jnp.uint32)[:, None]], 1)
-    keys: jax.Array = jax.random.wrap_key_data(data, impl=_GENERATOR)
+    keys: Array = jax.random.wrap_key_data(data, impl=_GENERATOR)
     return keys
 
 
-def _shared(data: jax.Array) -> jax.Array:
-    key: jax.Array = jax.random.wrap_key_data(data[:2], impl="threefry2x32")
+def _shared(data: Array) -> Array:
+    key: Array = jax.random.wrap_key_data(data[:2], impl="threefry2x32")
     return key
 
 
-def _with_number(shared: jax.Array, number: jax.Array) -> jax.Array:
+def _with_number(shared: Array, number: Array) -> Array:
     """Key data (..., 3) of shared keys (...) and one particle's number."""
     data = jax.random.key_data(shared)
     return jnp.concatenate([data, jnp.broadcast_to(number, (*data.shape[:-1], 1))], -1)
 
 
-def _random_bits(data: jax.Array, bit_width: int, shape: Sequence[int]) -> jax.Array:
+def _random_bits(data: Array, bit_width: int, shape: Sequence[int]) -> Array:
     dtype = jnp.dtype(f"uint{bit_width}")
 
-    def draw(data: jax.Array) -> jax.Array:
+    def draw(data: Array) -> Array:
         return jax.random.bits(jax.random.fold_in(_shared(data), data[2]), tuple(shape), dtype)
 
     return _drawn(draw, data, dtype, tuple(shape))
 
 
-def _bits_of_batch(data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.Array:
+def _bits_of_batch(data: Array, dtype: Any, shape: tuple[int, ...]) -> Array:
     """Bits of all particles from the key of the first."""
 
-    def draw(data: jax.Array) -> jax.Array:
+    def draw(data: Array) -> Array:
         if dtype != jnp.uint32:
             return jax.random.bits(_shared(data), shape, dtype)
         # both words of each block of the cipher, of which JAX's own, which can be sharded, adds up one
         numbers = jax.lax.iota(jnp.uint32, math.prod(shape))
-        bits: jax.Array = jax.extend.random.threefry_2x32(data[:2], numbers)
+        bits: Array = jax.extend.random.threefry_2x32(data[:2], numbers)
         return bits.reshape(shape)
 
     return _drawn(draw, data, dtype, shape)
 
 
-def _drawn(draw: Callable[[jax.Array], jax.Array], data: jax.Array, dtype: Any, shape: tuple[int, ...]) -> jax.Array:
+def _drawn(draw: Callable[[Array], Array], data: Array, dtype: Any, shape: tuple[int, ...]) -> Array:
     """What is drawn from one key; for a batch of keys, bits of the whole batch at once."""
     batched = jax.custom_batching.custom_vmap(draw)
 
     @batched.def_vmap
-    def _batch(size: int, is_batched: Any, data: jax.Array) -> tuple[jax.Array, bool]:
+    def _batch(size: int, is_batched: Any, data: Array) -> tuple[Array, bool]:
         return _bits_of_batch(data[0], dtype, (size, *shape)), True
 
-    bits: jax.Array = batched(data)
+    bits: Array = batched(data)
     return bits
 
 
-def _split(data: jax.Array, shape: Sequence[int]) -> jax.Array:
+def _split(data: Array, shape: Sequence[int]) -> Array:
     return _with_number(jax.random.split(_shared(data), tuple(shape)), data[2:])
 
 
-def _fold_in(data: jax.Array, number: Any) -> jax.Array:
+def _fold_in(data: Array, number: Any) -> Array:
     return _with_number(jax.random.fold_in(_shared(data), number), data[2:])
 
 
-def _seed(seed: Any) -> jax.Array:
+def _seed(seed: Any) -> Array:
     return _with_number(jax.random.key(seed, impl="threefry2x32"), jnp.zeros(1, jnp.uint32))
 
 

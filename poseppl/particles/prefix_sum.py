@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 _ROW = 16
 
@@ -23,8 +24,8 @@ _ROW = 16
 class Split(NamedTuple):
     """Numbers in two parts of one shape: integers, and integer multiples of the :func:`unit`."""
 
-    whole: jax.Array
-    fraction: jax.Array
+    whole: Array
+    fraction: Array
 
 
 def unit(dtype: np.dtype[Any]) -> float:
@@ -32,7 +33,7 @@ def unit(dtype: np.dtype[Any]) -> float:
     return float(2.0 ** (3 - np.finfo(dtype).nmant))
 
 
-def split_number(x: jax.Array) -> Split:
+def split_number(x: Array) -> Split:
     """Split numbers into the nearest integer and the rest."""
     whole = jnp.round(x)
     return Split(whole, jnp.round((x - whole) / unit(x.dtype)))
@@ -43,7 +44,7 @@ def largest_sum(dtype: np.dtype[Any]) -> int:
     return int(2 ** (np.finfo(dtype).nmant + 1))
 
 
-def running_sum(x: jax.Array) -> jax.Array:
+def running_sum(x: Array) -> Array:
     """Sums of the first 1, 2, ..., N of integers (N,) held as floats."""
     if x.shape[0] <= _ROW:
         return x @ _triangle(x)
@@ -65,26 +66,26 @@ def running_split_sum(x: Split) -> Split:
     return _carry(whole.reshape(-1)[:size], fraction.reshape(-1)[:size])
 
 
-def _triangle(x: jax.Array) -> jax.Array:
+def _triangle(x: Array) -> Array:
     size = min(x.shape[0], _ROW)
     return jnp.asarray(np.triu(np.ones((size, size))), x.dtype)
 
 
-def _rows(x: jax.Array) -> jax.Array:
+def _rows(x: Array) -> Array:
     rows = -(-x.shape[0] // _ROW)
     return jnp.pad(x, (0, rows * _ROW - x.shape[0])).reshape(rows, _ROW)
 
 
-def _product(rows: jax.Array) -> jax.Array:
+def _product(rows: Array) -> Array:
     triangle = jnp.asarray(np.triu(np.ones((_ROW, _ROW))), rows.dtype)
     return jnp.matmul(rows, triangle, precision=jax.lax.Precision.HIGHEST)
 
 
-def _shifted(totals: jax.Array) -> jax.Array:
+def _shifted(totals: Array) -> Array:
     return jnp.concatenate([jnp.zeros(1, totals.dtype), totals[:-1]])
 
 
-def _carry(whole: jax.Array, fraction: jax.Array) -> Split:
+def _carry(whole: Array, fraction: Array) -> Split:
     step = unit(fraction.dtype)
     over = jnp.floor(fraction * step)
     return Split(whole + over, fraction - over / step)

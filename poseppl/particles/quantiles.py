@@ -7,11 +7,11 @@ compiler vectorises: 4 to 5 times faster for 600 draws of 113 columns on a CPU, 
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 
-def column_quantiles(sample: jax.Array, levels: jax.Array) -> jax.Array:
+def column_quantiles(sample: Array, levels: Array) -> Array:
     """Quantiles (levels, ...) of a sample (N, ...), interpolated between its order statistics; NaN where one is NaN."""
     ordered = sort_rows(sample.reshape(sample.shape[0], -1))
     place = levels * (sample.shape[0] - 1)
@@ -22,7 +22,7 @@ def column_quantiles(sample: jax.Array, levels: jax.Array) -> jax.Array:
     return between.reshape(len(levels), *sample.shape[1:])
 
 
-def sort_rows(values: jax.Array) -> jax.Array:
+def sort_rows(values: Array) -> Array:
     """Sort each column of a matrix (N, k)."""
     number, columns = values.shape
     size = 1 << (number - 1).bit_length()
@@ -39,7 +39,7 @@ def sort_rows(values: jax.Array) -> jax.Array:
     return values[:number]
 
 
-def _exchange(values: jax.Array, block: int, *, turned: bool) -> jax.Array:
+def _exchange(values: Array, block: int, *, turned: bool) -> Array:
     """In each block of rows put the smaller of two rows in the first half and the larger one in the second."""
     halves = values.reshape(-1, 2, block // 2, values.shape[1])
     first, second = halves[:, 0], halves[:, 1, ::-1] if turned else halves[:, 1]

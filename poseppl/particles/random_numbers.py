@@ -11,11 +11,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 def normals_and_uniforms(
-    rng_key: jax.Array, shape: tuple[int, ...], num_normals: int, num_uniforms: int, dtype: Any
-) -> tuple[jax.Array, jax.Array]:
+    rng_key: Array, shape: tuple[int, ...], num_normals: int, num_uniforms: int, dtype: Any
+) -> tuple[Array, Array]:
     """Standard normal numbers (*shape, num_normals), and uniform ones in [0, 1) of shape (*shape, num_uniforms)."""
     # what jax.random.normal does, of whose uniform numbers in (-1, 1) some stay
     smallest = np.nextafter(np.array(-1.0, dtype), np.array(0.0, dtype))
@@ -24,7 +25,7 @@ def normals_and_uniforms(
     return normals, 0.5 * (numbers[..., num_normals:] + 1.0)
 
 
-def weighted_choice(uniforms: jax.Array, log_weights: jax.Array) -> jax.Array:
+def weighted_choice(uniforms: Array, log_weights: Array) -> Array:
     """Indices (...) of weights (..., K), each drawn in proportion, from uniform numbers in [0, 1) (...); K is small.
 
     An index of zero weight is never drawn, unless there is no other.

@@ -27,15 +27,16 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_choice
 from poseppl.particles.prefix_sum import Split, largest_sum, running_split_sum, running_sum, split_number, unit
 
-Resampling = Callable[[jax.Array, jax.Array, int], jax.Array]
+Resampling = Callable[[Array, Array, int], Array]
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
 
-def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
+def _expected_children(log_weights: Array, num: int) -> Array:
     """e_i = num * w_i (N,), which add up to num beyond the precision of one sum."""
     clean = jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
     peak = jnp.max(clean)
@@ -46,7 +47,7 @@ def _expected_children(log_weights: jax.Array, num: int) -> jax.Array:
     return expected * (1.0 - excess / num)
 
 
-def _cumulative(expected: jax.Array, num: int) -> Split:
+def _cumulative(expected: Array, num: int) -> Split:
     """C_i (N,); the fraction is in units."""
     if num >= largest_sum(expected.dtype):
         limit = largest_sum(expected.dtype)
@@ -54,18 +55,18 @@ def _cumulative(expected: jax.Array, num: int) -> Split:
     return running_split_sum(split_number(expected))
 
 
-def _share_slots(ends: jax.Array, alive: jax.Array, num: int) -> jax.Array:
+def _share_slots(ends: Array, alive: Array, num: int) -> Array:
     """Ancestors (num,) int32, when particle i owns the slots from the end of particle i - 1 up to `ends[i]` (N,)."""
     passed = jnp.zeros(num, ends.dtype).at[ends.astype(jnp.int32)].add(1.0, mode="drop", indices_are_sorted=True)
     return jnp.minimum(running_sum(passed).astype(jnp.int32), _last(alive))
 
 
-def _last(alive: jax.Array) -> jax.Array:
+def _last(alive: Array) -> Array:
     """The last particle that has weight: the end may fall short of the last slot by a rounding."""
     return jnp.max(jnp.where(alive, jnp.arange(alive.shape[0], dtype=jnp.int32), 0))
 
 
-def systematic(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
+def systematic(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Systematic resampling.
 
     Args:
@@ -82,7 +83,7 @@ def systematic(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Arra
     return _share_slots(ends.whole + (ends.fraction > offset), expected > 0, num)
 
 
-def stratified(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
+def stratified(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Stratified resampling; arguments and result as in `systematic`."""
     expected = _expected_children(log_weights, num)
     ends = _cumulative(expected, num)
@@ -91,12 +92,12 @@ def stratified(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Arra
     return _share_slots(ends.whole + (ends.fraction > own), expected > 0, num)
 
 
-def multinomial(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
+def multinomial(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Multinomial resampling: independent draws, in no order; arguments and result as in `systematic`."""
     return _draw_independently(rng_key, _expected_children(log_weights, num), num)
 
 
-def residual(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
+def residual(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Residual resampling: the sure children first, in order, then the drawn ones; otherwise as `systematic`."""
     expected = _expected_children(log_weights, num)
     sure = jnp.floor(expected)
@@ -109,7 +110,7 @@ def residual(rng_key: jax.Array, log_weights: jax.Array, num: int) -> jax.Array:
     return jnp.where(jnp.arange(num) < ends[-1], copied, drawn)
 
 
-def _draw_independently(rng_key: jax.Array, expected: jax.Array, num: int) -> jax.Array:
+def _draw_independently(rng_key: Array, expected: Array, num: int) -> Array:
     """Ancestors (num,) drawn independently in proportion to `expected` (N,), whose sum is num.
 
     Slot and position in the slot are drawn and compared in fixed point of 32 bits, 15 of them after the point at 100,000.
@@ -144,7 +145,7 @@ def resampling_scheme(name: Scheme) -> Resampling:
     return SCHEMES[name]
 
 
-def resample(rng_key: jax.Array, log_weights: jax.Array, num: int, scheme: Scheme = "systematic") -> jax.Array:
+def resample(rng_key: Array, log_weights: Array, num: int, scheme: Scheme = "systematic") -> Array:
     """Ancestors (num,) int32 by the scheme of a name.
 
     Raises:

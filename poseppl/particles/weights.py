@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 
 class Normalised(NamedTuple):
@@ -27,14 +27,14 @@ class Normalised(NamedTuple):
         ess: Effective number of particles in [1, N], a scalar; 0 when degenerate.
     """
 
-    log_weights: jax.Array
-    weights: jax.Array
-    log_mean: jax.Array
-    degenerate: jax.Array
-    ess: jax.Array
+    log_weights: Array
+    weights: Array
+    log_mean: Array
+    degenerate: Array
+    ess: Array
 
 
-def normalise(log_weights: jax.Array) -> Normalised:
+def normalise(log_weights: Array) -> Normalised:
     """Normalise log-weights (N,).
 
     Example:
@@ -64,13 +64,13 @@ class Weighed(NamedTuple):
         failed: Whether no particle can explain the data.
     """
 
-    log_weights: jax.Array
-    log_evidence: jax.Array
-    ess: jax.Array
-    failed: jax.Array
+    log_weights: Array
+    log_evidence: Array
+    ess: Array
+    failed: Array
 
 
-def weigh(log_prior: jax.Array, log_likelihoods: jax.Array) -> Weighed:
+def weigh(log_prior: Array, log_likelihoods: Array) -> Weighed:
     """Weigh particles by a frame's data.
 
     Args:
@@ -86,18 +86,18 @@ def weigh(log_prior: jax.Array, log_likelihoods: jax.Array) -> Weighed:
     )
 
 
-def effective_sample_size(log_weights: jax.Array) -> jax.Array:
+def effective_sample_size(log_weights: Array) -> Array:
     """Effective number 1 / sum w_i^2 of log-weights (N,), in [1, N]; 0 for a degenerate set."""
     return normalise(log_weights).ess
 
 
-def weighted_mean(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
+def weighted_mean(particles: Array, log_weights: Array) -> Array:
     """Mean (d,) of particles (N, d) with log-weights (N,); particles of zero weight are not read, whatever they hold."""
     weights = normalise(log_weights).weights
     return weights @ _without_weightless(particles, weights)
 
 
-def weighted_covariance(particles: jax.Array, log_weights: jax.Array) -> jax.Array:
+def weighted_covariance(particles: Array, log_weights: Array) -> Array:
     """Covariance (d, d) of particles (N, d) with log-weights (N,): sum_i w_i (x_i - m)(x_i - m)^T, without correction."""
     weights = normalise(log_weights).weights
     safe = _without_weightless(particles, weights)
@@ -105,5 +105,5 @@ def weighted_covariance(particles: jax.Array, log_weights: jax.Array) -> jax.Arr
     return (centred * weights[:, None]).T @ centred
 
 
-def _without_weightless(particles: jax.Array, weights: jax.Array) -> jax.Array:
+def _without_weightless(particles: Array, weights: Array) -> Array:
     return jnp.where(weights[:, None] > 0, particles, 0.0)

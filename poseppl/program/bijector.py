@@ -13,15 +13,15 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import IdentityTransform
 
 from poseppl.program.execution import base_support
 
-Sites = dict[str, jax.Array]
+Sites = dict[str, Array]
 
 
 def is_flat_support(support: Any) -> bool:
@@ -68,7 +68,7 @@ class Site(NamedTuple):
         indices = itertools.product(*(range(n) for n in self.flat_shape))
         return [f"{self.name}[{','.join(map(str, index))}]" for index in indices]
 
-    def unflatten(self, x: jax.Array) -> jax.Array:
+    def unflatten(self, x: Array) -> Array:
         """Its unconstrained value within a flat vector (d,)."""
         return x[self.offset : self.offset + self.size].reshape(self.flat_shape)
 
@@ -80,7 +80,7 @@ def make_site(name: str, shape: tuple[int, ...], dtype: Any, support: Any, discr
     return Site(name, shape, np.dtype(dtype), support, discrete, identity, flat_shape, offset, math.prod(flat_shape))
 
 
-def to_sites(sites: Mapping[str, Site], x: jax.Array) -> Sites:
+def to_sites(sites: Mapping[str, Site], x: Array) -> Sites:
     """Constrained values by name, from a flat vector (d,)."""
     values = {}
     for name, site in sites.items():
@@ -93,7 +93,7 @@ def to_sites(sites: Mapping[str, Site], x: jax.Array) -> Sites:
     return values
 
 
-def to_flat(sites: Mapping[str, Site], values: Mapping[str, jax.Array]) -> jax.Array:
+def to_flat(sites: Mapping[str, Site], values: Mapping[str, Array]) -> Array:
     """The flat vector (d,) of constrained values given by name."""
     dtype = jnp.result_type(float)
     parts = []
@@ -105,7 +105,7 @@ def to_flat(sites: Mapping[str, Site], values: Mapping[str, jax.Array]) -> jax.A
     return jnp.concatenate(parts) if len(parts) > 1 else parts[0]
 
 
-def log_det(sites: Mapping[str, Site], x: jax.Array) -> jax.Array:
+def log_det(sites: Mapping[str, Site], x: Array) -> Array:
     """Log-determinant of the map from flat to constrained values, a scalar."""
     total = jnp.zeros((), jnp.result_type(float))
     for site in sites.values():

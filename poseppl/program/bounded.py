@@ -10,9 +10,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.program.bijector import Site
 from poseppl.program.compiled import CompiledModel
@@ -37,7 +37,7 @@ class Bounded(NamedTuple):
     upper: np.ndarray[Any, Any]
     unbounded: CompiledModel
 
-    def to_unbounded(self, y: jax.Array, inputs: Any = None) -> jax.Array:
+    def to_unbounded(self, y: Array, inputs: Any = None) -> Array:
         """The unconstrained flat state (d,) of a bounded one; what lies on a bound is moved inside a little."""
         if np.all(np.isinf(self.lower) & np.isinf(self.upper)):
             return y

@@ -26,6 +26,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.program.compiled import CompiledModel
 
@@ -90,7 +91,7 @@ def _comparable(value: Any) -> Any:
     kind = type(value)
     if isinstance(value, jax.core.Tracer):
         raise TypeError("the value of a tracer is not known")
-    if isinstance(value, np.ndarray | jax.Array):
+    if isinstance(value, np.ndarray | Array):
         array = np.asarray(value)
         return kind, array.dtype.str, array.shape, array.tobytes()
     if isinstance(value, Mapping):

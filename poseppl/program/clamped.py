@@ -15,9 +15,9 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpyro import handlers
 
 from poseppl.program import bijector
@@ -35,8 +35,8 @@ class Clamped(NamedTuple):
     """
 
     inputs: Any
-    values: jax.Array
-    previous: jax.Array
+    values: Array
+    previous: Array
 
     @classmethod
     def of_trajectory(cls, values: Any, inputs: Any = None) -> Clamped:
@@ -59,11 +59,11 @@ class ClampedModel(CompiledModel):
         """The same model with other params."""
         return dataclasses.replace(self, params=params, unbound=False, full=self.full.with_params(params))
 
-    def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+    def to_sites(self, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """Constrained values of all sites of the full state."""
         return self.full.to_sites(_required(inputs).values) | bijector.to_sites(self.sites, x)
 
-    def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
+    def _arguments(self, inputs: Inputs, x: Array | None = None) -> tuple[Any, ...]:
         return super()._arguments(_required(inputs), x)
 
 
@@ -92,7 +92,7 @@ def _clamped_programs(model: CompiledModel, free: set[str]) -> StateSpaceModel:
     """The programs with all sites but the free ones substituted and blocked."""
     sites = {name: site for name, site in model.sites.items() if name not in free}
 
-    def given(values: jax.Array) -> dict[str, jax.Array]:
+    def given(values: Array) -> dict[str, Array]:
         return bijector.to_sites(sites, values)
 
     def clamped(program: Callable[..., Any]) -> Callable[..., Any]:

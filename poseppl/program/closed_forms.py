@@ -12,13 +12,14 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 
 
 @runtime_checkable
 class SummedDensity(Protocol):
     """A distribution that sums the log-density of its value itself: in one pass, without an array of the single terms."""
 
-    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+    def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of a value where a mask of its shape is true (None: of all), a scalar."""
         ...
 
@@ -33,20 +34,20 @@ class WhitenedJacobian(Protocol):
             does not apply, and automatic differentiation stands in.
     """
 
-    state: jax.Array
+    state: Array
 
     @property
     def fixed(self) -> Any:
         """A tree of arrays."""
         ...
 
-    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+    def whitened_jacobian(self, mask: Array | None) -> Array:
         """R^(-1/2) d location / d state (entries of the value, n); rows of entries where the mask is false are 0."""
         ...
 
 
 def check_closed_forms(
-    distribution_of: Callable[[jax.Array], dist.Distribution], state: Any, value: Any, *, tolerance: float = 1e-3
+    distribution_of: Callable[[Array], dist.Distribution], state: Any, value: Any, *, tolerance: float = 1e-3
 ) -> None:
     """Hold what a distribution knows in closed form against its `log_prob`, and against automatic differentiation.
 
@@ -79,7 +80,7 @@ def check_closed_forms(
         _same("whitened_jacobian(mask)", distribution.whitened_jacobian(mask), expected, tolerance)
 
 
-def _same(what: str, found: jax.Array, expected: jax.Array, tolerance: float) -> None:
+def _same(what: str, found: Array, expected: Array, tolerance: float) -> None:
     if found.shape != expected.shape:
         raise ValueError(f"{what} has the shape {found.shape}. Expected {expected.shape}.")
     difference, size = float(jnp.max(jnp.abs(found - expected))), float(jnp.max(jnp.abs(expected)))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.program import bijector
@@ -22,6 +23,7 @@ from poseppl.program.moments import (
     observation_information,
     observation_jacobian,
     observation_moments,
+    same_frame_dependence,
     transition_moments,
 )
 from poseppl.program.normal_sites import joint_normal
@@ -68,6 +70,16 @@ class CompiledModel:
         return sum(site.size for site in self.sites.values())
 
     @property
+    def finite_sites(self) -> tuple[str, ...]:
+        """Names of the sites that take integers."""
+        return tuple(name for name, site in self.sites.items() if site.discrete)
+
+    @property
+    def finite_coordinates(self) -> tuple[bool, ...]:
+        """Whether each of the d coordinates takes integers."""
+        return tuple(site.discrete for site in self.sites.values() for _ in range(site.size))
+
+    @property
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the d coordinates, `level` or `hip_r[0]`."""
         return tuple(name for site in self.sites.values() for name in site.coordinate_names)
@@ -81,44 +93,44 @@ class CompiledModel:
             raise ValueError("The model has a parameters program, and params are not set: use with_params(params).")
         return self.params
 
-    def _arguments(self, inputs: Inputs, x: jax.Array | None = None) -> tuple[Any, ...]:
+    def _arguments(self, inputs: Inputs, x: Array | None = None) -> tuple[Any, ...]:
         """Arguments of a program, at a flat state (d,) if it takes one."""
         check_inputs(self.input_shapes, inputs)
         return self._bound(), *(() if x is None else (bijector.to_sites(self.sites, x),)), inputs
 
     # Bijectors
 
-    def to_sites(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+    def to_sites(self, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """Constrained values of the state's sites by name."""
         return bijector.to_sites(self.sites, x)
 
-    def to_flat(self, sites: Mapping[str, Any]) -> jax.Array:
+    def to_flat(self, sites: Mapping[str, Any]) -> Array:
         """The flat state (d,) from constrained values by name."""
         return bijector.to_flat(self.sites, sites)
 
-    def log_det(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def log_det(self, x: Array, inputs: Inputs = None) -> Array:
         """Log-determinant of the bijector, log |d sites / d x|, a scalar."""
         return bijector.log_det(self.sites, x)
 
     # Draws and log-densities
 
-    def sample_initial(self, rng_key: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def sample_initial(self, rng_key: Array, inputs: Inputs = None) -> Array:
         """Draw the state (d,) at the first frame."""
         return self._draw("initial", rng_key, self._arguments(inputs))
 
-    def log_initial(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def log_initial(self, x: Array, inputs: Inputs = None) -> Array:
         """Log-density of the state at the first frame, a scalar."""
         return self._log_density("initial", x, self._arguments(inputs))
 
-    def sample_transition(self, rng_key: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def sample_transition(self, rng_key: Array, x_previous: Array, inputs: Inputs = None) -> Array:
         """Draw the state (d,) at a frame, given the one before it and the inputs of the new frame."""
         return self._draw("transition", rng_key, self._arguments(inputs, x_previous))
 
-    def log_transition(self, x: jax.Array, x_previous: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def log_transition(self, x: Array, x_previous: Array, inputs: Inputs = None) -> Array:
         """Log-density of the state `x` given `x_previous`, a scalar."""
         return self._log_density("transition", x, self._arguments(inputs, x_previous))
 
-    def _draw(self, which: str, rng_key: jax.Array, arguments: tuple[Any, ...]) -> jax.Array:
+    def _draw(self, which: str, rng_key: Array, arguments: tuple[Any, ...]) -> Array:
         seed = Seed(rng_key, self.randomness[which])
         trace = trace_program(getattr(self.programs, which), arguments, seed=seed)
         joint = joint_normal(self.sites, trace)
@@ -126,23 +138,23 @@ class CompiledModel:
             return self.to_flat({name: site["value"] for name, site in sample_sites(trace).items()})
         in_order = list(seed.noise) == list(self.sites)
         noise = seed.normals if in_order else self.to_flat(seed.noise)
-        drawn: jax.Array = joint.loc + noise * joint.scale
+        drawn: Array = joint.loc + noise * joint.scale
         return drawn
 
-    def _log_density(self, which: str, x: jax.Array, arguments: tuple[Any, ...]) -> jax.Array:
+    def _log_density(self, which: str, x: Array, arguments: tuple[Any, ...]) -> Array:
         trace = trace_program(getattr(self.programs, which), arguments, values=bijector.to_sites(self.sites, x))
         joint = joint_normal(self.sites, trace)
         if joint is None:
             return trace_log_density(trace) + bijector.log_det(self.sites, x)
-        total: jax.Array = jnp.sum(joint.log_prob(x))
+        total: Array = jnp.sum(joint.log_prob(x))
         return total
 
-    def sample_observation(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+    def sample_observation(self, rng_key: Array, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """Draw the data sites of a frame by name; factors draw nothing."""
         arguments = self._arguments(inputs, x)
         return draw(self.programs.observation, arguments, rng_key, self.randomness["observation"])
 
-    def draw_data(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs = None) -> DrawnData:
+    def draw_data(self, rng_key: Array, x: Array, inputs: Inputs = None) -> DrawnData:
         """Draw a frame's data (k,) given `x`, in the order of `flat_observation`, and tell their moments.
 
         Raises:
@@ -154,28 +166,28 @@ class CompiledModel:
         """Why :meth:`draw_data` cannot be, or None when it can."""
         found: list[str | None] = []
 
-        def look(rng_key: jax.Array, inputs: Inputs) -> None:
+        def look(rng_key: Array, inputs: Inputs) -> None:
             found.append(prediction_obstacle(self._drawn_trace(rng_key, jnp.zeros(self.dimension), inputs)))
 
         jax.eval_shape(look, jax.random.key(0), inputs)
         return found[0]
 
-    def _drawn_trace(self, rng_key: jax.Array, x: jax.Array, inputs: Inputs) -> Any:
+    def _drawn_trace(self, rng_key: Array, x: Array, inputs: Inputs) -> Any:
         arguments = self._arguments(inputs, x)
         return trace_program(self.programs.observation, arguments, seed=Seed(rng_key, self.randomness["observation"]))
 
-    def log_observation(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
+    def log_observation(self, x: Array, observation: Observation, inputs: Inputs = None) -> Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
         arguments = self._arguments(inputs, x)
         return log_density(self.programs.observation, arguments, observation.values, observation.mask)
 
-    def extras(self, x: jax.Array, inputs: Inputs = None) -> dict[str, jax.Array]:
+    def extras(self, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """The `numpyro.deterministic` sites of the observation program at `x`, by name."""
         arguments = self._arguments(inputs, x)
         trace = trace_program(self.programs.observation, arguments)
         return {name: jnp.asarray(site["value"]) for name, site in trace.items() if site["type"] == "deterministic"}
 
-    def log_joint(self, xs: jax.Array, observations: Observation, inputs: Inputs = None) -> jax.Array:
+    def log_joint(self, xs: Array, observations: Observation, inputs: Inputs = None) -> Array:
         """Log-density of a trajectory and its data, vmapped over time.
 
         Args:
@@ -195,7 +207,7 @@ class CompiledModel:
 
     # Gaussian summaries
 
-    def initial_moments(self, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+    def initial_moments(self, inputs: Inputs = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the first flat state, from the initial program's distributions.
 
         Raises:
@@ -209,7 +221,7 @@ class CompiledModel:
         values = {name: jnp.zeros(site.shape, site.dtype) for name, site in self.sites.items()}
         return is_gaussian(trace_program(self.programs.initial, arguments, values=values))
 
-    def transition_moments(self, x_previous: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+    def transition_moments(self, x_previous: Array, inputs: Inputs = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
 
         Raises:
@@ -217,10 +229,15 @@ class CompiledModel:
         """
         return self._moments("transition", self._arguments(inputs, x_previous))
 
-    def _moments(self, which: str, arguments: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
+    def same_frame_dependence(self, which: str, inputs: Inputs = None, x_previous: Array | None = None) -> dict[str, list[str]]:
+        """For each site of the "initial" or the "transition" program those of its own frame that it depends on."""
+        program, arguments = getattr(self.programs, which), self._arguments(inputs, x_previous)
+        return same_frame_dependence(self.sites, lambda values: trace_program(program, arguments, values=values))
+
+    def _moments(self, which: str, arguments: tuple[Any, ...]) -> tuple[Array, Array]:
         program = getattr(self.programs, which)
 
-        def trace_of(values: Mapping[str, jax.Array]) -> Any:
+        def trace_of(values: Mapping[str, Array]) -> Any:
             return trace_program(program, arguments, values=values)
 
         if which not in self._moments_check:
@@ -238,7 +255,7 @@ class CompiledModel:
         """For each program the finding of its first check."""
         return {}
 
-    def observation_moments(self, x: jax.Array, inputs: Inputs = None) -> tuple[jax.Array, jax.Array]:
+    def observation_moments(self, x: Array, inputs: Inputs = None) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of a frame's data given `x`, in the order of `flat_observation`.
 
         Raises:
@@ -246,24 +263,24 @@ class CompiledModel:
         """
         return observation_moments(self.observation_sites, self._feasible_trace(x, inputs))
 
-    def observation_jacobian(self, x: jax.Array, inputs: Inputs = None) -> jax.Array:
+    def observation_jacobian(self, x: Array, inputs: Inputs = None) -> Array:
         """Derivative (k, d) by `x` of the mean that :meth:`observation_moments` gives."""
         return observation_jacobian(self.observation_sites, lambda state: self._feasible_trace(state, inputs), x)
 
-    def _feasible_trace(self, x: jax.Array, inputs: Inputs) -> Any:
+    def _feasible_trace(self, x: Array, inputs: Inputs) -> Any:
         """Trace of the observation program with some data that it could produce."""
         arguments = self._arguments(inputs, x)
         values = {name: jnp.asarray(feasible(site)) for name, site in self.observation_sites.items()}
         return trace_program(self.programs.observation, arguments, values=values)
 
-    def flat_observation(self, observation: Observation) -> tuple[jax.Array, jax.Array]:
+    def flat_observation(self, observation: Observation) -> tuple[Array, Array]:
         """Data (k,) of a frame as one vector, and whether each entry was seen (k,)."""
         return flat_observation(self.observation_sites, observation.values, observation.mask)
 
-    def observation_information(self, x: jax.Array, observation: Observation, inputs: Inputs = None) -> jax.Array:
+    def observation_information(self, x: Array, observation: Observation, inputs: Inputs = None) -> Array:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite."""
 
-        def trace_of(state: jax.Array) -> Any:
+        def trace_of(state: Array) -> Any:
             arguments = self._arguments(inputs, state)
             return trace_program(self.programs.observation, arguments, values=observation.values)
 
@@ -271,7 +288,7 @@ class CompiledModel:
 
     # Static parameters
 
-    def sample_parameters(self, rng_key: jax.Array) -> dict[str, jax.Array]:
+    def sample_parameters(self, rng_key: Array) -> dict[str, Array]:
         """Draw params from the parameters program.
 
         Raises:
@@ -279,7 +296,7 @@ class CompiledModel:
         """
         return draw(self._parameters_program(), (), rng_key, self.randomness["parameters"])
 
-    def log_parameters(self, params: Mapping[str, Any]) -> jax.Array:
+    def log_parameters(self, params: Mapping[str, Any]) -> Array:
         """Log-density of params (constrained values by name) under the parameters program, a scalar."""
         return log_density(self._parameters_program(), (), params)
 

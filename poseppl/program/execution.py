@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 from numpyro import handlers
 from numpyro.distributions import constraints
 from numpyro.distributions.distribution import Unit
@@ -75,16 +76,16 @@ class Seed(handlers.seed):  # type: ignore[misc]
         randomness: What the program needs; None splits as it goes, and `counted` tells afterwards.
     """
 
-    def __init__(self, rng_key: jax.Array, randomness: Randomness | None) -> None:
+    def __init__(self, rng_key: Array, randomness: Randomness | None) -> None:
         super().__init__(rng_seed=rng_key)
         self.counted, self.counts = Randomness(), randomness is None
         self.randomness = randomness or Randomness()
         number = self.randomness.num_keys + (self.randomness.num_normals > 0)
-        self.noise: dict[str, jax.Array] = {}
+        self.noise: dict[str, Array] = {}
         self.keys = [rng_key] if number <= 1 else list(jax.random.split(rng_key, number))
 
     @cached_property
-    def normals(self) -> jax.Array:
+    def normals(self) -> Array:
         """The standard normal numbers of all Normal sites, one after the other."""
         return jax.random.normal(self.keys[-1], (self.randomness.num_normals,))
 
@@ -121,11 +122,11 @@ def _normal_shape(msg: Mapping[str, Any]) -> tuple[int, ...] | None:
     return (*msg["kwargs"]["sample_shape"], *msg["fn"].shape())
 
 
-def _threefry(rng_key: jax.Array) -> jax.Array:
+def _threefry(rng_key: Array) -> Array:
     """The key, or where it is another generator's (particles share one) a key of JAX's default one drawn from it."""
     if jax.random.key_impl(rng_key) == "threefry2x32":
         return rng_key
-    key: jax.Array = jax.random.wrap_key_data(jax.random.bits(rng_key, (2,), jnp.uint32), impl="threefry2x32")
+    key: Array = jax.random.wrap_key_data(jax.random.bits(rng_key, (2,), jnp.uint32), impl="threefry2x32")
     return key
 
 
@@ -153,7 +154,7 @@ def trace_program(
     arguments: tuple[Any, ...],
     *,
     seed: Seed | None = None,
-    values: Mapping[str, jax.Array] | None = None,
+    values: Mapping[str, Array] | None = None,
 ) -> Trace:
     """Run a program and return its sites by name.
 
@@ -183,7 +184,7 @@ def sample_sites(trace: Trace) -> Trace:
     return {name: site for name, site in trace.items() if site["type"] == "sample" and not is_factor(site)}
 
 
-def draw(program: Program, arguments: tuple[Any, ...], rng_key: jax.Array, randomness: Randomness) -> dict[str, jax.Array]:
+def draw(program: Program, arguments: tuple[Any, ...], rng_key: Array, randomness: Randomness) -> dict[str, Array]:
     """Values of all sample sites, drawn in the program's order."""
     trace = trace_program(program, arguments, seed=Seed(rng_key, randomness))
     return {name: site["value"] for name, site in sample_sites(trace).items()}
@@ -192,9 +193,9 @@ def draw(program: Program, arguments: tuple[Any, ...], rng_key: jax.Array, rando
 def log_density(
     program: Program,
     arguments: tuple[Any, ...],
-    values: Mapping[str, jax.Array],
-    mask: Mapping[str, jax.Array] | None = None,
-) -> jax.Array:
+    values: Mapping[str, Array],
+    mask: Mapping[str, Array] | None = None,
+) -> Array:
     """Log-density of given site values.
 
     Args:
@@ -210,7 +211,7 @@ def log_density(
     return trace_log_density(trace_program(program, arguments, values=values), mask)
 
 
-def trace_log_density(trace: Trace, mask: Mapping[str, jax.Array] | None = None) -> jax.Array:
+def trace_log_density(trace: Trace, mask: Mapping[str, Array] | None = None) -> Array:
     """Log-density of the values in a trace; see :func:`log_density`."""
     total = jnp.zeros((), jnp.result_type(float))
     for name, site in trace.items():
@@ -219,7 +220,7 @@ def trace_log_density(trace: Trace, mask: Mapping[str, jax.Array] | None = None)
     return total
 
 
-def site_log_density(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
+def site_log_density(site: Mapping[str, Any], mask: Array | None) -> Array:
     """Summed log-density of one traced sample site, with its scale and an optional mask of the value's shape.
 
     A distribution that is a :class:`~poseppl.program.closed_forms.SummedDensity` is asked for the sum itself.
@@ -239,6 +240,6 @@ def site_log_density(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Arr
     return jnp.sum(log_prob)
 
 
-def event_mask(mask: jax.Array, event_dim: int) -> jax.Array:
+def event_mask(mask: Array, event_dim: int) -> Array:
     """Reduce a mask of value shape to batch shape: an event is observed when all of its entries are."""
     return jnp.all(mask, axis=tuple(range(mask.ndim - event_dim, mask.ndim)))

@@ -73,7 +73,7 @@ def _cure(state: Iterable[str], arguments: tuple[Any, ...]) -> str:
     params, *rest = arguments
     takes_state = isinstance(rest[0], dict) and list(rest[0]) == list(state)
     inputs = rest[1] if takes_state else rest[0]
-    cures = []
+    cures = [f"It got the state as a dict of its sites {list(state)}"] if takes_state else []
     if params is None:
         cures.append("It got params = None: where it reads params, give them, compile(params=...)")
     if inputs is None:

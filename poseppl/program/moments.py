@@ -22,6 +22,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 from jax.scipy.linalg import block_diag, solve_triangular
 
 from poseppl.program.bijector import Site
@@ -31,10 +32,10 @@ from poseppl.program.execution import event_mask, sample_sites, site_log_density
 from poseppl.program.normal_sites import is_plain, joint_normal
 from poseppl.program.robust_errors import RobustError
 
-TraceOf = Callable[[jax.Array], dict[str, dict[str, Any]]]
+TraceOf = Callable[[Array], dict[str, dict[str, Any]]]
 
 
-def moments(distribution: dist.Distribution) -> tuple[jax.Array, jax.Array]:
+def moments(distribution: dist.Distribution) -> tuple[Array, Array]:
     """Mean (n,), and variances (n,) or covariance (n, n), of a distribution over n = product of its shape entries.
 
     An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R.
@@ -60,7 +61,7 @@ def moments(distribution: dist.Distribution) -> tuple[jax.Array, jax.Array]:
     return mean, variance
 
 
-def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, jax.Array]], Any]) -> str | None:
+def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, Array]], Any]) -> str | None:
     """Why the transition's moments cannot be read off its distributions, or None when they can.
 
     Args:
@@ -70,16 +71,38 @@ def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str,
     for name, site in sites.items():
         if site.discrete or not site.identity:
             return f"site {name!r} is not over the real line (support {site.support})"
-    counts: dict[str, int] = {}
     failures: list[str] = []
 
-    def parameters(values: dict[str, jax.Array]) -> list[Any]:
+    def look(name: str, site: Mapping[str, Any]) -> None:
+        try:
+            moments(site["fn"])
+        except (ValueError, NotImplementedError) as error:
+            failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
+
+    for name, others in same_frame_dependence(sites, trace_of, look).items():
+        if others:
+            return f"site {name!r} depends on site {others[0]!r} of the same frame"
+    return failures[0] if failures else None
+
+
+def same_frame_dependence(
+    sites: Mapping[str, Site],
+    trace_of: Callable[[Mapping[str, Array]], Any],
+    look: Callable[[str, Mapping[str, Any]], None] = lambda name, site: None,
+) -> dict[str, list[str]]:
+    """For each site those of its own frame that its distribution depends on.
+
+    Args:
+        sites: The state's sites.
+        trace_of: Trace of the initial or the transition program given the values of its sites.
+        look: Is shown each site as it is traced.
+    """
+    counts: dict[str, int] = {}
+
+    def parameters(values: dict[str, Array]) -> list[Any]:
         leaves = []
         for name, site in sample_sites(trace_of(values)).items():
-            try:
-                moments(site["fn"])
-            except (ValueError, NotImplementedError) as error:
-                failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
+            look(name, site)
             parts = jax.tree.leaves(site["fn"])
             counts[name] = len(parts)
             leaves += parts
@@ -89,16 +112,11 @@ def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str,
     names = sorted(example)
     closed = jax.make_jaxpr(parameters)(example)
     reached = iter(output_dependence(closed, [frozenset({names.index(name)}) for name in names]))
-    for name, count in counts.items():
-        others = set().union(*[next(reached) for _ in range(count)])
-        if others:
-            return f"site {name!r} depends on site {names[min(others)]!r} of the same frame"
-    return failures[0] if failures else None
+    numbers = {name: set().union(*[next(reached) for _ in range(count)]) for name, count in counts.items()}
+    return {name: [names[number] for number in sorted(others)] for name, others in numbers.items()}
 
 
-def transition_moments(
-    sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, jax.Array]], Any]
-) -> tuple[jax.Array, jax.Array]:
+def transition_moments(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, Array]], Any]) -> tuple[Array, Array]:
     """Mean (d,) and covariance (d, d) of the next flat state, from the distributions of a trace without obstacle."""
     trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
     joint = joint_normal(sites, trace)
@@ -113,7 +131,7 @@ def is_gaussian(trace: Mapping[str, Any]) -> bool:
     return all(is_plain(site, *kinds) for site in trace.values() if site["type"] == "sample")
 
 
-def _moments_of_sites(sites: Sequence[Mapping[str, Any]]) -> tuple[jax.Array, jax.Array]:
+def _moments_of_sites(sites: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
     """Mean and covariance of independent sites, in order."""
     parts = [moments(site["fn"]) for site in sites]
     mean = jnp.concatenate([mean for mean, _ in parts])
@@ -122,16 +140,14 @@ def _moments_of_sites(sites: Sequence[Mapping[str, Any]]) -> tuple[jax.Array, ja
     return mean, block_diag(*(jnp.diag(spread) if spread.ndim == 1 else spread for _, spread in parts))
 
 
-def flat_observation(
-    sites: Mapping[str, Any], values: Mapping[str, jax.Array], mask: Mapping[str, jax.Array]
-) -> tuple[jax.Array, jax.Array]:
+def flat_observation(sites: Mapping[str, Any], values: Mapping[str, Array], mask: Mapping[str, Array]) -> tuple[Array, Array]:
     """Data (k,) of all sites in order, and whether each entry was seen (k,)."""
     dtype = jnp.result_type(float)
     flat = jnp.concatenate([jnp.ravel(values[name]).astype(dtype) for name in sites])
     return flat, jnp.concatenate([jnp.ravel(mask[name]) for name in sites])
 
 
-def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> tuple[jax.Array, jax.Array]:
+def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> tuple[Array, Array]:
     """Mean (k,) and covariance (k, k) of the data of a frame, all sites in order.
 
     Raises:
@@ -151,7 +167,7 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
     return _moments_of_sites(parts)
 
 
-def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: jax.Array) -> jax.Array:
+def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) -> Array:
     """Derivative (k, d) of the mean of the data of a frame, all sites in order; in closed form where it is known.
 
     Args:
@@ -163,7 +179,7 @@ def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: jax.Arr
     return jnp.concatenate([_mean_jacobian(trace_of, trace[name], x) for name in sites])
 
 
-def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x: jax.Array) -> jax.Array:
+def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Array) -> Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 
     Args:
@@ -186,7 +202,7 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x:
         information = information + jacobian.T @ jacobian
     if other:
 
-        def log_density(state: jax.Array) -> jax.Array:
+        def log_density(state: Array) -> Array:
             trace = trace_of(state)
             return sum((site_log_density(trace[name], mask.get(name)) for name in other), start=jnp.zeros((), x.dtype))
 
@@ -196,16 +212,16 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, jax.Array], x:
     return information
 
 
-def _whitened_jacobian(trace_of: TraceOf, name: str, mask: jax.Array | None, x: jax.Array) -> jax.Array:
+def _whitened_jacobian(trace_of: TraceOf, name: str, mask: Array | None, x: Array) -> Array:
     """R^(-1/2) J of one Gaussian site, (events, d)."""
     known = _closed_form(trace_of, trace_of(x)[name], mask, x)
     if known is not None:
         return known
-    jacobian: jax.Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask))(x)
+    jacobian: Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask))(x)
     return jacobian
 
 
-def _robust_rows(site: Mapping[str, Any], jacobian: jax.Array) -> jax.Array:
+def _robust_rows(site: Mapping[str, Any], jacobian: Array) -> Array:
     """Rows of R^(-1/2) J (events, d), weighed so that their square is the curvature of a robust site."""
     errors = unwrap(site["fn"])
     white = errors.whitened_residual(site["value"])
@@ -218,20 +234,20 @@ def _robust_rows(site: Mapping[str, Any], jacobian: jax.Array) -> jax.Array:
     rows = jacobian.reshape(*white.shape, -1)
     inward = jnp.einsum("en,end->ed", unit, rows)
     rows = rows - shrunk[:, None, None] * unit[:, :, None] * inward[:, None]
-    weighed: jax.Array = (jnp.sqrt(across)[:, None, None] * rows).reshape(jacobian.shape)
+    weighed: Array = (jnp.sqrt(across)[:, None, None] * rows).reshape(jacobian.shape)
     return weighed
 
 
-def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: jax.Array) -> jax.Array:
+def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: Array) -> Array:
     """J of one Gaussian site, (events, d)."""
     known, scale = _closed_form(trace_of, site, None, x), getattr(site["fn"], "scale", None)
     if known is not None and scale is not None:
         return known * jnp.ravel(jnp.broadcast_to(scale, site["fn"].shape()))[:, None]
-    jacobian: jax.Array = jax.jacrev(lambda state: moments(trace_of(state)[site["name"]]["fn"])[0])(x)
+    jacobian: Array = jax.jacrev(lambda state: moments(trace_of(state)[site["name"]]["fn"])[0])(x)
     return jacobian
 
 
-def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: jax.Array | None, x: jax.Array) -> jax.Array | None:
+def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: Array | None, x: Array) -> Array | None:
     """R^(-1/2) J as the site's distribution knows it; None if it does not."""
     known = _gaussian_of(site["fn"])
     if not isinstance(known, WhitenedJacobian) or site.get("scale") is not None:
@@ -243,7 +259,7 @@ def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: jax.Array | N
     inner = jax.jacrev(lambda state: _gaussian_of(trace_of(state)[name]["fn"]).state)(x)
     if mask is not None and site["fn"].event_dim:
         mask = jnp.broadcast_to(jnp.all(mask, -1, keepdims=True), mask.shape)
-    rows: jax.Array = known.whitened_jacobian(mask) @ inner
+    rows: Array = known.whitened_jacobian(mask) @ inner
     return rows
 
 
@@ -252,7 +268,7 @@ def _gaussian_of(distribution: dist.Distribution) -> Any:
     return distribution.gaussian if isinstance(distribution, RobustError) else distribution
 
 
-def _whitened_location(site: Mapping[str, Any], mask: jax.Array | None) -> jax.Array:
+def _whitened_location(site: Mapping[str, Any], mask: Array | None) -> Array:
     """R^(-1/2) mu, flat, with 0 for masked events; its Jacobian's square is the information."""
     distribution = site["fn"]
     base, shape = _gaussian_of(unwrap(distribution)), distribution.shape()
@@ -274,6 +290,6 @@ def _whitened_location(site: Mapping[str, Any], mask: jax.Array | None) -> jax.A
     return jnp.ravel(jnp.where(seen, white, 0.0))
 
 
-def _over_events(batch: jax.Array, distribution: dist.Distribution) -> jax.Array:
+def _over_events(batch: Array, distribution: dist.Distribution) -> Array:
     """Append the event axes of a distribution to an array over its batch axes, for broadcasting."""
     return batch.reshape(batch.shape + (1,) * distribution.event_dim) if batch.ndim else batch

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.program.execution import unwrap
 
@@ -38,6 +38,6 @@ def is_plain(site: Mapping[str, Any], *kinds: type) -> bool:
     return type(distribution) in kinds and site.get("scale") is None
 
 
-def _flat(distribution: dist.Distribution, which: str) -> jax.Array:
+def _flat(distribution: dist.Distribution, which: str) -> Array:
     parameter = jnp.asarray(getattr(unwrap(distribution), which), jnp.result_type(float))
     return jnp.ravel(jnp.broadcast_to(parameter, distribution.shape()))

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.program.execution import base_support
 from poseppl.program.explanation import suggestion
@@ -26,8 +27,8 @@ class Observation(NamedTuple):
         mask: Boolean of the same shape for each site; True means observed.
     """
 
-    values: dict[str, jax.Array]
-    mask: dict[str, jax.Array]
+    values: dict[str, Array]
+    mask: dict[str, Array]
 
 
 def check_is_observation(data: Any) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax
+from jax import Array
 
 from poseppl.program import bijector
 from poseppl.program.bijector import Site, make_site
@@ -38,19 +38,19 @@ class ParameterBijector(NamedTuple):
         """Names of the p coordinates, `noise` or `lengths[0]`."""
         return tuple(name for site in self.sites.values() for name in site.coordinate_names)
 
-    def to_params(self, u: jax.Array) -> dict[str, jax.Array]:
+    def to_params(self, u: Array) -> dict[str, Array]:
         """Constrained values by name, from u (p,)."""
         return bijector.to_sites(self.sites, u)
 
-    def to_flat(self, params: Mapping[str, Any]) -> jax.Array:
+    def to_flat(self, params: Mapping[str, Any]) -> Array:
         """The flat vector (p,) of constrained values given by name."""
         return bijector.to_flat(self.sites, params)
 
-    def log_det(self, u: jax.Array) -> jax.Array:
+    def log_det(self, u: Array) -> Array:
         """Log-determinant of the map from u to the params, a scalar."""
         return bijector.log_det(self.sites, u)
 
-    def log_prior(self, model: CompiledModel, u: jax.Array) -> jax.Array:
+    def log_prior(self, model: CompiledModel, u: Array) -> Array:
         """Log-density of u (p,) under the model's parameters program, a scalar."""
         return model.log_parameters(self.to_params(u)) + self.log_det(u)
 

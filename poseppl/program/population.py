@@ -10,51 +10,52 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.observation import Observation
 
 
-def draw_initial(model: CompiledModel, keys: jax.Array, inputs: Any) -> jax.Array:
+def draw_initial(model: CompiledModel, keys: Array, inputs: Any) -> Array:
     """States (N, d) drawn from the initial program."""
     return jax.vmap(lambda key: model.sample_initial(key, inputs))(keys)
 
 
-def propagate(model: CompiledModel, keys: jax.Array, previous: jax.Array, inputs: Any) -> jax.Array:
+def propagate(model: CompiledModel, keys: Array, previous: Array, inputs: Any) -> Array:
     """States (N, d), each drawn from the transition of its own state before (N, d)."""
     return jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, previous)
 
 
-def log_likelihoods(model: CompiledModel, xs: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+def log_likelihoods(model: CompiledModel, xs: Array, observation: Observation, inputs: Any) -> Array:
     """Log-likelihoods (N,) of a frame's data."""
     return jax.vmap(lambda x: model.log_observation(x, observation, inputs))(xs)
 
 
-def log_initials(model: CompiledModel, xs: jax.Array, inputs: Any) -> jax.Array:
+def log_initials(model: CompiledModel, xs: Array, inputs: Any) -> Array:
     """Log-densities (N,) of first states."""
     return jax.vmap(lambda x: model.log_initial(x, inputs))(xs)
 
 
-def log_transitions(model: CompiledModel, xs: jax.Array, previous: jax.Array, inputs: Any) -> jax.Array:
+def log_transitions(model: CompiledModel, xs: Array, previous: Array, inputs: Any) -> Array:
     """Log-densities (N,) of states, each given its own state before (N, d)."""
     return jax.vmap(lambda x, before: model.log_transition(x, before, inputs))(xs, previous)
 
 
-def log_transitions_into(model: CompiledModel, x: jax.Array, previous: jax.Array, inputs: Any) -> jax.Array:
+def log_transitions_into(model: CompiledModel, x: Array, previous: Array, inputs: Any) -> Array:
     """Log-densities (N,) of one state (d,) given each of the states before (N, d)."""
     return jax.vmap(lambda before: model.log_transition(x, before, inputs))(previous)
 
 
-def log_transition_matrix(model: CompiledModel, xs: jax.Array, previous: jax.Array, inputs: Any) -> jax.Array:
+def log_transition_matrix(model: CompiledModel, xs: Array, previous: Array, inputs: Any) -> Array:
     """Log-densities log p(x_j | x_i) (M, N) of states (M, d) given each of those before (N, d)."""
     return jax.vmap(lambda x: log_transitions_into(model, x, previous, inputs))(xs)
 
 
-def log_prediction(model: CompiledModel, x: jax.Array, previous: jax.Array, inputs: Any) -> jax.Array:
+def log_prediction(model: CompiledModel, x: Array, previous: Array, inputs: Any) -> Array:
     """Log-density of one state (d,) under the mixture of the transitions from equally weighted states before (N, d)."""
     return jax.nn.logsumexp(log_transitions_into(model, x, previous, inputs)) - jnp.log(previous.shape[0])
 
 
-def transition_moments(model: CompiledModel, previous: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array]:
+def transition_moments(model: CompiledModel, previous: Array, inputs: Any) -> tuple[Array, Array]:
     """Means (N, d) and covariances (N, d, d) of the next states, given each of those before (N, d)."""
     return jax.vmap(lambda x: model.transition_moments(x, inputs))(previous)

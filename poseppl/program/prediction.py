@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.program.execution import is_factor
 
@@ -27,10 +27,10 @@ class DrawnData(NamedTuple):
         variance: Its variance (k,); NaN where the distribution does not tell.
     """
 
-    sites: dict[str, jax.Array]
-    values: jax.Array
-    mean: jax.Array
-    variance: jax.Array
+    sites: dict[str, Array]
+    values: Array
+    mean: Array
+    variance: Array
 
 
 def drawn_data(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> DrawnData:
@@ -64,14 +64,14 @@ def prediction_obstacle(trace: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _of_site(site: Mapping[str, Any]) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _of_site(site: Mapping[str, Any]) -> tuple[Array, Array, Array]:
     distribution, values = site["fn"], jnp.asarray(site["value"])
     moments = (_moment(distribution, which, values.shape) for which in ("mean", "variance"))
     mean, variance = moments
     return jnp.ravel(values).astype(mean.dtype), mean, variance
 
 
-def _moment(distribution: dist.Distribution, which: str, shape: tuple[int, ...]) -> jax.Array:
+def _moment(distribution: dist.Distribution, which: str, shape: tuple[int, ...]) -> Array:
     try:
         moment = jnp.asarray(getattr(distribution, which), jnp.result_type(float))
     except NotImplementedError:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.program import bijector, schema
 from poseppl.program.clamped import ClampedModel
@@ -43,8 +44,8 @@ class Proposing(NamedTuple):
         log_density: `(x, *state) -> scalar`.
     """
 
-    sample: Callable[..., jax.Array]
-    log_density: Callable[..., jax.Array]
+    sample: Callable[..., Array]
+    log_density: Callable[..., Array]
 
 
 def propose_initial(model: CompiledModel, proposal: Proposal, observation: Observation, inputs: Any) -> Proposing:
@@ -72,13 +73,13 @@ def _proposing(model: CompiledModel, which: str, program: Any, known: tuple[Any,
     declared = schema.declare(which, program, (model.params, *example, *shapes), model.sites)
     schema.check_transition(model.sites, declared)
 
-    def arguments(state: tuple[jax.Array, ...]) -> tuple[Any, ...]:
+    def arguments(state: tuple[Array, ...]) -> tuple[Any, ...]:
         return (model.params, *(bijector.to_sites(model.sites, x) for x in state), *known)
 
-    def sample(rng_key: jax.Array, *state: jax.Array) -> jax.Array:
+    def sample(rng_key: Array, *state: Array) -> Array:
         return model.to_flat(draw(program, arguments(state), rng_key, declared.randomness))
 
-    def log_proposal(x: jax.Array, *state: jax.Array) -> jax.Array:
+    def log_proposal(x: Array, *state: Array) -> Array:
         sites = bijector.to_sites(model.sites, x)
         return log_density(program, arguments(state), sites) + bijector.log_det(model.sites, x)
 

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import sample_sites, unwrap
@@ -19,7 +20,7 @@ _LOGGER = logging.getLogger("poseppl")
 _COARSE = 0.25
 """Spacing of numbers, in standard deviations of the noise, above which rounding is told."""
 
-TraceOf = Callable[[jax.Array, Any], Mapping[str, Any]]
+TraceOf = Callable[[Array, Any], Mapping[str, Any]]
 
 
 def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, np.ndarray[Any, Any]]:
@@ -32,7 +33,7 @@ def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, 
     """
     names: list[str] = []
 
-    def deviations(x: jax.Array, inputs: Any) -> list[jax.Array]:
+    def deviations(x: Array, inputs: Any) -> list[Array]:
         sites = {name: site["fn"] for name, site in sample_sites(dict(trace_of(x, inputs))).items()}
         gaussian = {name: fn for name, fn in sites.items() if isinstance(unwrap(fn), dist.Normal | dist.MultivariateNormal)}
         names[:] = gaussian

@@ -34,6 +34,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import gammaln
 from numpyro.distributions import constraints
@@ -88,18 +89,18 @@ class RobustError(dist.Distribution):  # type: ignore[misc]
         return math.prod(self.event_shape)
 
     @abstractmethod
-    def potential(self, squared: jax.Array) -> jax.Array:
+    def potential(self, squared: Array) -> Array:
         """The potential rho of squared errors."""
 
     @abstractmethod
-    def derivatives(self, squared: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def derivatives(self, squared: Array) -> tuple[Array, Array]:
         """First and second derivative of rho by the squared error."""
 
     @abstractmethod
-    def log_constant(self) -> jax.Array:
+    def log_constant(self) -> Array:
         """Logarithm of the integral of exp(-rho / 2) over residuals of unit weight."""
 
-    def whitened_residual(self, value: jax.Array) -> jax.Array:
+    def whitened_residual(self, value: Array) -> Array:
         """W^(1/2) r of each vector: batch shape and event shape, (1,) where an entry is a vector by itself."""
         residual = value - self.gaussian.loc
         if isinstance(self.gaussian, dist.Normal):
@@ -107,23 +108,23 @@ class RobustError(dist.Distribution):  # type: ignore[misc]
         else:
             lower = jnp.broadcast_to(self.gaussian.scale_tril, (*residual.shape, residual.shape[-1]))
             white = solve_triangular(lower, residual[..., None], lower=True)[..., 0]
-        vectors: jax.Array = white if self.event_dim else white[..., None]
+        vectors: Array = white if self.event_dim else white[..., None]
         return vectors
 
-    def log_volume(self) -> jax.Array:
+    def log_volume(self) -> Array:
         """Logarithm of the determinant of W^(-1/2)."""
         if isinstance(self.gaussian, dist.MultivariateNormal):
             return jnp.sum(jnp.log(jnp.diagonal(self.gaussian.scale_tril, axis1=-2, axis2=-1)), -1)
         scale = jnp.broadcast_to(self.gaussian.scale, (*self.batch_shape, *self.event_shape))
         return jnp.sum(jnp.log(scale), -1) if self.event_dim else jnp.log(scale)
 
-    def log_prob(self, value: jax.Array) -> jax.Array:
+    def log_prob(self, value: Array) -> Array:
         """Log-density of vectors (batch shape)."""
         squared = jnp.sum(self.whitened_residual(value) ** 2, -1)
-        density: jax.Array = -0.5 * self.potential(squared) - self.log_constant() - self.log_volume()
+        density: Array = -0.5 * self.potential(squared) - self.log_constant() - self.log_volume()
         return density
 
-    def _place(self, white: jax.Array) -> Any:
+    def _place(self, white: Array) -> Any:
         """Values from residuals of unit weight (..., batch shape, n)."""
         if isinstance(self.gaussian, dist.MultivariateNormal):
             return self.gaussian.loc + jnp.einsum("...ij,...j->...i", self.gaussian.scale_tril, white)
@@ -146,45 +147,45 @@ class Lorentzian(RobustError):
         """The length of a vector."""
         return float(math.prod(event_shape))
 
-    def potential(self, squared: jax.Array) -> jax.Array:
+    def potential(self, squared: Array) -> Array:
         """The potential rho of squared errors."""
-        potential: jax.Array = self.strength * jnp.log1p(squared / self.strength)
+        potential: Array = self.strength * jnp.log1p(squared / self.strength)
         return potential
 
-    def derivatives(self, squared: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def derivatives(self, squared: Array) -> tuple[Array, Array]:
         """First and second derivative of rho by the squared error."""
         first = 1.0 / (1.0 + squared / self.strength)
         return first, -(first**2) / self.strength
 
-    def log_constant(self) -> jax.Array:
+    def log_constant(self) -> Array:
         """Logarithm of the integral of exp(-rho / 2) over residuals of unit weight."""
         half = 0.5 * jnp.asarray(self.strength, jnp.result_type(float))
         return 0.5 * self.size * jnp.log(2 * jnp.pi * half) + gammaln(half - 0.5 * self.size) - gammaln(half)
 
-    def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw values (sample shape, batch shape, event shape)."""
         key_normal, key_scale = jax.random.split(key)
         shape = (*sample_shape, *self.batch_shape)
         normal = jax.random.normal(key_normal, (*shape, self.size))
         # s / nu is a ratio of two chi-squares, that below of nu - n degrees of freedom
         chi_squared = 2.0 * jax.random.gamma(key_scale, 0.5 * (jnp.asarray(self.strength) - self.size), shape)
-        draws: jax.Array = self._place(normal * jnp.sqrt(jnp.asarray(self.strength) / chi_squared)[..., None])
+        draws: Array = self._place(normal * jnp.sqrt(jnp.asarray(self.strength) / chi_squared)[..., None])
         return draws
 
     @property
-    def mean(self) -> jax.Array:
+    def mean(self) -> Array:
         """The location, where there is a mean; else NaN."""
         freedom = self._per_entry(jnp.asarray(self.strength) - self.size)
         return jnp.where(freedom > 1, self.gaussian.mean, jnp.nan)
 
     @property
-    def variance(self) -> jax.Array:
+    def variance(self) -> Array:
         """Variance of each entry, infinite below 2 degrees of freedom."""
         freedom = self._per_entry(jnp.asarray(self.strength) - self.size)
         ratio = self._per_entry(jnp.asarray(self.strength)) / jnp.where(freedom > 2, freedom - 2, 1.0)
         return jnp.where(freedom > 2, ratio * self.gaussian.variance, jnp.inf)
 
-    def _per_entry(self, strength: jax.Array) -> jax.Array:
+    def _per_entry(self, strength: Array) -> Array:
         return jnp.broadcast_to(strength, self.batch_shape)[..., None] if self.event_dim else strength
 
 
@@ -217,35 +218,35 @@ class Leclerc(RobustError):
     is_predictive = False
     """Draws are of the peak alone: a window's volume does not tell where it lies."""
 
-    def potential(self, squared: jax.Array) -> jax.Array:
+    def potential(self, squared: Array) -> Array:
         """The potential rho of squared errors."""
-        potential: jax.Array = -self.strength * jnp.expm1(-squared / self.strength)
+        potential: Array = -self.strength * jnp.expm1(-squared / self.strength)
         return potential
 
-    def derivatives(self, squared: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def derivatives(self, squared: Array) -> tuple[Array, Array]:
         """First and second derivative of rho by the squared error."""
         first = jnp.exp(-squared / self.strength)
         return first, -first / self.strength
 
-    def log_constant(self) -> jax.Array:
+    def log_constant(self) -> Array:
         """Logarithm of the integral of exp(-rho / 2) over the window of residuals of unit weight; 0 without a window."""
         if self.window is None:
             return -self.log_volume()
         outliers = jnp.log(jnp.asarray(self.window)) - self.log_volume()
         return jnp.logaddexp(jax.nn.logsumexp(self._log_masses(), -1), outliers) - 0.5 * jnp.asarray(self.strength)
 
-    def _log_masses(self) -> jax.Array:
+    def _log_masses(self) -> Array:
         """Log-masses (..., terms) of the Gaussians in the peak, exp(-nu / 2) left out."""
         strength = jnp.asarray(self.strength, jnp.result_type(float))[..., None]
         terms = jnp.arange(1.0, _TERMS + 1.0)
         volume = 0.5 * self.size * jnp.log(jnp.pi * strength / terms)
         return terms * jnp.log(0.5 * strength) - gammaln(terms + 1.0) + volume
 
-    def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
+    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw values (sample shape, batch shape, event shape) from the peak alone."""
         key_normal, key_term = jax.random.split(key)
         shape = (*sample_shape, *self.batch_shape)
         term = 1 + jax.random.categorical(key_term, jnp.broadcast_to(self._log_masses(), (*shape, _TERMS)))
         normal = jax.random.normal(key_normal, (*shape, self.size))
-        draws: jax.Array = self._place(normal * jnp.sqrt(0.5 * jnp.asarray(self.strength) / term)[..., None])
+        draws: Array = self._place(normal * jnp.sqrt(0.5 * jnp.asarray(self.strength) / term)[..., None])
         return draws

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+from jax import Array
 
 from poseppl.program.bijector import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
@@ -58,12 +60,12 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
             an improper distribution, or arguments that the program cannot use.
     """
     leaves, tree = jax.tree.flatten(arguments)
-    traced = [isinstance(a, jax.Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
+    traced = [isinstance(a, Array | np.ndarray | np.generic | float | jax.ShapeDtypeStruct) for a in leaves]
     found: dict[str, Any] = {}
     trees: dict[str, Any] = {}
     counts: list[Randomness] = []
 
-    def run(rng_key: jax.Array, arrays: list[Any]) -> dict[str, list[Any]]:
+    def run(rng_key: Array, arrays: list[Any]) -> dict[str, list[Any]]:
         rest = iter(arrays)
         full = [next(rest) if is_traced else leaf for leaf, is_traced in zip(leaves, traced, strict=True)]
         seed = Seed(rng_key, None)
@@ -102,7 +104,7 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
     if all(tree.num_leaves == 0 for tree in trees.values()):
         return {name: jax.tree.unflatten(tree, []) for name, tree in trees.items()}
     zeros = [np.zeros(np.shape(a), getattr(a, "dtype", float)) for a in arrays]
-    with jax.ensure_compile_time_eval():
+    with jax.ensure_compile_time_eval(), numpyro.validation_enabled(False):  # zeros need be no scales or probabilities
         bounds = jax.jit(lambda: run(jax.random.key(0), zeros))()
     return {
         name: jax.tree.unflatten(tree, [np.asarray(b) for b in bounds[name]]) if fixed[name] else None

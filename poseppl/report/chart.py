@@ -1,4 +1,4 @@
-"""Charts as Plotly's plain data and layout, which the page draws, and :func:`poseppl.report.picture.draw` into a picture.
+"""Charts as Plotly's figures, which the page draws, and whose traces :func:`poseppl.report.picture.draw` draws into a picture.
 
 Names of results stand in them as they are: the page's script escapes them for Plotly, which reads a few HTML tags.
 """
@@ -9,18 +9,20 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from plotly import graph_objects as go
+from plotly.subplots import make_subplots
 
 from poseppl.diagnostics.selection import Array
 from poseppl.report.picture import BAND, MUTED
 
-Chart = dict[str, Any]
-Traces = list[dict[str, Any]]
+Traces = list[go.Scatter]
+DOTTED = {"line_width": 1, "line_dash": "dot", "hoverinfo": "skip"}
 
 
 class Panel(NamedTuple):
     """One of several axes of a chart: its traces, its title, and what Plotly's axes are to have."""
 
-    traces: Traces
+    traces: Sequence[Any]
     title: str = ""
     yaxis: dict[str, Any] = {}
     xaxis: dict[str, Any] = {}
@@ -30,29 +32,35 @@ class Panel(NamedTuple):
     """Why it is empty."""
 
 
-def line(x: Any, y: Array, name: str, color: str, **more: Any) -> dict[str, Any]:
+def line(x: Any, y: Array, name: str, color: str, **more: Any) -> go.Scatter:
     """Draw a line; a single point as a marker."""
-    drawn = {"mode": "lines" if len(x) > 1 else "markers", "line": {"color": color, "width": 2}, "marker": {"color": color}}
-    return {"type": "scatter", "x": np.asarray(x), "y": np.asarray(y, float), "name": name} | drawn | more
+    drawn = {"mode": "lines" if len(x) > 1 else "markers", "line_color": color, "line_width": 2, "marker_color": color}
+    return go.Scatter(x=np.asarray(x), y=np.asarray(y, float), name=name, **drawn | more)
 
 
 def band(x: Any, low: Array, high: Array, name: str, color: str = BAND) -> Traces:
     """Fill what lies between two lines."""
-    ends = line(x, low, name, color, line={"width": 0, "color": color}, mode="lines", hoverinfo="skip")
-    return [ends | {"showlegend": False}, ends | {"y": np.asarray(high, float), "fill": "tonexty", "fillcolor": color}]
+    ends = {"line_width": 0, "mode": "lines", "hoverinfo": "skip"}
+    upper = line(x, high, name, color, fill="tonexty", fillcolor=color, **ends)
+    return [line(x, low, name, color, showlegend=False, **ends), upper]
 
 
-def points(x: Any, y: Array, name: str, color: str, error: Array, **more: Any) -> dict[str, Any]:
+def points(x: Any, y: Array, name: str, color: str, error: Array) -> go.Scatter:
     """Draw points with bars of two standard errors."""
-    bars = {"type": "data", "array": 2 * np.asarray(error), "color": color, "thickness": 1.5}
-    return line(x, y, name, color, mode="markers", marker={"size": 9, "color": color}, error_y=bars, **more)
+    return line(x, y, name, color, mode="markers", marker_size=9, error_y=bars(2 * np.asarray(error), color=color))
 
 
-def heat(x: Any, names: Sequence[str], values: Array, label: str, *, logarithmic: bool) -> dict[str, Any]:
+def bars(above: Array, below: Array | None = None, **style: Any) -> dict[str, Any]:
+    """Describe the error bars of points, as long below as above if not given."""
+    return {"array": above, "thickness": 1.5} | ({} if below is None else {"arrayminus": below, "symmetric": False}) | style
+
+
+def heat(x: Any, names: Sequence[str], values: Array, label: str, run: str = "", *, logarithmic: bool) -> go.Heatmap:
     """Colour a grid (name, x); the page takes the logarithm, ``meta`` says so."""
     told = f"%{{y}}, frame %{{x}}<br>{label} %{{customdata:.3g}}<extra>%{{fullData.name}}</extra>"
-    trace = {"type": "heatmap", "x": np.asarray(x), "y": list(names), "customdata": values, "showlegend": False}
-    return trace | {"hovertemplate": told} | ({"meta": "log10"} if logarithmic else {"z": values})
+    shown = {"meta": "log10"} if logarithmic else {"z": values}
+    drawn = {"name": run, "coloraxis": "coloraxis", "showlegend": False, "hovertemplate": told}
+    return go.Heatmap(x=np.asarray(x), y=list(names), customdata=values, **shown, **drawn)
 
 
 def color_axis(low: float, high: float, label: str, *, logarithmic: bool = False, dark_is_bad: bool = True) -> dict[str, Any]:
@@ -62,7 +70,7 @@ def color_axis(low: float, high: float, label: str, *, logarithmic: bool = False
         ticks = log_ticks(low, high)
         bar |= {"tickvals": np.log10(ticks), "ticktext": [f"{tick:g}" for tick in ticks]}
         low, high = np.log10(low), np.log10(high)
-    return {"colorscale": "YlGnBu", "reversescale": dark_is_bad, "colorbar": bar, "cmin": float(low), "cmax": float(high)}
+    return {"colorscale": "YlGnBu", "reversescale": not dark_is_bad, "colorbar": bar, "cmin": float(low), "cmax": float(high)}
 
 
 def log_ticks(low: float, high: float) -> Array:
@@ -80,56 +88,59 @@ def log_axis(values: Any) -> dict[str, Any]:
     return {"type": "log", "dtick": "D2" if short else 1, "exponentformat": "power"}
 
 
-def chart(traces: Traces, ylabel: str, *, xlabel: str = "frame", height: int = 320, **layout: Any) -> Chart | None:
+def chart(traces: Sequence[Any], ylabel: str, *, xlabel: str = "frame", height: int = 320, **layout: Any) -> go.Figure | None:
     """Make a chart of one pair of axes; none without traces."""
-    axes = {"xaxis": {"title": {"text": xlabel}}, "yaxis": {"title": {"text": ylabel}, "rangemode": "tozero"}}
-    merged = {name: axes[name] | layout.pop(name, {}) for name in axes}
-    return {"data": traces, "layout": {"height": height} | merged | layout} if traces else None
+    axes = {"xaxis_title_text": xlabel, "yaxis_title_text": ylabel, "yaxis_rangemode": "tozero"}
+    return go.Figure(traces).update_layout(axes | layout, height=height) if traces else None
 
 
-def grid(panels: Sequence[Panel], *, columns: int, height: int, shared: bool = False, **layout: Any) -> Chart | None:
-    """Make a chart of several axes, row by row; with ``shared``, one below the other over one horizontal axis."""
+def grid(panels: Sequence[Panel], *, columns: int, height: int, **layout: Any) -> go.Figure | None:
+    """Make a chart of several axes with titles above them, row by row."""
     if not panels:
         return None
-    suffixes = [str(number) if number > 1 else "" for number in range(1, len(panels) + 1)]
-    across = ["" if shared else suffix for suffix in suffixes]
-    data: Traces = []
-    notes: Traces = []
-    axes: dict[str, Any] = {}
-    for panel, x, y in zip(panels, across, suffixes, strict=True):
-        named = {trace["name"] for trace in data}
-        data += [
-            trace | {"xaxis": f"x{x}", "yaxis": f"y{y}", "legendgroup": trace["name"]} | _once(trace, named)
-            for trace in panel.traces
-        ]
-        axes |= {f"xaxis{x}": panel.xaxis, f"yaxis{y}": panel.yaxis}
-        where: dict[str, Any] = {"xref": f"x{x} domain", "yref": f"y{y} domain", "showarrow": False}
+    full, rest = divmod(len(panels), columns)
+    specs: list[list[Any]] = [[{}] * columns] * full + ([[{}] * rest + [None] * (columns - rest)] if rest else [])
+    gap = (46 if any(panel.title for panel in panels) else 16) / height
+    figure = make_subplots(len(specs), columns, specs=specs, vertical_spacing=gap, horizontal_spacing=0.12 / columns**2)
+    for number, panel in enumerate(panels):
+        row, col = number // columns + 1, number % columns + 1
+        figure.add_traces(panel.traces, row, col)
+        figure.update_xaxes(panel.xaxis, row=row, col=col).update_yaxes(panel.yaxis, row=row, col=col)
+        place = {"row": row, "col": col, "xref": "x domain", "yref": "y domain", "showarrow": False}
+        above = place | {"x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
+        if panel.color:
+            figure.add_annotation(text="●", font_color=panel.color, **above)
         if panel.title:
-            dot: Traces = [{"text": "●", "font": {"color": panel.color}, "xshift": 0}] if panel.color else []
-            title: dict[str, Any] = {"text": panel.title, "font": {"size": 12}, "xshift": 14 if dot else 0}
-            top: dict[str, Any] = {"x": 0, "y": 1, "xanchor": "left", "yanchor": "bottom"}
-            notes += [where | top | each for each in (*dot, title)]
+            figure.add_annotation(text=panel.title, font_size=12, xshift=14 if panel.color else 0, **above)
         if panel.missing:
-            notes.append(where | {"text": panel.missing, "x": 0.5, "y": 0.5, "font": {"color": MUTED}})
-    rows = -(-len(panels) // columns)
-    cells = [f"x{x}y{y}" for x, y in zip(across, suffixes, strict=True)] + [""] * (rows * columns - len(panels))
-    gap = (46 if any(panel.title for panel in panels) else 16) * rows / height
-    laid = {
-        "subplots": [cells[row * columns : (row + 1) * columns] for row in range(rows)],
-        "ygap": gap,
-        "xgap": 0.12 / columns,
-    }
-    return {"data": data, "layout": {"height": height, "grid": laid, "annotations": notes} | axes | layout}
+            figure.add_annotation(text=panel.missing, x=0.5, y=0.5, font_color=MUTED, **place)
+    return _named_once(figure).update_layout(height=height, **layout)
 
 
-def _once(trace: dict[str, Any], named: set[str]) -> dict[str, Any]:
+def stack(panels: Sequence[Panel], *, height: int, **layout: Any) -> go.Figure | None:
+    """Make a chart of panels of a height each, one below the other over the frames, with titles beside them."""
+    if not panels:
+        return None
+    figure = make_subplots(len(panels), shared_xaxes=True, vertical_spacing=0.09 / len(panels))
+    for row, panel in enumerate(panels, 1):
+        figure.add_traces(panel.traces, row, 1)
+        figure.update_yaxes(panel.yaxis, row=row, title_text=panel.title, title_font_size=11, automargin=True)
+    figure.update_xaxes(title_text="frame", row=len(panels))
+    return _named_once(figure).update_layout(height=60 + height * len(panels), **layout)
+
+
+def _named_once(figure: go.Figure) -> go.Figure:
     """A name stands in the legend once."""
-    return {"showlegend": trace.get("showlegend", True) and trace["name"] not in named}
+    named: set[str] = set()
+    for trace in figure.data:
+        trace.update(legendgroup=trace.name, showlegend=trace.showlegend is not False and trace.name not in named)
+        named.add(trace.name)
+    return figure
 
 
-def coverage_chart(rows: Sequence[dict[str, Any]], **layout: Any) -> Chart | None:
+def coverage_chart(rows: Sequence[go.Scatter], **layout: Any) -> go.Figure | None:
     """Draw coverage against the nominal level, in per cent, beside the diagonal."""
-    ideal = line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, line={"color": MUTED, "width": 1, "dash": "dot"})
-    axes: dict[str, Any] = {"xaxis": {"range": [44, 97], "tickvals": [50, 80, 90]}, "yaxis": {"range": [0, 102]}}
-    traces = [ideal | {"hoverinfo": "skip"}, *rows] if rows else []
+    ideal = line([40, 100], np.array([40.0, 100.0]), "ideal", MUTED, **DOTTED)
+    axes: dict[str, Any] = {"xaxis_range": [44, 97], "xaxis_tickvals": [50, 80, 90], "yaxis_range": [0, 102]}
+    traces = [ideal, *rows] if rows else []
     return chart(traces, "truth inside (%)", xlabel="nominal level (%)", hovermode="closest", **axes, **layout)

@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
+from plotly import graph_objects as go
 
 from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_index, has_chains, worst_pairs
-from poseppl.report.chart import Chart, Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points
+from poseppl.report.chart import Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points, stack
 from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, TRUTH
 from poseppl.report.prediction_chart import prediction_chart
 from poseppl.runs.contents import frame_numbers, names_of, variable
@@ -23,7 +24,7 @@ Pairs = Sequence[tuple[int, str]]
 
 
 def charts(tree: xr.DataTree) -> dict[str, Any]:
-    """Make the charts that a diagnosed result has data for, by name; of ``coordinates`` one each, with its ``label``."""
+    """Make the charts that a diagnosed result has data for, by name; of ``coordinates`` one each, by its name."""
     made: dict[str, Any] = {
         "error": chart(error_traces(tree), "mm"),
         "coverage": _coverage(tree),
@@ -32,13 +33,13 @@ def charts(tree: xr.DataTree) -> dict[str, Any]:
         "predictions": prediction_chart(tree),
     }
     if has_chains(tree):
-        made["autocorrelation"] = chart(autocorrelation_traces(tree), "", xlabel="lag (draws)", yaxis={"rangemode": "normal"})
+        made["autocorrelation"] = chart(autocorrelation_traces(tree), "", xlabel="lag (draws)", yaxis_rangemode="normal")
         panels = trace_panels(tree)
         made["trace"] = grid(panels, columns=min(2, len(panels)), height=60 + 90 * len(panels), showlegend=False)
-    made["coordinates"] = [
-        {"label": name} | (chart(state_traces(tree, dof), "", height=300, yaxis={"rangemode": "normal"}) or {})
+    made["coordinates"] = {
+        name: chart(state_traces(tree, dof), "", height=300, yaxis_rangemode="normal")
         for dof, name in enumerate(names_of(tree, "dof"))
-    ]
+    }
     return {name: each for name, each in made.items() if each is not None}
 
 
@@ -53,8 +54,7 @@ def error_traces(tree: xr.DataTree) -> Traces:
         return []
     x, chosen = _frames(tree)
     traces = band(x, expected[0][chosen], expected[2][chosen], "posterior expects (90 %)")
-    median = line(x, expected[1][chosen], "posterior expects (median)", POSTERIOR)
-    traces.append(median | {"line": {"color": POSTERIOR, "width": 1.2}})
+    traces.append(line(x, expected[1][chosen], "posterior expects (median)", POSTERIOR, line_width=1.2))
     if error is not None and relative is not None:
         traces.append(line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
         traces.append(line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
@@ -72,14 +72,14 @@ def state_traces(tree: xr.DataTree, dof: int) -> Traces:
     return traces if truth is None else [*traces, line(x, truth[chosen, dof], "truth", TRUTH)]
 
 
-def inefficiency_heat(tree: xr.DataTree) -> tuple[dict[str, Any], float] | None:
+def inefficiency_heat(tree: xr.DataTree) -> tuple[go.Heatmap, float] | None:
     """Inefficiency factors of every frame and coordinate, and the largest, at least 10; none of particles and short chains."""
     tau = variable(tree, "diagnostics", "tau")
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
         return None
     x, chosen = _frames(tree)
     drawn = heat(x, names_of(tree, "dof"), tau[chosen].T, "τ =", logarithmic=True)
-    return drawn | {"name": ""}, max(float(np.nanmax(tau)), 10.0)
+    return drawn, max(float(np.nanmax(tau)), 10.0)
 
 
 def autocorrelation_traces(tree: xr.DataTree, pairs: Pairs | None = None) -> Traces:
@@ -106,17 +106,17 @@ def trace_panels(tree: xr.DataTree, pairs: Pairs | None = None) -> list[Panel]:
     for frame, dof in _places(tree, pairs) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
         kept = state[:, :, frame, dof][np.ix_(chains, draws)]
         traces = [
-            line(draws, values, f"chain {chain}", color, line={"color": color, "width": 0.9})
+            line(draws, values, f"chain {chain}", color, line_width=0.9)
             for values, chain, color in zip(kept, chains, _viridis(len(chains)), strict=True)
         ]
         if truth is not None:
-            level, dashed = np.full(2, truth[frame, dof]), {"color": OBSERVED, "width": 1.5, "dash": "dash"}
-            traces.append(line(draws[[0, -1]], level, "truth", OBSERVED, line=dashed))
+            level = np.full(2, truth[frame, dof])
+            traces.append(line(draws[[0, -1]], level, "truth", OBSERVED, line_width=1.5, line_dash="dash"))
         panels.append(Panel(traces, _label(tree, frame, dof)))
     return panels
 
 
-def _coverage(tree: xr.DataTree) -> Chart | None:
+def _coverage(tree: xr.DataTree) -> go.Figure | None:
     levels, rows = variable(tree, "diagnostics", "level"), []
     for name, label, color in (("coverage", "state", POSTERIOR), ("coverage_markers", "markers", OBSERVED)):
         share, error = variable(tree, "diagnostics", name), variable(tree, "diagnostics", f"{name}_se")
@@ -125,36 +125,35 @@ def _coverage(tree: xr.DataTree) -> Chart | None:
     return coverage_chart(rows)
 
 
-def _inefficiency(tree: xr.DataTree) -> Chart | None:
+def _inefficiency(tree: xr.DataTree) -> go.Figure | None:
     found = inefficiency_heat(tree)
     if found is None:
         return None
-    axis = {"autorange": "reversed", "type": "category", "tickfont": {"size": 10}, "automargin": True}
-    layout: dict[str, Any] = {
-        "coloraxis": color_axis(1, found[1], "τ", logarithmic=True),
-        "hovermode": "closest",
-        "yaxis": axis,
-    }
-    return chart([found[0] | {"coloraxis": "coloraxis"}], "", height=130 + 17 * max(len(names_of(tree, "dof")), 6), **layout)
+    axis = {"autorange": "reversed", "type": "category", "tickfont_size": 10, "automargin": True}
+    colors, height = color_axis(1, found[1], "τ", logarithmic=True), 130 + 17 * max(len(names_of(tree, "dof")), 6)
+    return chart([found[0]], "", height=height, coloraxis=colors, hovermode="closest", yaxis=axis)
 
 
-def _progress(tree: xr.DataTree) -> Chart | None:
+def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Evidence, effective size and rejection over the frames, one panel below the other."""
     (x, chosen), weighted = _frames(tree), is_weighted(tree)
-    found: list[tuple[str, Array | None]] = [("log evidence", variable(tree, "sample_stats", "log_evidence"))]
     ess, rejection = variable(tree, "diagnostics", "ess"), variable(tree, "diagnostics", "rejection_rate")
-    found.append(("effective number" if weighted else "least ESS", None if ess is None else np.fmin.reduce(ess, axis=1)))
-    found.append(("unique ancestors", variable(tree, "sample_stats", "unique_ancestors")))
     step = variable(tree, "sample_stats", "step_size")
-    found.append(("step size", None if step is None or len(np.unique(step[np.isfinite(step)])) < 2 else step))
-    found.append(("rejection (%)", None if rejection is None or weighted else 100 * rejection))
-    panels = []
-    for label, values in found:
-        if values is not None and np.isfinite(values).any():
-            kind = "normal" if label == "log evidence" else "tozero"
-            axis = {"title": {"text": label, "font": {"size": 11}}, "rangemode": kind, "automargin": True}
-            panels.append(Panel([line(x, values[chosen], label, POSTERIOR)], "", axis, {"title": {"text": "frame"}}))
-    return grid(panels, columns=1, height=60 + 130 * len(panels), shared=True, showlegend=False)
+    found = {
+        "log evidence": variable(tree, "sample_stats", "log_evidence"),
+        "effective number" if weighted else "least ESS": None if ess is None else np.fmin.reduce(ess, axis=1),
+        "unique ancestors": variable(tree, "sample_stats", "unique_ancestors"),
+        "step size": None if step is None or len(np.unique(step[np.isfinite(step)])) < 2 else step,
+        "rejection (%)": None if rejection is None or weighted else 100 * rejection,
+    }
+    panels = [
+        Panel(
+            [line(x, values[chosen], label, POSTERIOR)], label, {"rangemode": "tozero" if label != "log evidence" else "normal"}
+        )
+        for label, values in found.items()
+        if values is not None and np.isfinite(values).any()
+    ]
+    return stack(panels, height=130, showlegend=False)
 
 
 def _frames(tree: xr.DataTree) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from poseppl.diagnostics.verdicts.comparison import findings, wins, words
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically, write_rows
 from poseppl.report.compare_charts import comparison_charts
-from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_strip, winners_table
+from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_legend, winners_table
 from poseppl.report.page import DASH, page_html
 
 _CARDS = {"ess_per_second": "most ESS a second", "ess_per_evaluation": "most ESS an evaluation", "error": "least error"}
@@ -52,7 +52,7 @@ def comparison_html(tree: xr.DataTree) -> str:
         charts=drawn,
         found=findings(tree),
         runs=runs_table(tree),
-        strip=winners_strip(tree),
+        legend=winners_legend(tree),
         winners=winners_table(tree),
         by_coordinate=coordinates_table(tree),
         settings=settings_table(tree),

@@ -1,21 +1,23 @@
-"""The charts of a comparison; of ``heat`` one for each figure, of ``variance`` one for each coordinate, with their labels.
+"""The charts of a comparison; of ``heat`` one for each figure, of ``variance`` one for each coordinate, by their labels.
 
 Bounded in size for any length of sequence: heat maps hold at most 300 frames and 60,000 cells, lines at most 600 frames.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from plotly import graph_objects as go
 
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.selection import Array, evenly
 from poseppl.report.chart import (
-    Chart,
     Panel,
     Traces,
+    bars,
     chart,
     color_axis,
     coverage_chart,
@@ -24,8 +26,9 @@ from poseppl.report.chart import (
     line,
     log_axis,
     points,
+    stack,
 )
-from poseppl.report.compare_tables import run_colors, run_labels, run_names
+from poseppl.report.compare_tables import shown_runs
 from poseppl.report.picture import GRID
 from poseppl.report.variance_charts import variance_charts
 
@@ -48,16 +51,20 @@ def comparison_charts(tree: xr.DataTree) -> dict[str, Any]:
     return {name: each for name, each in made.items() if each} | {"heat": heat_maps(tree), "variance": variance_charts(tree)}
 
 
-def heat_maps(tree: xr.DataTree) -> list[Chart]:
+def heat_maps(tree: xr.DataTree) -> dict[str, go.Figure | None]:
     """Colour every figure that a run has over frames and coordinates, one panel a run."""
     figures = tree["figures"].dataset
-    sizes, labels = figures.sizes, run_labels(tree)
+    sizes = figures.sizes
     chosen = evenly(sizes["frame"], max(2, min(MAX_FRAMES, MAX_CELLS // (sizes["run"] * sizes["dof"]))))
     columns = min(sizes["run"], 2) if sizes["run"] <= 4 else 3
     height = -(-sizes["run"] // columns) * (62 + 11 * min(60, max(8, sizes["dof"]))) + 20
-    frames = figures["frame"].values[chosen]
-    half = (frames[1] - frames[0]) / 2 if len(frames) > 1 else 0.5
-    maps = []
+    layout: dict[str, Any] = {
+        "columns": columns,
+        "height": height,
+        "margin": {"l": 96, "r": 20, "t": 26, "b": 26},
+        "hovermode": "closest",
+    }
+    maps = {}
     for name, label, logarithmic, more_is_better, ends in HEATS:
         values = figures[name].transpose("run", "dof", "frame").values[:, :, chosen]
         finite = values[np.isfinite(values) & (values > 0 if logarithmic else True)]
@@ -65,49 +72,52 @@ def heat_maps(tree: xr.DataTree) -> list[Chart]:
             continue
         low, high = (float(form(finite)) if end is None else end for form, end in zip((np.min, np.max), ends, strict=True))
         high = max(high, 10 * low) if logarithmic else high
-        panels = []
-        for index, (run, color) in enumerate(zip(labels, run_colors(sizes["run"]), strict=True)):
-            traces = [heat(frames, figures["dof"].values.tolist(), values[index], label, logarithmic=logarithmic)]
-            traces[0] |= {"name": run, "coloraxis": "coloraxis"}
-            form = str(figures["kind"].values[index]) == FORMULA
-            why = "closed form: no Monte Carlo error" if form else "no figure"
-            yaxis = {"type": "category", "autorange": "reversed", "showgrid": False, "ticks": "", "tickfont": {"size": 9}}
-            yaxis |= {"showticklabels": index % columns == 0} | ({} if sizes["dof"] > 60 else {"dtick": 1})
-            xaxis = {"showgrid": False, "nticks": 6, "tickfont": {"size": 10}, "range": [frames[0] - half, frames[-1] + half]}
-            panels.append(Panel(traces, run, yaxis, xaxis, color, "" if np.isfinite(values[index]).any() else why))
         axis = color_axis(low, high, label, logarithmic=logarithmic, dark_is_bad=not more_is_better)
-        margin = {"l": 96, "r": 20, "t": 26, "b": 26}
-        drawn = grid(panels, columns=columns, height=height, coloraxis=axis, margin=margin, hovermode="closest")
-        maps.append({"label": label} | (drawn or {}))
+        maps[label] = grid(list(_heat_panels(tree, values, chosen, label, logarithmic, columns)), coloraxis=axis, **layout)
     return maps
 
 
-def _cost(tree: xr.DataTree) -> Chart | None:
+def _heat_panels(
+    tree: xr.DataTree, values: Array, chosen: Array, label: str, logarithmic: bool, columns: int
+) -> Iterator[Panel]:
+    """Heat maps of values (run, dof, frame) at the chosen frames."""
+    figures = tree["figures"].dataset
+    frames, dofs = figures["frame"].values[chosen], figures["dof"].values.tolist()
+    half = (frames[1] - frames[0]) / 2 if len(frames) > 1 else 0.5
+    xaxis = {"showgrid": False, "nticks": 6, "tickfont_size": 10, "range": [frames[0] - half, frames[-1] + half]}
+    yaxis = {"type": "category", "autorange": "reversed", "showgrid": False, "ticks": "", "tickfont_size": 9}
+    yaxis |= {} if len(dofs) > 60 else {"dtick": 1}
+    for index, run in enumerate(shown_runs(tree)):
+        why = "closed form: no Monte Carlo error" if figures["kind"].values[index] == FORMULA else "no figure"
+        drawn = heat(frames, dofs, values[index], label, run.label, logarithmic=logarithmic)
+        beside = {"showticklabels": index % columns == 0}
+        yield Panel([drawn], run.label, yaxis | beside, xaxis, run.color, "" if np.isfinite(values[index]).any() else why)
+
+
+def _cost(tree: xr.DataTree) -> go.Figure | None:
     """ESS a second and an evaluation of each coordinate: the harmonic mean, and the middle 90 % of the frames."""
     figures, summary = tree["figures"].dataset, tree["summary"].dataset
-    names, dofs = run_labels(tree), figures["dof"].values.tolist()
+    runs, dofs = shown_runs(tree), figures["dof"].values.tolist()
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
     slot = 0.8 * (np.cumsum(taking_part) - 0.5) / max(taking_part.sum(), 1) - 0.4
+    told = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
+    style = {"mode": "markers", "marker_size": 7, "text": dofs, "hovertemplate": told}
     panels: list[Panel] = []
     for column, title in COSTS.items():
         traces: Traces = []
-        for index, color in enumerate(run_colors(len(names))):
-            value = summary[column].values[index]
+        for index, (run, value) in enumerate(zip(runs, summary[column].values, strict=True)):
             if np.isfinite(value).any():
                 low, high = _middle(figures[column].values[index])
-                bars = {"type": "data", "symmetric": False, "array": high - value, "arrayminus": value - low}
-                style = {"mode": "markers", "marker": {"color": color, "size": 7}, "text": dofs}
-                style["error_x"] = bars | {"color": color, "thickness": 1, "width": 0}
-                style["hovertemplate"] = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
-                traces.append(line(value, np.arange(len(dofs)) + slot[index], names[index], color, **style))
+                ends = bars(high - value, value - low, color=run.color, thickness=1, width=0)
+                traces.append(line(value, np.arange(len(dofs)) + slot[index], run.label, run.color, error_x=ends, **style))
         if traces:
-            yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont": {"size": 10}, "automargin": True}
+            yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont_size": 10, "automargin": True}
             yaxis |= {"range": [len(dofs) - 0.5, -0.5], "showgrid": False, "showticklabels": not panels}
-            known = np.concatenate([trace["x"] for trace in traces])
-            panels.append(Panel(traces, "", yaxis, log_axis(known) | {"title": {"text": title}}))
-    shade = {"type": "rect", "xref": "paper", "x0": 0, "x1": 1, "fillcolor": GRID, "layer": "below", "opacity": 0.5}
-    rows = [shade | {"y0": row - 0.5, "y1": row + 0.5, "line": {"width": 0}} for row in range(0, len(dofs), 2)]
-    height = 110 + len(dofs) * (10 + 4 * min(len(names), 8))
+            known = np.concatenate([trace.x for trace in traces])
+            panels.append(Panel(traces, "", yaxis, log_axis(known) | {"title_text": title}))
+    shade = {"xref": "paper", "x0": 0, "x1": 1, "fillcolor": GRID, "layer": "below", "opacity": 0.5, "line_width": 0}
+    rows = [shade | {"y0": row - 0.5, "y1": row + 0.5} for row in range(0, len(dofs), 2)]
+    height = 110 + len(dofs) * (10 + 4 * min(len(runs), 8))
     return grid(panels, columns=len(panels), height=height, hovermode="closest", shapes=rows)
 
 
@@ -122,38 +132,37 @@ def _lines(tree: xr.DataTree, values: Array) -> Traces:
     """One line a run with values (run, frame)."""
     chosen = evenly(values.shape[1], MAX_POINTS)
     frames = tree["figures"].dataset["frame"].values[chosen]
-    rows = zip(values, run_names(tree), run_colors(len(values)), strict=True)
-    return [line(frames, row[chosen], name, color) for row, name, color in rows if np.isfinite(row).any()]
+    rows = zip(values, shown_runs(tree), strict=True)
+    return [line(frames, row[chosen], run.name, run.color) for row, run in rows if np.isfinite(row).any()]
 
 
-def _error(tree: xr.DataTree) -> Chart | None:
+def _error(tree: xr.DataTree) -> go.Figure | None:
     values = tree["figures"].dataset["joint_error"].transpose("run", "frame").values
     return chart(_lines(tree, values), "mean joint error (mm)", height=340)
 
 
-def _coverage(tree: xr.DataTree) -> Chart | None:
-    summary, names = tree["summary"].dataset, run_names(tree)
+def _coverage(tree: xr.DataTree) -> go.Figure | None:
+    summary, runs = tree["summary"].dataset, shown_runs(tree)
     share, error = 100 * summary["coverage_all"].values, 100 * summary["coverage_se_all"].values
-    offsets = min(0.9, 8 / len(names)) * (np.arange(len(names)) - (len(names) - 1) / 2)
+    offsets = min(0.9, 8 / len(runs)) * (np.arange(len(runs)) - (len(runs) - 1) / 2)
     rows = [
-        points(100 * summary["level"].values + offsets[index], share[index], name, color, error[index])
-        for index, (name, color) in enumerate(zip(names, run_colors(len(names)), strict=True))
+        points(100 * summary["level"].values + offsets[index], share[index], run.name, run.color, error[index])
+        for index, run in enumerate(runs)
         if np.isfinite(share[index]).any()
     ]
     return coverage_chart(rows, height=340, showlegend=False)
 
 
-def _progress(tree: xr.DataTree) -> Chart | None:
+def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Mean tau over the coordinates, largest R-hat and rejection over the frames, one panel below the other."""
     figures = tree["figures"].dataset
     tau, rhat = figures["tau"].values, figures["rhat"].values
     count = np.isfinite(tau).sum(axis=2)
     means = np.where(count > 0, np.nansum(tau, axis=2) / np.maximum(count, 1), np.nan)
     found = {"mean τ": means, "largest R-hat": np.fmax.reduce(rhat, axis=2), "rejected (%)": 100 * figures["rejection"].values}
-    panels = []
-    for label, values in found.items():
-        if np.isfinite(values).any():
-            axis = {"title": {"text": label, "font": {"size": 11}}, "automargin": True}
-            scale = log_axis(values) if label == "mean τ" else {}
-            panels.append(Panel(_lines(tree, values), "", axis | scale, {"title": {"text": "frame"}}))
-    return grid(panels, columns=1, height=70 + 150 * len(panels), shared=True)
+    panels = [
+        Panel(_lines(tree, values), label, log_axis(values) if label == "mean τ" else {})
+        for label, values in found.items()
+        if np.isfinite(values).any()
+    ]
+    return stack(panels, height=150)

@@ -1,143 +1,96 @@
-"""The tables of a comparison: the runs, who wins in which coordinate, every coordinate, and what was run."""
+"""The tables of a comparison as rows by column: the runs, who wins in which coordinate, every coordinate, and what was run."""
 
 from __future__ import annotations
 
 import json
-from itertools import cycle, islice
-from typing import Any
+from itertools import cycle
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.evidence import Evidence, evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
-from poseppl.report.page import DASH, Cell, Rows
-from poseppl.report.tables import flatten
+from poseppl.report.page import DASH, Cell
+from poseppl.report.tables import Row, flatten
 
-COVERED = ("50 % intervals cover, %", "90 % intervals cover, %")
 COLORS = (
     *("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896"),
     *("#8c5a3c", "#5b8def", "#f08fc0", "#a3b18a", "#7f1d1d", "#14213d", "#c9ada7", "#84cc16"),
 )
-TITLES = {"ess_per_second": "ESS a second", "ess_per_evaluation": "ESS an evaluation", "error": "error against the truth"}
-_JUDGED = {"ess_per_second_all": "ess_per_second", "ess_per_evaluation_all": "ess_per_evaluation", "joint_error_all": "error"}
-_COLUMNS = (
-    ("seconds a frame", "seconds", ""),
-    ("draws a frame", "draws", "{:,.0f}"),
-    ("τ, median", "tau_median_all", ""),
-    ("τ, mean", "tau_all", ""),
-    ("ESS", "ess_all", ""),
-    ("ESS a second", "ess_per_second_all", ""),
-    ("ESS an evaluation", "ess_per_evaluation_all", ""),
-    ("rejected", "rejection_all", "{:.0%}"),
-    ("largest R-hat", "rhat_all", "{:.2f}"),
-    ("joint error, mm", "joint_error_all", "{:.0f}"),
-    ("relative to the root, mm", "joint_error_relative_all", "{:.0f}"),
-)
-_BY_COORDINATE = (
-    ("τ, mean", "tau", ""),
-    ("ESS", "ess", ""),
-    ("ESS a second", "ess_per_second", ""),
-    ("ESS an evaluation", "ess_per_evaluation", ""),
-    ("largest R-hat", "rhat", "{:.2f}"),
-    ("error, mm or radians", "error", ""),
-    ("error / sd, median", "error_over_sd", ""),
-)
+_TIE = ("#dfe3e8", TIE)
+_BY_COORDINATE = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
+_JUDGED = {"ess_per_second": "ess_per_second_all", "ess_per_evaluation": "ess_per_evaluation_all", "error": "joint_error_all"}
 
 
-def run_colors(count: int) -> list[str]:
-    """Colours of runs."""
-    return list(islice(cycle(COLORS), count))
+class ShownRun(NamedTuple):
+    """A run as it is shown: its name, that with a warning where its posterior is wrong, its colour."""
+
+    name: str
+    label: str
+    color: str
+
+    @property
+    def dot(self) -> tuple[str, str]:
+        """Its colour and what it stands for."""
+        return self.color, self.name
 
 
-def run_names(tree: xr.DataTree) -> list[str]:
-    """Names of the runs, text."""
-    return [str(name) for name in tree["figures"].dataset["run"].values]
+def shown_runs(tree: xr.DataTree) -> list[ShownRun]:
+    """The runs of a comparison, in their order."""
+    wrong = tree["summary"].dataset["miscalibrated"].values
+    names = zip(tree["figures"].dataset["run"].values.tolist(), wrong, cycle(COLORS), strict=False)
+    return [ShownRun(name, f"{name} (miscalibrated)" if out else name, color) for name, out, color in names]
 
 
-def run_labels(tree: xr.DataTree) -> list[str]:
-    """Names of the runs where ESS is shown, with a warning on those whose posterior is wrong."""
-    out = tree["summary"].dataset["miscalibrated"].values
-    return [f"{name} (miscalibrated)" if wrong else name for name, wrong in zip(run_names(tree), out, strict=True)]
+def runs_table(tree: xr.DataTree) -> list[Row]:
+    """List the runs, one a row; ``bold`` are the columns in which it wins."""
+    winner, rows = tree["winner"].dataset["winner"], []
+    figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "draws"]])
+    for index, run in enumerate(shown_runs(tree)):
+        row: Row = {str(name): each[index].item() for name, each in figures.data_vars.items() if each.dims == ("run",)}
+        row |= {"run": Cell(run.name, (run.dot,)), "evidence": log_evidence(tree, index)}
+        row |= {f"cover_{level}": covered(figures, index, level / 100) for level in (50, 90)}
+        rows.append(row | {"bold": [_JUDGED[name] for name in QUANTITIES if winner.sel(quantity=name) == run.name]})
+    return rows
 
 
-def shown(value: Any, form: str = "") -> str:
-    """A figure in words, a dash where there is none; to two or three significant digits without a form."""
-    if not np.isfinite(value):
-        return DASH
-    if form:
-        return form.format(value)
-    if value != 0 and not 1e-3 <= abs(value) < 1e9:
-        return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
-    return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
-
-
-def runs_table(tree: xr.DataTree) -> Rows:
-    """List the runs, one a row; what wins is bold."""
-    figures, summary, winner = (tree[name].dataset for name in ("figures", "summary", "winner"))
-    rows = []
-    for index, (name, dot) in enumerate(_dots(tree).items()):
-        cells: list[Any] = [Cell(name, (dot,)), figures["kind"].values[index]]
-        for _, column, form in _COLUMNS:
-            value = (figures if column in figures else summary)[column].values[index]
-            wins = column in _JUDGED and str(winner["winner"].sel(quantity=_JUDGED[column]).item()) == name
-            cells.append(Cell(shown(value, form), element="b" if wins else ""))
-        rows.append((*cells, *(covered(summary, index, level) for level in (0.5, 0.9)), log_evidence(tree, index)))
-    return Rows(("run", "kind", *(title for title, _, _ in _COLUMNS), *COVERED, "log evidence"), rows)
-
-
-def winners_table(tree: xr.DataTree) -> Rows:
-    """List who wins in which coordinate, and how far ahead of the next."""
-    data, dots = tree["winner_by_dof"].dataset, _dots(tree)
-    rows = [
-        (label, *(_outcome(data.sel(quantity=quantity).isel(dof=dof), dots) for quantity in QUANTITIES))
-        for dof, label in enumerate(data["dof"].values.tolist())
-    ]
-    return Rows(("coordinate", *(TITLES[quantity] for quantity in QUANTITIES)), rows)
-
-
-def winners_strip(tree: xr.DataTree) -> dict[str, Any]:
-    """Colours of who wins where: ``rows`` of (title, pairs of label and colour), ``foot`` and ``legend``."""
-    data, dots = tree["winner_by_dof"].dataset, _dots(tree)
-    colors = {name: color for name, (color, _) in dots.items()} | {TIE: "#dfe3e8", "": "white"}
-    labels, rows = data["dof"].values.tolist(), []
-    for quantity in QUANTITIES:
-        found = [str(winner) for winner in data["winner"].sel(quantity=quantity).values]
-        cells = [(f"{label}: {winner or DASH}", colors[winner]) for label, winner in zip(labels, found, strict=True)]
-        rows.append((TITLES[quantity], cells))
-    legend = [Cell(name, (dot,)) for name, dot in dots.items() if (data["winner"].values == name).any()]
-    return {"rows": rows, "foot": labels, "legend": [*legend, Cell("tie", ((colors[TIE], "tie"),))]}
-
-
-def coordinates_table(tree: xr.DataTree) -> Rows:
+def coordinates_table(tree: xr.DataTree) -> list[Row]:
     """List every coordinate of every run."""
-    summary, dots = tree["summary"].dataset, _dots(tree)
-    rows = []
+    summary, rows = tree["summary"].dataset, []
+    columns = summary[list(_BY_COORDINATE)].transpose("run", "dof")
     for dof, label in enumerate(summary["dof"].values.tolist()):
-        for index, (name, dot) in enumerate(dots.items()):
-            cells = [shown(summary[column].values[index, dof], form) for _, column, form in _BY_COORDINATE]
-            shares = [covered(summary.isel(dof=dof), index, level, "coverage") for level in (0.5, 0.9)]
-            rows.append((label, Cell(name, (dot,)), *cells, *shares))
-    return Rows(("coordinate", "run", *(title for title, _, _ in _BY_COORDINATE), *COVERED), rows)
+        for index, run in enumerate(shown_runs(tree)):
+            row: Row = {name: columns[name].values[index, dof] for name in _BY_COORDINATE}
+            row |= {f"cover_{level}": covered(summary.isel(dof=dof), index, level / 100, "coverage") for level in (50, 90)}
+            rows.append(row | {"dof": label, "run": Cell(run.name, (run.dot,))})
+    return rows
 
 
-def settings_table(tree: xr.DataTree) -> Rows:
-    """List the provenance of all runs side by side; what differs is marked."""
-    columns = {
-        name: {label: str(value) for key, part in given.items() for label, value in flatten(key.replace("_", " "), part)}
-        for name, given in json.loads(tree.attrs["provenance"]).items()
-    }
+def winners_table(tree: xr.DataTree) -> list[Row]:
+    """List who wins in which coordinate, and how far ahead of the next; and a colour for each quantity."""
+    data, dots = tree["winner_by_dof"].dataset, {run.name: run.dot for run in shown_runs(tree)}
+    colors = {name: color for name, (color, _) in dots.items()} | {TIE: _TIE[0], "": "white"}
     rows = []
-    for label in dict.fromkeys(label for column in columns.values() for label in column):
-        cells = [column.get(label, DASH) for column in columns.values()]
-        rows.append((label, *(Cell(cell, element="mark" if len(set(cells)) > 1 else "") for cell in cells)))
-    return Rows(("", *columns), rows)
+    for dof, label in enumerate(data["dof"].values.tolist()):
+        here = data.isel(dof=dof)
+        row: Row = {quantity: _outcome(here.sel(quantity=quantity), dots) for quantity in QUANTITIES}
+        winners = {quantity: str(here["winner"].sel(quantity=quantity).item()) for quantity in QUANTITIES}
+        rows.append(row | {"dof": label, "strip": {name: (each or DASH, colors[each]) for name, each in winners.items()}})
+    return rows
 
 
-def _dots(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
-    """Colour and name of each run, by its name."""
-    names = tree["figures"].dataset["run"].values.tolist()
-    return {name: (color, name) for name, color in zip(names, run_colors(len(names)), strict=True)}
+def winners_legend(tree: xr.DataTree) -> list[Cell]:
+    """Name the colours of those who win somewhere, and that of ties."""
+    won = set(tree["winner_by_dof"].dataset["winner"].values.ravel().tolist())
+    return [Cell(run.name, (run.dot,)) for run in shown_runs(tree) if run.name in won] + [Cell(TIE, (_TIE,))]
+
+
+def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
+    """List the provenance of all runs side by side, by setting."""
+    columns = {name: flatten(given) for name, given in json.loads(tree.attrs["provenance"]).items()}
+    labels = dict.fromkeys(label for column in columns.values() for label in column)
+    return {label: [column.get(label, DASH) for column in columns.values()] for label in labels}
 
 
 def _outcome(row: xr.Dataset, dots: dict[str, tuple[str, str]]) -> Cell:

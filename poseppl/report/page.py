@@ -14,32 +14,42 @@ from typing import Any, NamedTuple
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from plotly.graph_objects import Figure
 from plotly.offline import get_plotlyjs
 
 DASH = "–"
 
 
 class Cell(NamedTuple):
-    """A cell that is more than text: coloured dots with the names they stand for, an HTML element around the text."""
+    """A cell that is more than text: coloured dots with the names they stand for."""
 
     text: str
     dots: tuple[tuple[str, str], ...] = ()
-    element: str = ""
 
 
-class Rows(NamedTuple):
-    """A table: titles of the columns, and rows of text or :class:`Cell`."""
-
-    head: tuple[str, ...]
-    rows: list[tuple[Any, ...]]
+def shown(value: Any, form: str = "") -> str:
+    """A figure in words, a dash where there is none; to two or three significant digits without a form. Text is text."""
+    if isinstance(value, str):
+        return value
+    if not np.isfinite(value):
+        return DASH
+    if form:
+        return format(value, form)
+    if value != 0 and not 1e-3 <= abs(value) < 1e9:
+        return f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+    return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
 
 
 def to_json(value: object) -> str:
-    """JSON, with arrays as nested lists of five significant figures and null for what is not finite."""
+    """JSON of charts and plain data, arrays as nested lists of five significant figures, null for what is not finite."""
     return json.dumps(value, default=_plain, separators=(",", ":"), allow_nan=False)
 
 
 def _plain(values: Any) -> Any:
+    if isinstance(values, Figure):
+        layout = values.layout.to_plotly_json()
+        del layout["template"]  # the page has its own
+        return {"data": [trace.to_plotly_json() for trace in values.data], "layout": layout}
     if isinstance(values, np.ndarray) and values.dtype.kind == "f":
         if values.ndim > 1:
             return [_plain(row) for row in values]
@@ -49,6 +59,7 @@ def _plain(values: Any) -> Any:
 
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("poseppl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    made.filters["shown"] = shown
     made.policies.update({"json.dumps_function": to_json, "json.dumps_kwargs": {}})
     return made
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -21,6 +22,7 @@ BAND = "#cfe6ee"
 GRID = "#e7e9ec"
 TEXT = "#22262b"
 MUTED = "#69727d"
+MODES = ("#b3367e", "#d9822b", "#7a5195", "#5a9e4b")
 
 
 class Picture(Figure):
@@ -65,18 +67,17 @@ def tidy(axes: Axes, title: str = "", xlabel: str = "", ylabel: str = "") -> Non
         spine.set_visible(False)
 
 
-def draw(axes: Axes, traces: list[dict[str, Any]]) -> None:
+def draw(axes: Axes, traces: Sequence[Any]) -> None:
     """Draw the lines and bands of a chart (:mod:`poseppl.report.chart`) into axes."""
     low: Any = 0.0
     for trace in traces:
-        x, y, style = trace["x"], trace["y"], trace["line"]
-        label = trace["name"] if trace.get("showlegend", True) else None
-        if "fill" in trace:
-            axes.fill_between(x, low, y, color=trace["fillcolor"], linewidth=0, label=label)
-        elif style["width"]:
-            form = "o" if trace["mode"] == "markers" else {"dash": "--", "dot": ":"}.get(style.get("dash", ""), "-")
-            axes.plot(x, y, form, color=style["color"], linewidth=0.8 * style["width"], label=label)
-        low = y
+        label = trace.name if trace.showlegend is not False else None
+        if trace.fill:
+            axes.fill_between(trace.x, low, trace.y, color=trace.fillcolor, linewidth=0, label=label)
+        elif trace.line.width:
+            form = "o" if trace.mode == "markers" else {"dash": "--", "dot": ":"}.get(trace.line.dash, "-")
+            axes.plot(trace.x, trace.y, form, color=trace.line.color, linewidth=0.8 * trace.line.width, label=label)
+        low = trace.y
 
 
 def draw_legend(axes: Axes, **where: Any) -> None:
@@ -86,12 +87,12 @@ def draw_legend(axes: Axes, **where: Any) -> None:
             text.set_parse_math(False)
 
 
-def draw_heat(axes: Axes, trace: dict[str, Any], high: float) -> None:
+def draw_heat(axes: Axes, trace: Any, high: float) -> None:
     """Draw a logarithmic heat map from 1 to an upper end of the colours."""
-    x, names = trace["x"], trace["y"]
+    x, names = trace.x, trace.y
     extent = (x[0] - 0.5, x[-1] + 0.5, len(names) - 0.5, -0.5)
     norm = LogNorm(1, high, clip=True)
-    image = axes.imshow(trace["customdata"], aspect="auto", cmap="YlGnBu", norm=norm, extent=extent, interpolation="nearest")
+    image = axes.imshow(trace.customdata, aspect="auto", cmap="YlGnBu", norm=norm, extent=extent, interpolation="nearest")
     axes.grid(False)
     axes.set_yticks(range(len(names)), names, fontsize=6.5 if len(names) > 12 else 8, parse_math=False)
     figure = axes.get_figure()

@@ -9,30 +9,34 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from plotly import graph_objects as go
 
 from poseppl.diagnostics.batches import ratio_interval
 from poseppl.diagnostics.selection import Array
-from poseppl.report.chart import Chart, chart, line, points
+from poseppl.report.chart import DOTTED, bars, chart, line
 from poseppl.report.picture import MUTED, POSTERIOR, SAMPLE
 from poseppl.runs.contents import variable
 
 BINS = 10
 
 
-def prediction_chart(tree: xr.DataTree) -> Chart | None:
+def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
     """Draw the histogram; none where the result has no predictive checks."""
     transform = variable(tree, "predictive", "transform")
     if transform is None or not np.isfinite(transform).any():
         return None
     share, error = transform_shares(np.asarray(transform, np.float64))
-    name, centres = "share of the data (± 2 standard errors)", (np.arange(BINS) + 0.5) / BINS
-    bars = {"type": "bar", "width": 1 / BINS, "marker": {"color": SAMPLE, "line": {"color": "white", "width": 1}}}
-    drawn = points(centres, 100 * share, name, POSTERIOR, 100 * error) | bars
-    flat = {"color": MUTED, "width": 1, "dash": "dot"}
-    ideal = line([0, 1], np.full(2, 100 / BINS), "predictions that hold", MUTED, line=flat, hoverinfo="skip")
-    histogram = {key: value for key, value in drawn.items() if key not in ("mode", "line")}
+    drawn = go.Bar(
+        x=(np.arange(BINS) + 0.5) / BINS,
+        y=100 * share,
+        width=1 / BINS,
+        name="share of the data (± 2 standard errors)",
+        marker={"color": SAMPLE, "line": {"color": "white", "width": 1}},
+        error_y=bars(200 * error, color=POSTERIOR),
+    )
+    ideal = line([0, 1], np.full(2, 100 / BINS), "predictions that hold", MUTED, **DOTTED)
     label = "place among the predicted data"
-    return chart([histogram, ideal], "data (%)", xlabel=label, height=260, hovermode="closest", xaxis={"range": [0, 1]})
+    return chart([drawn, ideal], "data (%)", xlabel=label, height=260, xaxis_range=[0, 1], hovermode="closest")
 
 
 def transform_shares(transform: Array) -> tuple[Array, Array]:

@@ -9,9 +9,11 @@ import xarray as xr
 
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.modes import modes_over_time
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.report.charts import charts
+from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
 from poseppl.report.page import page_html
 from poseppl.report.pose_data import pose_data
 from poseppl.report.tables import cards, error_table, inefficiency_table, settings_table, worst_frames_table
@@ -35,7 +37,12 @@ def write_report(tree: xr.DataTree, path: FilePath) -> None:
 def report_html(tree: xr.DataTree) -> str:
     """Make the report of a result, the whole page."""
     whole = diagnosed(tree)
-    drawn, poses, known = charts(whole), pose_data(whole), provenance(whole)
+    drawn, poses, known, modes = charts(whole), pose_data(whole), provenance(whole), modes_over_time(whole)
+    several = mode_chart(modes)
+    if several is not None:
+        drawn["modes"] = several
+    if poses is not None and poses["space"] is not None:
+        poses["space"]["ghosts"] = ghosts(modes, poses["frames"])
     return page_html(
         "report.html",
         title=str(known.get("input", "Tracking")),
@@ -48,6 +55,7 @@ def report_html(tree: xr.DataTree) -> str:
         known="truth" in whole.children,
         weighted=is_weighted(whole),
         errors=error_table(whole),
+        ambiguous=ambiguity_table(modes),
         by_coordinate=inefficiency_table(whole),
         worst=worst_frames_table(whole),
         settings=settings_table(whole),

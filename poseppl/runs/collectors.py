@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.particles.quantiles import column_quantiles
@@ -23,7 +24,7 @@ from poseppl.program.built_once import built_once
 from poseppl.runs.results import QUANTILES
 from poseppl.runs.run import Collect
 
-Extras = Callable[[jax.Array, Any], Mapping[str, jax.Array]]
+Extras = Callable[[Array, Any], Mapping[str, Array]]
 """`(x, inputs) -> values by name` for one state (d,)."""
 
 _NUM_QUANTILE_DRAWS = 2000
@@ -39,9 +40,9 @@ class Draws(NamedTuple):
         summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of the extras, by name.
     """
 
-    state: jax.Array
-    extras: dict[str, jax.Array]
-    summary: dict[str, jax.Array]
+    state: Array
+    extras: dict[str, Array]
+    summary: dict[str, Array]
 
 
 @built_once
@@ -70,13 +71,11 @@ def collect_draws(
     of_state = model.extras if extras is None else extras
     levels = jnp.asarray(quantiles)
 
-    def values_of(states: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+    def values_of(states: Array, inputs: Any) -> dict[str, Array]:
         """State and extras of states (N, d), each (N, ...)."""
         return {"state": states, **jax.vmap(lambda x: of_state(x, inputs))(states)}
 
-    def summarise(
-        values: Mapping[str, jax.Array], weights: jax.Array | None, sample: Mapping[str, jax.Array]
-    ) -> dict[str, jax.Array]:
+    def summarise(values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array]) -> dict[str, Array]:
         summary = {f"{name}_mean": _average(value, weights) for name, value in values.items()}
         # Bessel's correction where draws count alike
         count = values["state"].shape[0]
@@ -87,7 +86,7 @@ def collect_draws(
         between = _quantiles({name: sample[name] for name in spread}, levels)
         return summary | {f"{name}_quantile": value for name, value in between.items()}
 
-    def of_chains(rng_key: jax.Array, state: Any, inputs: Any) -> Draws:
+    def of_chains(rng_key: Array, state: Any, inputs: Any) -> Draws:
         chains, length, dimension = state.particles.shape
         even = state.particles[systematic(rng_key, state.log_weights[:, 0], chains)]
         values = values_of(even.reshape(chains * length, dimension), inputs)
@@ -100,7 +99,7 @@ def collect_draws(
         }
         return Draws(kept.pop("state"), kept, summary)
 
-    def of_particles(rng_key: jax.Array, state: Any, inputs: Any) -> Draws:
+    def of_particles(rng_key: Array, state: Any, inputs: Any) -> Draws:
         key_sample, key_kept = jax.random.split(rng_key)
         log_weights = normalise(state.log_weights).log_weights
         weights = jnp.exp(log_weights)
@@ -113,17 +112,17 @@ def collect_draws(
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
         return Draws(kept.pop("state"), kept, summary)
 
-    def collect(rng_key: jax.Array, state: Any, info: Any, inputs: Any) -> Draws:
+    def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
         return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
 
     return collect
 
 
-def _average(values: jax.Array, weights: jax.Array | None) -> jax.Array:
+def _average(values: Array, weights: Array | None) -> Array:
     return jnp.mean(values, 0) if weights is None else jnp.tensordot(weights, values, 1)
 
 
-def _quantiles(sample: Mapping[str, jax.Array], levels: jax.Array) -> dict[str, jax.Array]:
+def _quantiles(sample: Mapping[str, Array], levels: Array) -> dict[str, Array]:
     """Quantiles (levels, ...) of each array (N, ...), all of them side by side."""
     sizes = [value[0].size for value in sample.values()]
     together = jnp.concatenate([value.reshape(value.shape[0], -1).astype(float) for value in sample.values()], 1)

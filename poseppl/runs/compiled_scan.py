@@ -1,6 +1,7 @@
-"""The compiled calls of the driver: the first frame, and scans of later ones, from host arrays to host arrays.
+"""The compiled calls of the driver: the filter's `init`, and scans of frames, from host arrays to host arrays.
 
-Both programs are compiled before either runs, so that no compilation counts as time of the frames. The filter keeps what was
+What is kept of a frame, and its predictive checks, are in the scan alone: it takes the first frame as `init` left it. Both
+programs are compiled before either runs, so that no compilation counts as time of the frames. The filter keeps what was
 compiled for it: a run whose filter, collector and shapes are those of an earlier one compiles nothing, and what was compiled
 goes with the filter.
 """
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
@@ -22,7 +24,7 @@ from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
 
-Collect = Callable[[jax.Array, Any, Any, Any], Any]
+Collect = Callable[[Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LONG, _SHORT = 64, 8
@@ -51,37 +53,35 @@ class Kept(NamedTuple):
     prediction: Prediction | None
 
 
-def frame_keys(rng_key: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+def frame_keys(rng_key: Array, frame: Any) -> tuple[Array, Array]:
     """Keys of the filter and of the collector at a frame."""
     key_filter, key_collect = jax.random.split(jax.random.fold_in(rng_key, frame))
     return key_filter, key_collect
 
 
-def _prediction_key(rng_key: jax.Array, frame: Any) -> jax.Array:
+def _prediction_key(rng_key: Array, frame: Any) -> Array:
     """Key of the predictive checks at a frame; those of filter and collector do not depend on whether it is used."""
     return jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS)
 
 
-def _keep(
-    collect: Collect, rng_key: jax.Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None
-) -> Kept:
+def _keep(collect: Collect, rng_key: Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None) -> Kept:
     offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
     outputs = collect(rng_key, state, info, inputs)
     told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
     return Kept(outputs, told, jnp.sum(offspring), is_finite(state), prediction)
 
 
-def is_finite(state: FilterState) -> jax.Array:
+def is_finite(state: FilterState) -> Array:
     """Whether all particles of positive weight are finite."""
     alive = state.log_weights > -jnp.inf
     return jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
 
 
 class Programs(NamedTuple):
-    """The jitted functions of a run: the first frame, another one, and a scan of later frames."""
+    """The jitted functions of a run: the filter's `init`, a frame, and a scan of frames."""
 
-    first: Any
-    other: Any
+    init: Any
+    frame: Any
     scan: Any
 
 
@@ -92,44 +92,50 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     tell_defined_anew(filter, "collector", collect)
     tell_defined_anew(filter, "predictive check", predict)
 
-    def first_frame(rng_key: jax.Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Kept]:
-        key_filter, key_collect = frame_keys(rng_key, 0)
-        inputs = layout.join(varying, constant)
-        key_check = _prediction_key(rng_key, 0)
-        prediction = predict(key_check, None, True, observation, inputs) if predict else None
-        state, info = filter.init(key_filter, observation, inputs)
-        kept = _keep(collect, key_collect, state, info, inputs, prediction)
-        return state, jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], kept)
+    def init(rng_key: Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Info]:
+        return filter.init(frame_keys(rng_key, 0)[0], observation, layout.join(varying, constant))
 
     @jax.jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(
-        rng_key: jax.Array, frame: Any, state: Any, observation: Observation, varying: list[Any], constant: list[Any]
+        rng_key: Array,
+        frame: Any,
+        before: Any,
+        begun: Info | None,
+        observation: Observation,
+        varying: list[Any],
+        constant: list[Any],
     ) -> tuple[Any, Kept]:
         key_filter, key_collect = frame_keys(rng_key, frame)
-        inputs = layout.join(varying, constant)
-        first = False if filter.initial_state is None else frame == 0
-        key_check = _prediction_key(rng_key, frame)
-        prediction = predict(key_check, state, first, observation, inputs) if predict else None
-        new, info = filter.step(key_filter, state, observation, inputs)
-        return new, _keep(collect, key_collect, new, info, inputs, prediction)
+        inputs, first = layout.join(varying, constant), frame == 0
+        prediction = predict(_prediction_key(rng_key, frame), before, first, observation, inputs) if predict else None
+
+        def step(state: Any) -> tuple[Any, Info]:
+            return filter.step(key_filter, state, observation, inputs)
+
+        state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
+        return state, _keep(collect, key_collect, state, info, inputs, prediction)
 
     def scan_frames(
         state: Any,
+        begun: Info | None,
         blank: Kept,
-        rng_key: jax.Array,
-        frames: jax.Array,
-        active: jax.Array,
+        rng_key: Array,
+        frames: Array,
+        active: Array,
         observations: Observation,
         varying: list[Any],
         constant: list[Any],
     ) -> tuple[Any, Kept]:
-        """Later frames of the numbers `frames` (length,), of which the `active` (length,) ones count."""
+        """Frames of the numbers `frames` (length,), of which the `active` (length,) ones count.
+
+        Where the first is among them, `state` and `begun` are those of `init`; None where `step` takes the first one, too.
+        """
 
         def body(state: Any, row: Any) -> tuple[Any, Kept]:
             frame, wanted, observation, varying = row
 
             def run(state: Any) -> tuple[Any, Kept]:
-                result: tuple[Any, Kept] = one_frame(rng_key, frame, state, observation, varying, constant)
+                result: tuple[Any, Kept] = one_frame(rng_key, frame, state, begun, observation, varying, constant)
                 return result
 
             result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
@@ -137,11 +143,11 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         return jax.lax.scan(body, state, (frames, active, observations, varying))
 
-    return Programs(jax.jit(first_frame), one_frame, jax.jit(scan_frames))
+    return Programs(jax.jit(init), one_frame, jax.jit(scan_frames))
 
 
 class Calls:
-    """The two compiled programs of a run, and their data.
+    """The compiled programs of a run, and their data.
 
     Args:
         filter: The filter.
@@ -162,64 +168,61 @@ class Calls:
         collect: Collect,
         predict: Predict | None,
         sequence: FrameSequence,
-        rng_key: jax.Array,
+        rng_key: Array,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
-        self.state, self.blank = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._shapes())
+        self.state, self._begun, self.blank = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._shapes())
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SHORT if size > _LARGE else _LONG
-        self._before: Any = None
-        self._first: Any = None
+        self._init: Any = None
         self._scan: Any = None
 
     def compile(self, first: bool) -> None:
-        """Compile both programs side by side; that of the first frame only if it is wanted."""
-        filter, sequence = self.filter, self._sequence
+        """Compile both programs side by side; that of `init` only if the first frame is wanted."""
         with ThreadPoolExecutor(1) as pool:
-            alone = first and filter.initial_state is None
-            compiling = pool.submit(_compiled, self._programs.first, self._first_data()) if alone else None
-            if first and filter.initial_state is not None:
-                self._before = _before(filter, sequence)
-            if sequence.num_frames > 1 or filter.initial_state is not None:
-                self._scan = _compiled(self._programs.scan, self._scan_data(self.state, 1, 1))
-            self._first = compiling.result() if compiling else None
+            wanted = first and self.filter.initial_state is None
+            compiling = pool.submit(_compiled, self._programs.init, self._first_data()) if wanted else None
+            self._scan = _compiled(self._programs.scan, self._scan_data(self.state, self._begun, 0, 1))
+            self._init = compiling.result() if compiling else None
 
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
-        """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between.
-
-        The first frame is advanced alone.
-        """
-        if start == 0 and self._first is not None:
-            return _on_host(self._first(*self._first_data()), 1)
-        state = self._before if start == 0 else state
-        kept = []
+        """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between."""
+        begun, kept = self._begun, []
+        if start == 0:
+            state, begun = self._start()
         for begin in range(start, stop, self._length):
             end = min(begin + self._length, stop)
-            state, frames = _on_host(self._scan(*self._scan_data(state, begin, end)), end - begin)
+            state, frames = _on_host(self._scan(*self._scan_data(state, begun, begin, end)), end - begin)
             kept.append(frames)
         return state, joined(kept)
 
-    def _shapes(self) -> tuple[Any, Kept]:
-        """Leaves with the shapes of those of the state, and of what is kept of a frame."""
+    def _start(self) -> tuple[Any, Info | None]:
+        """State and diagnosis that the scan begins with."""
         if self.filter.initial_state is None:
-            state, kept = self._programs.first.eval_shape(*self._first_data())
-            return state, jax.tree.map(lambda leaf: np.zeros(leaf.shape[1:], leaf.dtype), kept)
-        observation, varying, constant = *self._sequence.frame(0), self._sequence.constant
-        before = jax.eval_shape(lambda: _before(self.filter, self._sequence))
-        shapes: tuple[Any, Kept] = self._programs.other.eval_shape(
-            self._rng_key, np.int32(0), before, observation, varying, constant
-        )
-        return shapes
+            state, begun = self._init(*self._first_data())
+            return state, jax.tree.map(np.asarray, begun)  # of no device, so that the scan may place it
+        return _before(self.filter, self._sequence), None
+
+    def _shapes(self) -> tuple[Any, Info | None, Kept]:
+        """Leaves with the shapes of those of the state, of its diagnosis by `init`, and of what is kept of a frame."""
+        filter, sequence, begun = self.filter, self._sequence, None
+        if filter.initial_state is None:
+            state, begun = self._programs.init.eval_shape(*self._first_data())
+        else:
+            state = jax.eval_shape(lambda: _before(filter, sequence))
+        frame = *sequence.frame(0), sequence.constant
+        state, kept = self._programs.frame.eval_shape(self._rng_key, np.int32(0), state, begun, *frame)
+        return state, begun, kept
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, *self._sequence.frame(0), self._sequence.constant
 
-    def _scan_data(self, state: Any, start: int, stop: int) -> tuple[Any, ...]:
+    def _scan_data(self, state: Any, begun: Info | None, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
-        placed = self.filter.to_devices(state)
-        return placed, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, self._sequence.constant
+        placed, constant = self.filter.to_devices(state), self._sequence.constant
+        return placed, begun, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, constant
 
 
 def joined(parts: list[Kept]) -> Kept:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.particles.stacks import rows_of
@@ -37,7 +38,7 @@ class Layout(NamedTuple):
         return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
 
 
-def device_array(value: Any, declared: Any = None) -> jax.Array:
+def device_array(value: Any, declared: Any = None) -> Array:
     """The value as a JAX array of its own dtype, or of the declared one if that holds it exactly.
 
     A Python number has a weak dtype, and an integer another one than a float: each would be compiled for again.

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
-import jax
 import numpy as np
 import xarray as xr
+from jax import Array
 from numpy.typing import ArrayLike
 
 from poseppl.filters.base import Filter
@@ -22,7 +22,7 @@ from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of, names_of
-from poseppl.runs.outcome import history_of_result, result_of_run, result_of_smoothing, smoothed_result
+from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
 from poseppl.runs.run import Collect, Progress, run_filter
@@ -37,7 +37,7 @@ def infer(
     model: CompiledModel,
     data: Data,
     filter: Filter | Callable[[CompiledModel], Filter],
-    rng_key: jax.Array,
+    rng_key: Array,
     inputs: Any = None,
     *,
     collect: Collect | None = None,
@@ -98,7 +98,7 @@ def infer(
 def smooth(
     filtered: xr.DataTree | History,
     smoother: Smoother,
-    rng_key: jax.Array,
+    rng_key: Array,
     inputs: Any = None,
     *,
     data: Data | None = None,
@@ -141,7 +141,7 @@ def smooth(
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
     told = {"smoother": _name(smoother), **(attrs or {})}
     if isinstance(filtered, History):
-        return result_of_smoothing(run, model, observations, attrs=told)
+        return result_of_run(run, model, observations, attrs=told)
     return smoothed_result(run, filtered, told, observations)
 
 

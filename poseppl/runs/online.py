@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 import jax
+from jax import Array
 from numpy.typing import ArrayLike
 
 from poseppl.filters.base import Filter, Info
@@ -38,7 +39,7 @@ class Online:
         state: The state after the last of them; None before the first.
     """
 
-    def __init__(self, filter: Filter, rng_key: jax.Array) -> None:
+    def __init__(self, filter: Filter, rng_key: Array) -> None:
         self._filter, self._rng_key = filter, rng_key
         self._init, self._step = _programs(filter)
         self.frame = 0
@@ -91,11 +92,11 @@ def _programs(filter: Filter) -> tuple[Any, Any]:
     """A filter's `init` and `step`, compiled for single frames; both return besides whether the state is finite."""
     tell_filter_defined_anew(filter)
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any) -> tuple[Any, Info, jax.Array]:
+    def init(rng_key: Array, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
         state, info = filter.init(rng_key, observation, inputs)
         return state, info, is_finite(state)
 
-    def step(rng_key: jax.Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, Info, jax.Array]:
+    def step(rng_key: Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
         new, info = filter.step(rng_key, state, observation, inputs)
         return new, info, is_finite(new)
 

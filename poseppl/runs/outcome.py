@@ -20,7 +20,7 @@ _KEPT = ("observed_data", "truth", "camera", "body", "inputs")
 """Groups of a filter's result that its smoothing has, too."""
 
 
-def parts_of_run(run: Run) -> dict[str, Any]:
+def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
     """Contents of a run that collected draws, as arguments of :func:`poseppl.runs.results.build_result`.
 
     Args:
@@ -29,6 +29,8 @@ def parts_of_run(run: Run) -> dict[str, Any]:
     Returns:
         ``state``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive`` and ``attrs``.
     """
+    if isinstance(run, SmoothingRun):
+        return _parts_of_smoothing(run, {})
     stats: dict[str, Any] = run.info._asdict()
     stats.pop("ancestors")
     stats["acceptance_rate"] = stats.pop("acceptance")
@@ -39,51 +41,40 @@ def parts_of_run(run: Run) -> dict[str, Any]:
         stats["unique_ancestors"] = run.unique_ancestors
     attrs = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
     parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
-    return parts | {"predictive": None if run.prediction is None else run.prediction._asdict()}
+    checks = {} if run.prediction is None else run.prediction._asdict()
+    return parts | {"predictive": {name: values for name, values in checks.items() if values is not None} or None}
 
 
 def result_of_run(
-    run: Run,
+    run: Run | SmoothingRun,
     model: CompiledModel,
     observations: Observation | None = None,
     *,
     truth: ArrayLike | None = None,
-    frames: ArrayLike | None = None,
-    rate: float | None = None,
     attrs: Mapping[str, Any] | None = None,
+    **times: Any,
 ) -> xr.DataTree:
-    """Assemble the result of a run whose collector was :func:`poseppl.runs.collectors.collect_draws`.
+    """Assemble the result of a run or a smoothing whose collector was :func:`poseppl.runs.collectors.collect_draws`.
 
     Args:
         run: The run.
-        model: The model that the filter was built for; its coordinates give the names of ``dof``.
+        model: The model that the filter or the smoother was built for; its coordinates give the names of ``dof``.
         observations: The data with a leading T, kept as ``observed_data`` with NaN where masked.
         truth: The true flat states (T, d), where known.
-        frames: Frame numbers (T,); 0, 1, ... if None.
-        rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
+        **times: ``frames``, their numbers (T,), 0, 1, ... if not given; ``rate``, frames a second.
 
     Returns:
         The result; see :mod:`poseppl.runs.results`.
     """
-    return _result(parts_of_run(run), model, observations, attrs, truth=truth, frames=frames, rate=rate)
-
-
-def result_of_smoothing(
-    run: SmoothingRun,
-    model: CompiledModel,
-    observations: Observation | None = None,
-    *,
-    truth: ArrayLike | None = None,
-    frames: ArrayLike | None = None,
-    rate: float | None = None,
-    attrs: Mapping[str, Any] | None = None,
-) -> xr.DataTree:
-    """Assemble the result of a smoothing whose collector was :func:`poseppl.runs.collectors.collect_draws`.
-
-    The arguments are those of :func:`result_of_run`.
-    """
-    return _result(_parts_of_smoothing(run, {}), model, observations, attrs, truth=truth, frames=frames, rate=rate)
+    parts = parts_of_run(run)
+    return build_result(
+        **{**parts, "attrs": {**(attrs or {}), **parts["attrs"]}},
+        names=Names(model.coordinate_names),
+        observed=None if observations is None else _with_nan(observations),
+        truth=None if truth is None else Truth(state=truth),
+        **times,
+    )
 
 
 def smoothed_result(
@@ -152,24 +143,6 @@ def _parts(
         "num_particles": num_particles,
         "attrs": {**run.method, "wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds, **attrs},
     }
-
-
-def _result(
-    parts: Mapping[str, Any],
-    model: CompiledModel,
-    observations: Observation | None,
-    attrs: Mapping[str, Any] | None,
-    *,
-    truth: ArrayLike | None,
-    **rest: Any,
-) -> xr.DataTree:
-    return build_result(
-        **{**parts, "attrs": {**(attrs or {}), **parts["attrs"]}},
-        names=Names(model.coordinate_names),
-        observed=None if observations is None else _with_nan(observations),
-        truth=None if truth is None else Truth(state=truth),
-        **rest,
-    )
 
 
 def _by_chain(values: NDArray[Any]) -> NDArray[Any]:

@@ -23,9 +23,12 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import FilterState
+from poseppl.gaussians.gaussian import lower_inverse
+from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -72,19 +75,18 @@ class Prediction(NamedTuple):
 class Predict(Protocol):
     """Check a frame's data before the filter sees them."""
 
-    def __call__(
-        self, rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any
-    ) -> Prediction:
-        """From the state after the frame before; where it is the first frame, from the initial program."""
+    def __call__(self, rng_key: Array, state: FilterState, first: Any, observation: Observation, inputs: Any) -> Prediction:
+        """From the state after the frame before; where it is the first frame, from the initial program, whatever the state."""
 
 
 @built_once
-def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
+def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: bool = True) -> Predict:
     """Build the checks for :func:`poseppl.runs.run.run_filter`.
 
     Args:
         model: The model that the filter was built for.
         num_draws: S, at least 8.
+        of_state: Whether what is told of the state's coordinates, from ``predicted_mean`` on, is wanted, too.
 
     Returns:
         The checks; they raise a ValueError where the observation program has a heuristic likelihood, which predicts no data
@@ -92,29 +94,18 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     """
     check_at_least(8, num_draws=num_draws)
 
-    def draw_states(keys: jax.Array, state: FilterState | None, first: Any, inputs: Any) -> tuple[jax.Array, jax.Array]:
+    def draw_states(keys: Array, state: FilterState, first: Any, inputs: Any) -> tuple[Array, Array]:
         key_choose, key_initial, key_move = keys
-
-        def initial() -> jax.Array:
-            return draw_initial(model, jax.random.split(key_initial, num_draws), inputs)
-
-        if state is None:
-            drawn = initial()
-            return drawn, drawn
         chosen = multinomial(key_choose, jnp.ravel(state.log_weights), num_draws)
         previous = state.particles.reshape(-1, state.particles.shape[-1])[chosen]
-        moved = propagate(model, jax.random.split(key_move, num_draws), previous, inputs)
-        return previous, moved if first is False else jnp.where(first, initial(), moved)
+        moved = propagate(model, particle_keys(key_move, num_draws), previous, inputs)
+        initial = draw_initial(model, particle_keys(key_initial, num_draws), inputs)
+        return jnp.where(first, initial, previous), jnp.where(first, initial, moved)
 
-    def predict(rng_key: jax.Array, state: FilterState | None, first: Any, observation: Observation, inputs: Any) -> Prediction:
+    def predict(rng_key: Array, state: FilterState, first: Any, observation: Observation, inputs: Any) -> Prediction:
         keys = jax.random.split(rng_key, 5)
         previous, states = draw_states(keys[:3], state, first, inputs)
         drawn = jax.vmap(lambda key, x: model.draw_data(key, x, inputs))(jax.random.split(keys[3], num_draws), states)
-
-        def score(replicate: Any, x: jax.Array) -> jax.Array:
-            data = Observation(replicate, observation.mask)
-            gradient: jax.Array = jax.grad(lambda x: model.log_observation(x, data, inputs))(x)
-            return gradient
 
         # a distribution that tells no moments counts as all noise of the state
         known = jnp.isfinite(drawn.mean) & jnp.isfinite(drawn.variance)
@@ -123,7 +114,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         ties = jax.random.uniform(keys[4], (data.shape[0] + 1,), data.dtype)
         chi_square = _chi_square(means, variances, data, seen)
         half = num_draws // 2
-        all_found = jax.vmap(chi_square)(jnp.concatenate([data[None], drawn.values[half:]]))
+        all_found = chi_square(jnp.concatenate([data[None], drawn.values[half:]]))
         found, others = all_found[0], all_found[1:]
         entries = (
             _rank(ties[1:], drawn.values, data),
@@ -134,8 +125,16 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
         whole = found / jnp.mean(others), _rank(ties[0], others, found)
         transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
         relative, rank = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
-        return Prediction(
-            *(transform, innovation, state_variance, noise_variance, relative, rank),
+        told = Prediction(transform, innovation, state_variance, noise_variance, relative, rank)
+        if not of_state:
+            return told
+
+        def score(replicate: Any, x: Array) -> Array:
+            data = Observation(replicate, observation.mask)
+            gradient: Array = jax.grad(lambda x: model.log_observation(x, data, inputs))(x)
+            return gradient
+
+        return told._replace(
             predicted_mean=jnp.mean(states, 0),
             predicted_variance=jnp.var(states, 0, ddof=1),
             predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
@@ -146,49 +145,45 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200) -> Predict:
     return predict
 
 
-def _rank(ties: jax.Array, draws: jax.Array, value: jax.Array) -> jax.Array:
+def _rank(ties: Array, draws: Array, value: Array) -> Array:
     """Randomised rank of `value` (...) among `draws` (S, ...), over S + 1; `ties` (...) are uniform in (0, 1)."""
     below, equal = jnp.sum(draws < value, 0), jnp.sum(draws == value, 0)
     return (below + ties * (equal + 1)) / (draws.shape[0] + 1)
 
 
-def _chi_square(means: jax.Array, variances: jax.Array, data: jax.Array, seen: jax.Array) -> Callable[[jax.Array], jax.Array]:
-    """The innovation chi-square of data (k,), from the first half of the draws (S, k)."""
+def _chi_square(means: Array, variances: Array, data: Array, seen: Array) -> Callable[[Array], Array]:
+    """The innovation chi-squares (N,) of data (N, k), from the first half of the draws (S, k)."""
     half = means.shape[0] // 2
     centre = jnp.mean(means[:half], 0)
     centred = means[:half] - centre
     noise = jnp.mean(variances[:half], 0)
     scale = jnp.sqrt(jnp.maximum(noise + jnp.sum(centred**2, 0) / (half - 1), _LEAST))
     if data.shape[0] > _MAX_JOINT:
-        return lambda y: jnp.sum(jnp.where(seen, (y - centre) / scale, 0.0) ** 2)
+        return lambda y: jnp.sum(jnp.where(seen, (y - centre) / scale, 0.0) ** 2, 1)
     white = jnp.where(seen, centred / scale, 0.0)
     diagonal = jnp.where(seen, noise / scale**2, 1.0) + _RIDGE
-    lower = jnp.linalg.cholesky(white.T @ white / (half - 1) + jnp.diag(diagonal))
-
-    def chi_square(y: jax.Array) -> jax.Array:
-        residual = jnp.where(seen, (y - centre) / scale, 0.0)
-        return jnp.sum(jax.scipy.linalg.solve_triangular(lower, residual, lower=True) ** 2)
-
-    return chi_square
+    root = lower_inverse(jnp.linalg.cholesky(white.T @ white / (half - 1) + jnp.diag(diagonal)))
+    return lambda y: jnp.sum((jnp.where(seen, (y - centre) / scale, 0.0) @ root.T) ** 2, 1)
 
 
-def _autoregression(previous: jax.Array, states: jax.Array) -> jax.Array:
+def _autoregression(previous: Array, states: Array) -> Array:
     """Slopes (d,) of the states (S, d) on those before."""
     centred = previous - jnp.mean(previous, 0)
     return jnp.sum(centred * states, 0) / jnp.maximum(jnp.sum(centred**2, 0), _LEAST)
 
 
-def _explained(states: jax.Array, scores: jax.Array) -> jax.Array:
+def _explained(states: Array, scores: Array) -> Array:
     """Share (d,) by which data of these scores (S, d) shrink the variance of states (S, d), were both Gaussian.
 
     1 - diag((P^-1 + J)^-1) / diag(P) with the states' covariance P and the Fisher information J, the scores' mean product. By
     Ezekiel's adjustment with the effective number of parameters, a coordinate that the data do not reach has 0 on average,
     rather than what chance correlates with it.
     """
-    number = states.shape[0]
-    _, root = jnp.linalg.qr(states - jnp.mean(states, 0))
-    # singular values of the signal over the noise: their squares would lose small differences between large numbers
-    left, values, _ = jnp.linalg.svd(root @ scores.T / jnp.sqrt(number * (number - 1.0)), full_matrices=False)
-    gains = values**2 / (1 + values**2)
-    residual = 1 - gains @ (left.T @ root) ** 2 / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
-    return 1 - residual * (number - 1) / jnp.maximum(number - 1 - jnp.sum(gains), 1.0)
+    number, dimension = states.shape
+    root = jnp.linalg.qr(states - jnp.mean(states, 0), mode="r")
+    signal = scores @ root.T / jnp.sqrt(number * (number - 1.0))
+    # a root of I + S' S from S itself: the product would lose small differences between large numbers
+    left = lower_inverse(jnp.linalg.qr(jnp.concatenate([signal, jnp.eye(dimension)]), mode="r").T)
+    gains = dimension - jnp.sum(left**2)
+    residual = jnp.sum((left @ root) ** 2, 0) / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
+    return 1 - residual * (number - 1) / jnp.maximum(number - 1 - gains, 1.0)

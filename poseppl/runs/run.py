@@ -2,11 +2,11 @@
 
     run = run_filter(filter, rng_key, observations, inputs, collect=collect)
 
-A sequence of any length is one compilation of the filter's `init` and one of its `step`, or of `step` alone where a filter
-tells its state before the first frame: frames go through a scan of a fixed length, of which the last call, or the calls of a
-slow filter, use only a part. The key of a frame is folded from its number, so that results depend neither on these parts nor
-on whether the frames came one by one. What is kept of a frame is what `collect` returns for it; nothing else grows with the
-sequence.
+A sequence of any length is one compilation of the filter's `init` and one of its `step` with what is kept of a frame, or of the
+latter alone where a filter tells its state before the first frame: frames go through a scan of a fixed length, of which the
+last call, or the calls of a slow filter, use only a part. The key of a frame is folded from its number, so that results depend
+neither on these parts nor on whether the frames came one by one. What is kept of a frame is what `collect` returns for it;
+nothing else grows with the sequence.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from contextlib import nullcontext
 from typing import Any, Protocol
 
 import jax
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
@@ -50,7 +51,7 @@ class Progress(Protocol):
 
 def run_filter(
     filter: Filter,
-    rng_key: jax.Array,
+    rng_key: Array,
     observations: Observation,
     inputs: Any = None,
     *,

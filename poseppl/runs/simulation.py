@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.particles.stacks import rows_of
@@ -19,11 +20,11 @@ from poseppl.program import CompiledModel
 class Simulation(NamedTuple):
     """A trajectory of flat states (T, d), and the data sites by name, each with a leading T."""
 
-    states: jax.Array
-    values: dict[str, jax.Array]
+    states: Array
+    values: dict[str, Array]
 
 
-def simulate(model: CompiledModel, rng_key: jax.Array, num_frames: int, inputs: Any = None) -> Simulation:
+def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any = None) -> Simulation:
     """Draw states and data of a sequence.
 
     Args:
@@ -45,10 +46,10 @@ def simulate(model: CompiledModel, rng_key: jax.Array, num_frames: int, inputs: 
 
 
 @partial(jax.jit, static_argnums=0)
-def _simulate(model: CompiledModel, keys: jax.Array, inputs: Any) -> tuple[jax.Array, dict[str, jax.Array]]:
+def _simulate(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
     first = model.sample_initial(keys[0, 0], rows_of(inputs, 0))
 
-    def advance(x: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
+    def advance(x: Array, row: Any) -> tuple[Array, Array]:
         key, inputs = row
         x = model.sample_transition(key, x, inputs)
         return x, x

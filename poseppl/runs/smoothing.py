@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Booleans
 from poseppl.errors import PosepplError
@@ -55,13 +56,13 @@ class SmoothingRun(NamedTuple):
 class _Frame(NamedTuple):
     """A smoothed frame in the form that collectors read."""
 
-    particles: jax.Array
-    log_weights: jax.Array
+    particles: Array
+    log_weights: Array
 
 
 def run_smoother(
     smoother: Smoother,
-    rng_key: jax.Array,
+    rng_key: Array,
     history: History,
     observations: Observation,
     inputs: Any = None,
@@ -106,10 +107,10 @@ def run_smoother(
     return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
 
 
-def mask_failed(observations: Observation, failed: jax.Array | Booleans) -> Observation:
+def mask_failed(observations: Observation, failed: Array | Booleans) -> Observation:
     """Hide the data of failed frames; `failed` is (T,)."""
 
-    def hide(mask: jax.Array) -> jax.Array:
+    def hide(mask: Array) -> Array:
         return mask & ~jnp.asarray(failed).reshape(-1, *(1,) * (mask.ndim - 1))
 
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
@@ -123,7 +124,7 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
     """
     tell_defined_anew(smoother, "collector", collect)
 
-    def collected(rng_key: jax.Array, smoothed: Smoothed, inputs: Any) -> Any:
+    def collected(rng_key: Array, smoothed: Smoothed, inputs: Any) -> Any:
         frames = _Frame(smoothed.particles, smoothed.log_weights)
         key_trajectories, key_frames = jax.random.split(rng_key)
         if smoother.joint and smoothed.particles.ndim == 3:

@@ -19,6 +19,7 @@ from poseppl.smoothers.gibbs import gibbs_smoother as gibbs_smoother
 from poseppl.smoothers.likelihood_mixture import MixtureSettings as MixtureSettings
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh
+from poseppl.smoothers.particle_mgrad import particle_mgrad_smoother as particle_mgrad_smoother
 from poseppl.smoothers.rauch_tung_striebel import (
     rauch_tung_striebel_smoother as rauch_tung_striebel_smoother,
     smoothed_moments as smoothed_moments,

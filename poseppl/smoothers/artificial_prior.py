@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import cho_solve
 
 from poseppl.gaussians.gaussian import Factorised, factorise
@@ -32,18 +32,18 @@ class Regression(NamedTuple):
     """A state given its successor y: residual.mean + gain (y - next_mean) + a draw of residual less its mean."""
 
     residual: Factorised
-    next_mean: jax.Array
-    gain: jax.Array
+    next_mean: Array
+    gain: Array
 
-    def draw(self, rng_key: jax.Array, successors: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def draw(self, rng_key: Array, successors: Array) -> tuple[Array, Array]:
         """Draw states (N, d) given successors (N, d), with the log-densities (N,) of the draws."""
         drawn, log_density = self.residual.draw(rng_key, successors.shape[0])
         return drawn + (successors - self.next_mean) @ self.gain.T, log_density
 
 
 def pair_moments(
-    model: CompiledModel, rng_key: jax.Array, particles: jax.Array, log_weights: jax.Array, inputs: Any
-) -> tuple[jax.Array, jax.Array]:
+    model: CompiledModel, rng_key: Array, particles: Array, log_weights: Array, inputs: Any
+) -> tuple[Array, Array]:
     """Mean (2 d,) and covariance (2 d, 2 d) of a frame's particles (N, d), each beside a successor drawn for it."""
     keys = particle_keys(rng_key, particles.shape[0])
     successors = propagate(model, keys, particles, inputs)
@@ -51,7 +51,7 @@ def pair_moments(
     return weighted_mean(pairs, log_weights), weighted_covariance(pairs, log_weights)
 
 
-def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple[Factorised, Regression]:
+def summarise(mean: Array, covariance: Array, inflation: float) -> tuple[Factorised, Regression]:
     """The artificial prior of the next frame, and the regression of this frame's state on it.
 
     Args:
@@ -68,7 +68,7 @@ def summarise(mean: jax.Array, covariance: jax.Array, inflation: float) -> tuple
     return factorise(mean[d:], inflation * predicted), Regression(factorise(mean[:d], residual), mean[d:], gain)
 
 
-def floor_of(covariance: jax.Array, mean: jax.Array) -> jax.Array:
+def floor_of(covariance: Array, mean: Array) -> Array:
     """A small diagonal matrix (d, d) for a covariance to stay positive: of its own variances, and of the digits of the mean."""
     digits = float(jnp.finfo(mean.dtype).eps)  # type: ignore[no-untyped-call]
     return jnp.diag(_FLOOR * jnp.diagonal(covariance) + digits * (1.0 + mean**2))

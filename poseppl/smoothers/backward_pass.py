@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
@@ -28,26 +29,26 @@ class Earlier(NamedTuple):
         inputs: Those of the next frame.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    later: jax.Array
-    ancestors: jax.Array
+    particles: Array
+    log_weights: Array
+    later: Array
+    ancestors: Array
     inputs: Any
 
 
-Step = Callable[[jax.Array, jax.Array, Earlier], tuple[jax.Array, Any]]
+Step = Callable[[Array, Array, Earlier], tuple[Array, Any]]
 """`(key, chosen, frame) -> (earlier, anything)`, indices of any shape."""
 
 
 def backward_pass(
     step: Step,
-    keys: jax.Array,
-    particles: jax.Array,
-    log_weights: jax.Array,
-    ancestors: jax.Array,
+    keys: Array,
+    particles: Array,
+    log_weights: Array,
+    ancestors: Array,
     inputs: Any,
-    last: jax.Array,
-) -> tuple[jax.Array, Any]:
+    last: Array,
+) -> tuple[Array, Any]:
     """Go back from the particles `last` of the last frame.
 
     Args:
@@ -65,7 +66,7 @@ def backward_pass(
     later = rows_of((particles, ancestors, inputs), slice(1, None))
     frames = Earlier(particles[:-1], log_weights[:-1], *later)
 
-    def back(chosen: jax.Array, row: tuple[jax.Array, Earlier]) -> tuple[jax.Array, Any]:
+    def back(chosen: Array, row: tuple[Array, Earlier]) -> tuple[Array, Any]:
         earlier, told = step(row[0], chosen, row[1])
         return earlier, (earlier, told)
 
@@ -73,9 +74,7 @@ def backward_pass(
     return jnp.concatenate([earlier, last[None]]), told
 
 
-def log_backward(
-    model: CompiledModel, x: jax.Array, particles: jax.Array, log_weights: jax.Array, inputs: Any
-) -> tuple[jax.Array, jax.Array]:
+def log_backward(model: CompiledModel, x: Array, particles: Array, log_weights: Array, inputs: Any) -> tuple[Array, Array]:
     """Unnormalised log-probabilities (N,) that a state (d,) comes from each particle, and whether there is any."""
     log_transition = log_transitions_into(model, x, particles, inputs)
     joint = log_weights + jnp.where(jnp.isnan(log_transition), -jnp.inf, log_transition)

@@ -25,6 +25,7 @@ from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import systematic
@@ -61,7 +62,7 @@ def backward_simulation_smoother(
     check_at_least(1, num_trajectories=num_trajectories, num_moves=num_moves)
     check_choice(Method, method=method)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_last, key_deal, key_steps = jax.random.split(rng_key, 3)
         deal = jax.random.permutation(key_deal, num_trajectories)
         last = _draw_by_weight(key_last, history.log_weights[-1], deal)
@@ -76,7 +77,7 @@ def backward_simulation_smoother(
     return Smoother(smooth, joint=True)
 
 
-def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Array, step: Step, cost: float) -> Smoothed:
+def trace_back(rng_key: Array, history: History, inputs: Any, last: Array, step: Step, cost: float) -> Smoothed:
     """Trajectories from the indices `last` (M,) of the last frame, by `step` from frame to frame.
 
     Args:
@@ -97,24 +98,22 @@ def trace_back(rng_key: jax.Array, history: History, inputs: Any, last: jax.Arra
     return Smoothed(trajectories, log_weights, info)
 
 
-def _draw_by_weight(rng_key: jax.Array, log_weights: jax.Array, deal: jax.Array) -> jax.Array:
+def _draw_by_weight(rng_key: Array, log_weights: Array, deal: Array) -> Array:
     """Indices (M,), each by the weights (N,): a systematic sample in the order of a permutation (M,), turned at random."""
     key_slots, key_turn = jax.random.split(rng_key)
     dealt = systematic(key_slots, log_weights, deal.shape[0])[deal]
     turn = jax.random.randint(key_turn, (), 0, deal.shape[0])
-    turned: jax.Array = jax.lax.dynamic_slice(jnp.concatenate([dealt, dealt]), (turn,), deal.shape)
+    turned: Array = jax.lax.dynamic_slice(jnp.concatenate([dealt, dealt]), (turn,), deal.shape)
     return turned
 
 
-def _effective_number(num_particles: int, dtype: Any, indices: jax.Array) -> jax.Array:
+def _effective_number(num_particles: int, dtype: Any, indices: Array) -> Array:
     """1 / sum of squared shares of the particles that M trajectories pass through, a scalar in [1, M]."""
     counts = jnp.zeros(num_particles, dtype).at[indices].add(1.0)
     return indices.shape[0] ** 2 / jnp.sum(counts**2)
 
 
-def _exact_step(
-    model: CompiledModel, tile: int | None, rng_key: jax.Array, chosen: jax.Array, frame: Earlier
-) -> tuple[jax.Array, jax.Array]:
+def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: Array, frame: Earlier) -> tuple[Array, Array]:
     """Draw earlier indices (M,) by inversion: first a block of about sqrt(N) particles, then one of it."""
     earlier, log_weights, later, _, inputs = frame
     count, block = earlier.shape[0], max(1, round(earlier.shape[0] ** 0.5))
@@ -123,16 +122,16 @@ def _exact_step(
     rows = tile_rows(tile, chosen.shape[0], columns.shape[0])
     heights = 1.0 - jax.random.uniform(rng_key, chosen.shape, log_weights.dtype)
 
-    def draw(part: tuple[jax.Array, jax.Array]) -> jax.Array:
+    def draw(part: tuple[Array, Array]) -> Array:
         xs, heights = part
 
-        def invert(densities: jax.Array, sums: jax.Array) -> jax.Array:
+        def invert(densities: Array, sums: Array) -> Array:
             which, rest = _invert(sums, heights * jnp.sum(sums, 1))
             inside = (densities * weights).reshape(heights.shape[0], -1, block)[jnp.arange(heights.shape[0]), which]
-            drawn: jax.Array = which * block + _invert(inside, rest)[0]
+            drawn: Array = which * block + _invert(inside, rest)[0]
             return drawn
 
-        drawn: jax.Array = with_densities(
+        drawn: Array = with_densities(
             lambda: log_transition_matrix(model, xs, columns, inputs),
             lambda densities: ((densities * weights).reshape(-1, block) @ jnp.ones(block, weights.dtype)).reshape(rows, -1),
             invert,
@@ -145,27 +144,27 @@ def _exact_step(
     return join_rows(drawn, chosen.shape[0]).astype(jnp.int32), jnp.ones((), log_weights.dtype)
 
 
-def _invert(masses: jax.Array, heights: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _invert(masses: Array, heights: Array) -> tuple[Array, Array]:
     """For each row of masses (B, n), the first entry whose cumulative sum reaches the height (B,), and what is left there."""
     sums = jnp.cumsum(masses, 1)
     reached = jnp.minimum(heights, sums[:, -1])
-    which: jax.Array = jnp.sum(sums < reached[:, None], 1)
+    which: Array = jnp.sum(sums < reached[:, None], 1)
     before = jnp.take_along_axis(jnp.pad(sums, ((0, 0), (1, 0))), which[:, None], axis=1)[:, 0]
     return which, reached - before
 
 
 def _metropolis_step(
-    model: CompiledModel, num_moves: int, deal: jax.Array, rng_key: jax.Array, chosen: jax.Array, frame: Earlier
-) -> tuple[jax.Array, jax.Array]:
+    model: CompiledModel, num_moves: int, deal: Array, rng_key: Array, chosen: Array, frame: Earlier
+) -> tuple[Array, Array]:
     """Move earlier indices (M,) from the ancestors, or from draws by weight where the ancestors are no genealogy."""
     earlier, log_weights, later, ancestors, inputs = frame
     key_start, key_moves = jax.random.split(rng_key)
     later = later[chosen]
 
-    def log_densities(indices: jax.Array) -> jax.Array:
+    def log_densities(indices: Array) -> Array:
         return log_transitions(model, later, earlier[indices], inputs)
 
-    def move(state: tuple[jax.Array, jax.Array], key: jax.Array) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+    def move(state: tuple[Array, Array], key: Array) -> tuple[tuple[Array, Array], Array]:
         indices, values = state
         key_propose, key_accept = jax.random.split(key)
         proposed = _draw_by_weight(key_propose, log_weights, deal)

@@ -13,8 +13,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.filters.base import Info
 from poseppl.particles.weights import normalise
@@ -31,10 +31,10 @@ class History(NamedTuple):
         failed: Whether a frame's data were impossible (T,).
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
-    ancestors: jax.Array
-    failed: jax.Array
+    particles: Array
+    log_weights: Array
+    ancestors: Array
+    failed: Array
 
 
 class SmoothingInfo(NamedTuple):
@@ -48,11 +48,11 @@ class SmoothingInfo(NamedTuple):
         num_gradient: Evaluations of the gradient of a frame's density, a float.
     """
 
-    ess: jax.Array
-    acceptance: jax.Array
-    divergences: jax.Array
-    num_transition: jax.Array
-    num_gradient: jax.Array
+    ess: Array
+    acceptance: Array
+    divergences: Array
+    num_transition: Array
+    num_gradient: Array
 
 
 class Smoothed(NamedTuple):
@@ -64,8 +64,8 @@ class Smoothed(NamedTuple):
         info: Diagnosis.
     """
 
-    particles: jax.Array
-    log_weights: jax.Array
+    particles: Array
+    log_weights: Array
     info: SmoothingInfo
 
 
@@ -82,7 +82,7 @@ class Smoother:
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
 
-    smooth: Callable[[jax.Array, History, Observation, Any], Smoothed]
+    smooth: Callable[[Array, History, Observation, Any], Smoothed]
     joint: bool
     follows_ancestors: bool = False
     closed_form: bool = False
@@ -94,7 +94,7 @@ class Smoother:
         return {"closed form": self.closed_form}
 
 
-def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> History:
+def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> History:
     """Collector for :func:`poseppl.runs.run.run_filter`: all particles with their weights and ancestors."""
     particles = state.particles.reshape(-1, state.particles.shape[-1])
     return History(particles, normalise(state.log_weights.reshape(-1)).log_weights, info.ancestors, info.failed)
@@ -102,7 +102,7 @@ def collect_history(rng_key: jax.Array, state: Any, info: Info, inputs: Any) -> 
 
 def smoothing_info(
     num_frames: int,
-    ess: jax.Array,
+    ess: Array,
     *,
     acceptance: Any = 1.0,
     divergences: Any = 0,

@@ -21,6 +21,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
@@ -33,23 +34,23 @@ from poseppl.smoothers.genealogy import lines
 Method = Literal["ancestor", "backward"]
 
 
-class _Sweep(NamedTuple):
+class Sweep(NamedTuple):
     """Particles (T, N, d), log-weights (T, N) and ancestors (T, N), of which those of the first frame stand for nothing."""
 
-    particles: jax.Array
-    log_weights: jax.Array
-    ancestors: jax.Array
+    particles: Array
+    log_weights: Array
+    ancestors: Array
 
 
 def conditional_smc(
     model: CompiledModel,
-    rng_key: jax.Array,
-    reference: jax.Array,
+    rng_key: Array,
+    reference: Array,
     observations: Observation,
     inputs: Any,
     num_particles: int,
     method: Method,
-) -> jax.Array:
+) -> Array:
     """Move from a trajectory (T, d) to another.
 
     Args:
@@ -64,29 +65,29 @@ def conditional_smc(
     key_sweep, key_trace = jax.random.split(rng_key)
     sweep = _run(model, key_sweep, reference, observations, inputs, num_particles, method)
     if method == "ancestor":
-        path = lines(sweep.ancestors, _draw_last(key_trace, sweep.log_weights[-1]))
+        path = lines(sweep.ancestors, _draw(key_trace, sweep.log_weights[-1]))
     else:
-        path = _draw_back(model, key_trace, sweep, inputs)
+        path = draw_back(model, key_trace, sweep, inputs)
     return sweep.particles[jnp.arange(path.shape[0]), path]
 
 
 def _run(
     model: CompiledModel,
-    rng_key: jax.Array,
-    reference: jax.Array,
+    rng_key: Array,
+    reference: Array,
     observations: Observation,
     inputs: Any,
     num_particles: int,
     method: Method,
-) -> _Sweep:
+) -> Sweep:
     """The filter, with the reference in slot 0."""
     num_free = num_particles - 1
 
-    def weigh(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+    def weigh(particles: Array, observation: Observation, inputs: Any) -> Array:
         log_weights = log_likelihoods(model, particles, observation, inputs)
         return jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
 
-    def advance(carry: tuple[jax.Array, jax.Array], row: Any) -> tuple[Any, Any]:
+    def advance(carry: tuple[Array, Array], row: Any) -> tuple[Any, Any]:
         particles, log_weights = carry
         number, kept, observation, inputs = row
         key_resample, key_move, key_past = jax.random.split(jax.random.fold_in(key_later, number), 3)
@@ -106,39 +107,37 @@ def _run(
     log_weights = weigh(particles, *first[1:])
     _, rest = jax.lax.scan(advance, (particles, log_weights), (jnp.arange(reference.shape[0] - 1), *later))
     start = particles, log_weights, jnp.zeros(num_particles, jnp.int32)
-    return _Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(start, rest, strict=True)))
+    return Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(start, rest, strict=True)))
 
 
 def _draw_past(
     model: CompiledModel,
-    rng_key: jax.Array,
-    x: jax.Array,
-    particles: jax.Array,
-    log_weights: jax.Array,
+    rng_key: Array,
+    x: Array,
+    particles: Array,
+    log_weights: Array,
     inputs: Any,
-    otherwise: jax.Array,
-) -> jax.Array:
+    otherwise: Array,
+) -> Array:
     """A particle of the frame before, drawn by w^i p(x | x^i), int32; `otherwise` if none has any probability."""
-    joint, possible = log_backward(model, x, particles, log_weights, inputs)
-    drawn = jax.random.categorical(rng_key, jnp.where(possible, joint, 0.0)).astype(jnp.int32)
+    return _draw(rng_key, log_backward(model, x, particles, log_weights, inputs)[0], otherwise)
+
+
+def _draw(rng_key: Array, log_weights: Array, otherwise: Any = 0) -> Array:
+    """A particle drawn by weight, int32; `otherwise`, the reference by default, if none has any."""
+    possible = jnp.any(log_weights > -jnp.inf)
+    drawn = jax.random.categorical(rng_key, jnp.where(possible, log_weights, 0.0)).astype(jnp.int32)
     return jnp.where(possible, drawn, otherwise)
 
 
-def _draw_last(rng_key: jax.Array, log_weights: jax.Array) -> jax.Array:
-    """A particle drawn by weight, int32; the reference if none has any."""
-    possible = jnp.any(log_weights > -jnp.inf)
-    drawn = jax.random.categorical(rng_key, jnp.where(possible, log_weights, 0.0)).astype(jnp.int32)
-    return jnp.where(possible, drawn, 0)
-
-
-def _draw_back(model: CompiledModel, rng_key: jax.Array, sweep: _Sweep, inputs: Any) -> jax.Array:
+def draw_back(model: CompiledModel, rng_key: Array, sweep: Sweep, inputs: Any) -> Array:
     """Indices (T,) of a trajectory by backward simulation."""
     key_last, key_earlier = jax.random.split(rng_key)
     numbers = jnp.arange(sweep.particles.shape[0] - 1)
 
-    def step(number: jax.Array, index: jax.Array, frame: Earlier) -> tuple[jax.Array, None]:
+    def step(number: Array, index: Array, frame: Earlier) -> tuple[Array, None]:
         key = jax.random.fold_in(key_earlier, number)
         x, particles, otherwise = frame.later[index], frame.particles, frame.ancestors[index]
         return _draw_past(model, key, x, particles, frame.log_weights, frame.inputs, otherwise), None
 
-    return backward_pass(step, numbers, *sweep, inputs, _draw_last(key_last, sweep.log_weights[-1]))[0]
+    return backward_pass(step, numbers, *sweep, inputs, _draw(key_last, sweep.log_weights[-1]))[0]

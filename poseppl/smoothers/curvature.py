@@ -20,6 +20,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
 from poseppl.gaussians.gaussian import precision_of
@@ -35,7 +36,7 @@ _FLOOR = 1e-6
 """Least curvature of a coordinate, as a fraction of its largest over the frames."""
 
 
-def trajectory_precision(model: CompiledModel, xs: jax.Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
+def trajectory_precision(model: CompiledModel, xs: Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
     """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
 
     Args:
@@ -52,9 +53,7 @@ def trajectory_precision(model: CompiledModel, xs: jax.Array, observations: Obse
     return BlockTridiagonal(_floored(diagonal), below)
 
 
-def average_precision(
-    model: CompiledModel, trajectories: jax.Array, observations: Observation, inputs: Any
-) -> BlockTridiagonal:
+def average_precision(model: CompiledModel, trajectories: Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
     """Mean of `trajectory_precision` over trajectories (S, T, d)."""
     each = jax.vmap(lambda xs: trajectory_precision(model, xs, observations, inputs))(trajectories)
     mean: BlockTridiagonal = jax.tree.map(lambda leaf: jnp.mean(leaf, 0), each)
@@ -69,13 +68,13 @@ def safe_cholesky(precision: BlockTridiagonal) -> BlockCholesky:
     return BlockCholesky(jnp.where(sound, factor.inverses, eye), jnp.where(sound, factor.gains, 0.0))
 
 
-def climb(model: CompiledModel, xs: jax.Array, observations: Observation, inputs: Any, num_steps: int) -> jax.Array:
+def climb(model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int) -> Array:
     """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
 
-    def log_density(xs: jax.Array) -> jax.Array:
+    def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
-    def step(xs: jax.Array, _: None) -> tuple[jax.Array, None]:
+    def step(xs: Array, _: None) -> tuple[Array, None]:
         move = solve(safe_cholesky(trajectory_precision(model, xs, observations, inputs)), jax.grad(log_density)(xs))
         move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
         trials = xs + jnp.asarray(_SHORTER, xs.dtype)[:, None, None] * move
@@ -85,22 +84,22 @@ def climb(model: CompiledModel, xs: jax.Array, observations: Observation, inputs
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
 
 
-def _initial_precision(model: CompiledModel, x: jax.Array, inputs: Any) -> jax.Array:
+def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:
     if _has_moments(lambda: model.initial_moments(inputs)):
         return precision_of(model.initial_moments(inputs)[1])
     return _absolute_hessian(lambda x: model.log_initial(x, inputs), x)
 
 
-def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[jax.Array, jax.Array, jax.Array]]:
+def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[Array, Array, Array]]:
     """`(previous, x, inputs) -> blocks (t-1, t-1), (t, t-1), (t, t)`, each (d, d)."""
     d = model.dimension
     first = rows_of(inputs, 0)
 
-    def gaussian(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def gaussian(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
         return transition_curvature(*transition_around(model, previous, inputs)[1:])
 
-    def other(previous: jax.Array, x: jax.Array, inputs: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
-        def log_density(pair: jax.Array) -> jax.Array:
+    def other(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
+        def log_density(pair: Array) -> Array:
             return model.log_transition(pair[d:], pair[:d], inputs)
 
         whole = _absolute_hessian(log_density, jnp.concatenate([previous, x]))
@@ -118,15 +117,15 @@ def _has_moments(moments: Callable[[], Any]) -> bool:
     return True
 
 
-def _absolute_hessian(log_density: Callable[[jax.Array], jax.Array], x: jax.Array) -> jax.Array:
+def _absolute_hessian(log_density: Callable[[Array], Array], x: Array) -> Array:
     hessian = jax.jacrev(jax.grad(log_density))(x)
     hessian = jnp.where(jnp.isfinite(hessian), hessian, 0.0)
     values, vectors = jnp.linalg.eigh((hessian + hessian.T) / 2)
-    absolute: jax.Array = (vectors * jnp.abs(values)) @ vectors.T
+    absolute: Array = (vectors * jnp.abs(values)) @ vectors.T
     return absolute
 
 
-def _floored(diagonal: jax.Array) -> jax.Array:
+def _floored(diagonal: Array) -> Array:
     """Blocks (T, d, d) without a coordinate of no curvature at all."""
     curvature = jnp.diagonal(diagonal, axis1=1, axis2=2)
     largest = jnp.max(curvature, 0)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import blackjax
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.smoothers.base import Smoothed, smoothing_info
 
 
-def smoothed_chains(draws: jax.Array, **diagnosis: Any) -> Smoothed:
+def smoothed_chains(draws: Array, **diagnosis: Any) -> Smoothed:
     """The result of chains (T, M, R, d), whose draws weigh the same; what else there is to say goes to `smoothing_info`."""
     info = smoothing_info(len(draws), effective_draws_by_frame(draws), **diagnosis)
     return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
 
 
-def effective_draws_by_frame(particles: jax.Array) -> jax.Array:
+def effective_draws_by_frame(particles: Array) -> Array:
     """Effective number of draws (T,) of chains (T, M, R, d): that of the worst coordinate's mean, from 1 to M R."""
     num_frames, num_chains, num_draws, dimension = particles.shape
     if num_draws < 4:

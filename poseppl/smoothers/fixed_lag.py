@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter, Info
@@ -39,18 +40,18 @@ class FixedLagState(NamedTuple):
     """
 
     inner: Any
-    window: jax.Array
+    window: Array
 
     @property
-    def particles(self) -> jax.Array:
+    def particles(self) -> Array:
         """The particles (N, d) of the newest frame."""
-        current: jax.Array = self.inner.particles
+        current: Array = self.inner.particles
         return current
 
     @property
-    def log_weights(self) -> jax.Array:
+    def log_weights(self) -> Array:
         """Log-weights (N,), for the newest frame and for the window alike."""
-        current: jax.Array = self.inner.log_weights
+        current: Array = self.inner.log_weights
         return current
 
 
@@ -71,13 +72,11 @@ def fixed_lag(filter: Filter, lag: int) -> Filter:
     """
     check_at_least(0, lag=lag)
 
-    def init(rng_key: jax.Array, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
+    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
         inner, info = filter.init(rng_key, observation, inputs)
         return FixedLagState(inner, jnp.broadcast_to(inner.particles, (lag + 1, *inner.particles.shape))), info
 
-    def step(
-        rng_key: jax.Array, state: FixedLagState, observation: Observation, inputs: Any = None
-    ) -> tuple[FixedLagState, Info]:
+    def step(rng_key: Array, state: FixedLagState, observation: Observation, inputs: Any = None) -> tuple[FixedLagState, Info]:
         inner, info = filter.step(rng_key, state.inner, observation, inputs)
         if info.ancestors.shape != inner.log_weights.shape:
             raise ValueError(
@@ -106,13 +105,13 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
     """
     check_at_least(0, lag=lag)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         check_genealogy(history)
         num_frames, num_particles, _ = history.particles.shape
         identity = jnp.arange(num_particles, dtype=history.ancestors.dtype)
         frames = jnp.arange(num_frames)
 
-        def older(ancestry: jax.Array, distance: jax.Array) -> tuple[jax.Array, None]:
+        def older(ancestry: Array, distance: Array) -> tuple[Array, None]:
             """From lines `distance` - 1 frames long, (T, N), to lines one frame longer, where there is such a frame."""
             ends = jnp.minimum(frames + lag, num_frames - 1)
             place = ends - distance + 1  # the frame that a line has reached
@@ -129,6 +128,6 @@ def fixed_lag_smoother(model: CompiledModel, *, lag: int = 10) -> Smoother:
     return Smoother(smooth, joint=False, follows_ancestors=True)
 
 
-def normalise_rows(log_weights: jax.Array) -> jax.Array:
+def normalise_rows(log_weights: Array) -> Array:
     """Normalised log-weights (T, N), each frame for itself."""
     return jax.vmap(lambda row: normalise(row).log_weights)(log_weights)

@@ -19,6 +19,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import normalise
@@ -45,7 +46,7 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
     """
     check_tile(tile)
 
-    def reweigh(smoothed: jax.Array, frame: Any) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def reweigh(smoothed: Array, frame: Any) -> tuple[Array, tuple[Array, Array]]:
         """Smoothed weights of one frame (N,) from those of the next."""
         earlier, log_weights, later, inputs = frame
         weights = jnp.exp(log_weights)
@@ -54,7 +55,7 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
         result = jnp.where(updated.degenerate, weights, updated.weights)
         return result, (jnp.where(updated.degenerate, log_weights, updated.log_weights), updated.ess)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
         last = normalise(history.log_weights[-1])
         later = rows_of((history.particles, inputs), slice(1, None))
@@ -70,18 +71,18 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
 
 def _support(
     model: CompiledModel,
-    later: jax.Array,
-    smoothed: jax.Array,
-    earlier: jax.Array,
-    weights: jax.Array,
+    later: Array,
+    smoothed: Array,
+    earlier: Array,
+    weights: Array,
     inputs: Any,
     tile: int | None,
-) -> jax.Array:
+) -> Array:
     """Weight that each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j."""
     num_later, num_earlier = later.shape[0], earlier.shape[0]
     rows = tile_rows(tile, num_later, num_earlier)
 
-    def add(total: jax.Array, part: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, None]:
+    def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
         xs, shares = part
 
         gained = with_densities(

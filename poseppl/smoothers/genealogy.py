@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -30,7 +31,7 @@ def genealogy_smoother(model: CompiledModel) -> Smoother:
         ancestors are no genealogy, as those of filters of chains.
     """
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         check_genealogy(history)
         num_frames, num_particles, _ = history.particles.shape
         last = normalise(history.log_weights[-1])
@@ -56,16 +57,16 @@ def check_genealogy(history: History) -> None:
         )
 
 
-def lines(ancestors: jax.Array, last: jax.Array) -> jax.Array:
+def lines(ancestors: Array, last: Array) -> Array:
     """Indices (T, M) through which the lines of `last` (M,) run, from ancestors (T, N) whose first row is not used."""
 
-    def back(line: jax.Array, row: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def back(line: Array, row: Array) -> tuple[Array, Array]:
         return row[line], row[line]
 
     _, before = jax.lax.scan(back, last, ancestors[1:], reverse=True)
     return jnp.concatenate([before, last[None]])
 
 
-def shared_ess(weights: jax.Array, line: jax.Array) -> jax.Array:
+def shared_ess(weights: Array, line: Array) -> Array:
     """Effective number of ancestors, a scalar, when particles of weights (N,) descend from those in `line` (N,)."""
     return 1.0 / jnp.sum(jnp.zeros_like(weights).at[line].add(weights) ** 2)

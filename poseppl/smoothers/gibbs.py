@@ -25,6 +25,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
@@ -49,8 +50,8 @@ Target = Literal["mixture", "model"]
 class GibbsChains(NamedTuple):
     """Result of M chains of R rounds: ``draws`` (M, R, T, d), and the mean ``acceptance`` at each frame (T,)."""
 
-    draws: jax.Array
-    acceptance: jax.Array
+    draws: Array
+    acceptance: Array
 
 
 @built_once
@@ -96,7 +97,7 @@ def gibbs_smoother(
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
     num_rounds = num_warmup + num_draws
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_fit, key_start, key_chains = jax.random.split(rng_key, 3)
         history = history._replace(particles=_rounded(history.particles, quantise))
         likelihood = fit_likelihood_mixture(key_fit, model, history, observations, inputs, settings)
@@ -124,7 +125,7 @@ def gibbs_smoother(
     return Smoother(smooth, joint=True)
 
 
-def gibbs_starts(model: CompiledModel, rng_key: jax.Array, history: History, inputs: Any, num_chains: int) -> jax.Array:
+def gibbs_starts(model: CompiledModel, rng_key: Array, history: History, inputs: Any, num_chains: int) -> Array:
     """Trajectories (M, T, d): the most likely particle of every frame, then trajectories drawn by backward simulation."""
     place = jnp.arange(history.log_weights.shape[0])
     best = history.particles[place, jnp.argmax(history.log_weights, axis=1)]
@@ -134,10 +135,10 @@ def gibbs_starts(model: CompiledModel, rng_key: jax.Array, history: History, inp
 
 
 def gibbs_chains(
-    rng_key: jax.Array,
+    rng_key: Array,
     model: CompiledModel,
     mixture: LikelihoodMixture,
-    starts: jax.Array,
+    starts: Array,
     observations: Observation,
     inputs: Any,
     num_rounds: int,
@@ -173,7 +174,7 @@ def gibbs_chains(
     if blocked:
         prior = quadratic_prior(linear_transitions(model, starts[0], inputs), starts[0])
 
-    def advance(xs: jax.Array, rng_key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+    def advance(xs: Array, rng_key: Array) -> tuple[Array, tuple[Array, Array]]:
         if blocked:
             xs, acceptance = _blocked_round(rng_key, mixture, prior, starts[0], xs), jnp.ones(xs.shape[1], xs.dtype)
         else:
@@ -184,23 +185,21 @@ def gibbs_chains(
     return GibbsChains(jnp.swapaxes(draws[num_warmup:], 0, 1), jnp.mean(acceptance[num_warmup:], 0))
 
 
-def _round(
-    model: CompiledModel, settings: Settings, frames: Frames, rng_key: jax.Array, xs: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def _round(model: CompiledModel, settings: Settings, frames: Frames, rng_key: Array, xs: Array) -> tuple[Array, Array]:
     """Move all even frames of trajectories (M, T, d), then all odd ones; returns them and the mean acceptance (T,)."""
     num_chains, num_frames, _ = xs.shape
     kinds, size = min(2, num_frames), -(-num_frames // 2)
     # of an odd number of frames the last place of the odd ones lies beyond the end: it reads the last frame, writes nowhere
     places = jnp.arange(kinds)[:, None] + 2 * jnp.arange(size)
 
-    def move(state: tuple[jax.Array, jax.Array], row: tuple[jax.Array, jax.Array]) -> tuple[tuple[jax.Array, jax.Array], None]:
+    def move(state: tuple[Array, Array], row: tuple[Array, Array]) -> tuple[tuple[Array, Array], None]:
         xs, acceptance = state
         rng_key, place = row
         end = num_frames - 1
         here = jnp.minimum(place, end)
         rows = rows_of(frames, here)
 
-        def move_chain(keys: jax.Array, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def move_chain(keys: Array, x: Array) -> tuple[Array, Array]:
             befores, afters = x[jnp.maximum(here - 1, 0)], x[jnp.minimum(here + 1, end)]
             return jax.vmap(lambda *row: move_frame(model, settings, *row))(keys, x[here], befores, afters, rows)
 
@@ -213,12 +212,12 @@ def _round(
     return xs, acceptance
 
 
-def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, origin: jax.Array, xs: jax.Array) -> jax.Array:
+def _blocked_round(rng_key: Array, mixture: LikelihoodMixture, prior: Any, origin: Array, xs: Array) -> Array:
     """Draw components given the trajectories (M, T, d), then the trajectories given them."""
     precision, gradient = prior
     place = jnp.arange(xs.shape[1])
 
-    def draw(key_components: jax.Array, noise: jax.Array, x: jax.Array) -> jax.Array:
+    def draw(key_components: Array, noise: Array, x: Array) -> Array:
         chosen = jax.random.categorical(key_components, jax.vmap(log_components)(mixture, x))
         curvatures = mixture.precisions[place, jnp.minimum(chosen, mixture.precisions.shape[1] - 1)]
         pull = mixture.gradients[place, chosen] - jnp.einsum("tij,tj->ti", curvatures, origin - mixture.anchors[place, chosen])
@@ -230,5 +229,5 @@ def _blocked_round(rng_key: jax.Array, mixture: LikelihoodMixture, prior: Any, o
     return jax.vmap(draw)(jax.random.split(key_components, xs.shape[0]), noise, xs)
 
 
-def _rounded(x: jax.Array, pitch: Any) -> jax.Array:
+def _rounded(x: Array, pitch: Any) -> Array:
     return x if pitch is None else jnp.round(x / jnp.asarray(pitch, x.dtype)) * jnp.asarray(pitch, x.dtype)

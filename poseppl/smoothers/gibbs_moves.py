@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions, Structure, transition_around
@@ -48,9 +49,9 @@ class Scales(NamedTuple):
         plain: For the plain moves (d, d).
     """
 
-    joint: jax.Array
-    local: jax.Array
-    plain: jax.Array
+    joint: Array
+    local: Array
+    plain: Array
 
 
 class Frames(NamedTuple):
@@ -70,13 +71,13 @@ class Frames(NamedTuple):
     """
 
     mixture: LikelihoodMixture
-    first: jax.Array
-    last: jax.Array
+    first: Array
+    last: Array
     inputs: Any
     next_inputs: Any
     observation: Observation
     ahead: LinearTransitions
-    precision: jax.Array | None
+    precision: Array | None
     scales: Scales | None
 
 
@@ -91,11 +92,11 @@ class Settings(NamedTuple):
 class _Proposal(NamedTuple):
     """k, the Gaussian's mean (d,) and its scale (d, d), and what of it the acceptance has to know."""
 
-    component: jax.Array
-    mean: jax.Array
-    scale: jax.Array
-    looks_ahead: jax.Array
-    with_mixture: jax.Array
+    component: Array
+    mean: Array
+    scale: Array
+    looks_ahead: Array
+    with_mixture: Array
 
 
 def prepare_frames(
@@ -119,7 +120,7 @@ def prepare_frames(
     return frames._replace(precision=precision, scales=scales)
 
 
-def _scales(precision: jax.Array, frame: Frames, *, linear: bool) -> Scales:
+def _scales(precision: Array, frame: Frames, *, linear: bool) -> Scales:
     curvatures = precision + frame.mixture.precisions
     ahead = jnp.einsum("kji,kjl,klm->kim", frame.ahead.jacobians, frame.ahead.precisions, frame.ahead.jacobians)
     local = jax.vmap(_scale)(curvatures + ahead)
@@ -128,26 +129,26 @@ def _scales(precision: jax.Array, frame: Frames, *, linear: bool) -> Scales:
     )
 
 
-def _scale(precision: jax.Array) -> jax.Array:
+def _scale(precision: Array) -> Array:
     return whitening(precision[0], precision).scale
 
 
 def move_frame(
     model: CompiledModel,
     settings: Settings,
-    rng_key: jax.Array,
-    x: jax.Array,
-    before: jax.Array,
-    after: jax.Array,
+    rng_key: Array,
+    x: Array,
+    before: Array,
+    after: Array,
     frame: Frames,
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[Array, Array]:
     """Move one frame's state (d,) given its neighbours (d,); returns it and the acceptance probability."""
     key_propose, key_noise, key_accept = jax.random.split(rng_key, 3)
     mean, precision = _prior(model, before, frame)
     proposal = _propose(settings, key_propose, x, after, mean, precision, frame)
     moved = proposal.mean + proposal.scale @ jax.random.normal(key_noise, x.shape, x.dtype)
 
-    def rest(x: jax.Array) -> jax.Array:
+    def rest(x: Array) -> Array:
         return _left_out(model, settings, x, before, after, mean, precision, frame, proposal)
 
     new, old = jax.vmap(rest)(jnp.stack([moved, x]))
@@ -157,7 +158,7 @@ def move_frame(
     return jnp.where(accepted, moved, x), jnp.exp(jnp.minimum(log_ratio, 0.0))
 
 
-def _prior(model: CompiledModel, before: jax.Array, frame: Frames) -> tuple[jax.Array, jax.Array]:
+def _prior(model: CompiledModel, before: Array, frame: Frames) -> tuple[Array, Array]:
     """Mean (d,) and precision (d, d) given the frame before, or at the start."""
     start, moved = model.initial_moments(frame.inputs), model.transition_moments(before, frame.inputs)
     mean, covariance = jax.tree.map(lambda a, b: jnp.where(frame.first, a, b), start, moved)
@@ -166,11 +167,11 @@ def _prior(model: CompiledModel, before: jax.Array, frame: Frames) -> tuple[jax.
 
 def _propose(
     settings: Settings,
-    rng_key: jax.Array,
-    x: jax.Array,
-    after: jax.Array,
-    mean: jax.Array,
-    precision: jax.Array,
+    rng_key: Array,
+    x: Array,
+    after: Array,
+    mean: Array,
+    precision: Array,
     frame: Frames,
 ) -> _Proposal:
     key_component, key_kind, key_plain = jax.random.split(rng_key, 3)
@@ -200,14 +201,14 @@ def _propose(
 def _left_out(
     model: CompiledModel,
     settings: Settings,
-    x: jax.Array,
-    before: jax.Array,
-    after: jax.Array,
-    mean: jax.Array,
-    precision: jax.Array,
+    x: Array,
+    before: Array,
+    after: Array,
+    mean: Array,
+    precision: Array,
     frame: Frames,
     proposal: _Proposal,
-) -> jax.Array:
+) -> Array:
     """Logarithm of the target over the proposal, as far as it depends on the state (d,)."""
     k, ahead, anchors = proposal.component, frame.ahead, frame.mixture.anchors
     prior = jnp.where(frame.first, model.log_initial(x, frame.inputs), model.log_transition(x, before, frame.inputs)) + 0.5 * (
@@ -225,13 +226,13 @@ def _left_out(
     return total
 
 
-def _matvec(matrices: jax.Array, vectors: jax.Array) -> jax.Array:
+def _matvec(matrices: Array, vectors: Array) -> Array:
     """Products (K, d) of matrices (K, d, d) or (1, d, d) with vectors (K, d) or (1, d)."""
     if matrices.shape[0] == 1:
         return vectors @ matrices[0].T
     return jnp.einsum("kij,kj->ki", matrices, jnp.broadcast_to(vectors, matrices.shape[:2]))
 
 
-def _row(rows: jax.Array, k: jax.Array) -> jax.Array:
+def _row(rows: Array, k: Array) -> Array:
     """Row k, or the one there is."""
     return rows[jnp.minimum(k, rows.shape[0] - 1)]

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.stacks import prepend, split_first
@@ -16,7 +17,7 @@ from poseppl.smoothers.base import History, collect_history
 Keep = Callable[[Any, Info], Any]
 
 
-def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any, keep: Keep) -> Any:
+def scan_filter(filter: Filter, rng_key: Array, observations: Observation, inputs: Any, keep: Keep) -> Any:
     """Run a filter, and stack what `keep(state, info)` returns for each frame."""
     key_first, key_later = jax.random.split(rng_key)
     first, later = split_first((observations, inputs))
@@ -32,7 +33,7 @@ def scan_filter(filter: Filter, rng_key: jax.Array, observations: Observation, i
     return prepend(kept, rest)
 
 
-def filter_history(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> History:
+def filter_history(filter: Filter, rng_key: Array, observations: Observation, inputs: Any) -> History:
     """Run a filter, and keep the history that a smoother needs."""
     history: History = scan_filter(
         filter, rng_key, observations, inputs, lambda state, info: collect_history(rng_key, state, info, None)
@@ -40,7 +41,7 @@ def filter_history(filter: Filter, rng_key: jax.Array, observations: Observation
     return history
 
 
-def filter_evidence(filter: Filter, rng_key: jax.Array, observations: Observation, inputs: Any) -> jax.Array:
+def filter_evidence(filter: Filter, rng_key: Array, observations: Observation, inputs: Any) -> Array:
     """Log-evidence of all frames as a filter estimates it, a scalar; -inf when it cannot."""
     increments = scan_filter(filter, rng_key, observations, inputs, lambda _, info: info.log_evidence)
     total = jnp.sum(increments)

@@ -35,6 +35,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import inverse_root
@@ -87,10 +88,10 @@ class LikelihoodMixture(NamedTuple):
         precisions: L_k (T, K, d, d), or (T, 1, d, d) where all components of a frame share it.
     """
 
-    log_heights: jax.Array
-    anchors: jax.Array
-    gradients: jax.Array
-    precisions: jax.Array
+    log_heights: Array
+    anchors: Array
+    gradients: Array
+    precisions: Array
 
 
 def mixture_of_gaussians(log_weights: Any, means: Any, covariances: Any) -> LikelihoodMixture:
@@ -101,7 +102,7 @@ def mixture_of_gaussians(log_weights: Any, means: Any, covariances: Any) -> Like
     return LikelihoodMixture(log_weights + constant, means, jnp.zeros_like(means), jnp.swapaxes(roots, -1, -2) @ roots)
 
 
-def log_components(mixture: LikelihoodMixture, x: jax.Array) -> jax.Array:
+def log_components(mixture: LikelihoodMixture, x: Array) -> Array:
     """Values log phi_k(x) (K,) of one frame's mixture at one state (d,)."""
     offset = x - mixture.anchors
     scaled = jnp.einsum("...ij,...j->...i", mixture.precisions, offset)
@@ -109,7 +110,7 @@ def log_components(mixture: LikelihoodMixture, x: jax.Array) -> jax.Array:
 
 
 def fit_likelihood_mixture(
-    rng_key: jax.Array,
+    rng_key: Array,
     model: CompiledModel,
     history: History,
     observations: Observation,
@@ -152,12 +153,12 @@ def fit_likelihood_mixture(
 class _Frame(NamedTuple):
     """Data of the fit of a frame: particles (N, d), log-weights (N,), the prediction's moments, whether it has data."""
 
-    rng_key: jax.Array
-    particles: jax.Array
-    log_weights: jax.Array
-    mean: jax.Array
-    covariance: jax.Array
-    seen: jax.Array
+    rng_key: Array
+    particles: Array
+    log_weights: Array
+    mean: Array
+    covariance: Array
+    seen: Array
 
 
 def _fit_frame(frame: _Frame, settings: MixtureSettings) -> LikelihoodMixture:
@@ -187,20 +188,20 @@ def _fit_frame(frame: _Frame, settings: MixtureSettings) -> LikelihoodMixture:
     return chosen
 
 
-def _frames_seen(observations: Observation, num_frames: int) -> jax.Array:
+def _frames_seen(observations: Observation, num_frames: int) -> Array:
     """Whether anything was seen of each frame (T,)."""
     masks = [jnp.any(mask.reshape(num_frames, -1), 1) for mask in observations.mask.values()]
     return jnp.any(jnp.stack(masks), 0) if masks else jnp.ones(num_frames, bool)
 
 
-def _default_scales(alive: jax.Array, unit: jax.Array) -> jax.Array:
+def _default_scales(alive: Array, unit: Array) -> Array:
     """Silverman's rule for as many kernels as there are components."""
     d = unit.shape[0]
     count = jnp.maximum(jnp.sum(alive), 1).astype(unit.dtype)
     return unit * jnp.minimum((4.0 / ((d + 2) * count)) ** (1.0 / (d + 4)), 1.0)
 
 
-def _divide(components: GaussianMixture, mean: jax.Array, covariance: jax.Array, noise: jax.Array) -> LikelihoodMixture:
+def _divide(components: GaussianMixture, mean: Array, covariance: Array, noise: Array) -> LikelihoodMixture:
     """Divide Gaussians by N(mean, covariance); `noise` is the relative variance of their variances."""
     whiten = inverse_root(covariance)
     values, vectors = jnp.linalg.eigh(whiten @ components.covariances @ whiten.T)

@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.program import CompiledModel, Observation
@@ -56,14 +57,14 @@ def particle_gibbs_smoother(
     check_choice(Method, method=method)
     num_moves = num_warmup + num_draws
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_start, key_moves = jax.random.split(rng_key)
         starts = draw_trajectories(model, key_start, history, inputs, num_chains)
 
-        def move(key: jax.Array, xs: jax.Array) -> jax.Array:
+        def move(key: Array, xs: Array) -> Array:
             return conditional_smc(model, key, xs, observations, inputs, num_particles, method)
 
-        def advance(xs: jax.Array, key: jax.Array) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        def advance(xs: Array, key: Array) -> tuple[Array, tuple[Array, Array]]:
             moved = jax.vmap(move)(jax.random.split(key, num_chains), xs)
             return moved, (moved, jnp.mean(jnp.any(moved != xs, -1), 0))
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
@@ -29,7 +30,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.inner_filter import filter_evidence
 
-Evaluate = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+Evaluate = Callable[[Array, Array], tuple[Array, Array]]
 
 _TARGET_ACCEPTANCE = 0.25
 _PRIOR_DRAWS = 64
@@ -47,27 +48,27 @@ class ParticleMarginal(NamedTuple):
         covariance: The frozen S (p, p).
     """
 
-    params: dict[str, jax.Array]
-    unconstrained: jax.Array
-    log_evidence: jax.Array
-    acceptance: jax.Array
-    scale: jax.Array
-    covariance: jax.Array
+    params: dict[str, Array]
+    unconstrained: Array
+    log_evidence: Array
+    acceptance: Array
+    scale: Array
+    covariance: Array
 
 
 class _State(NamedTuple):
     """Positions (M, p), their log-posteriors and log-evidences (M,), log lambda, and what is known of the target."""
 
-    positions: jax.Array
-    log_posterior: jax.Array
-    log_evidence: jax.Array
-    log_scale: jax.Array
+    positions: Array
+    log_posterior: Array
+    log_evidence: Array
+    log_scale: Array
     known: AdaptiveCovariance
 
 
 def pmmh(
     model: CompiledModel,
-    rng_key: jax.Array,
+    rng_key: Array,
     observations: Observation,
     inputs: Any = None,
     *,
@@ -100,7 +101,7 @@ def pmmh(
     check_at_least(0, num_warmup=num_warmup)
     bijector = parameter_bijector(model)
 
-    def evaluate(rng_key: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def evaluate(rng_key: Array, u: Array) -> tuple[Array, Array]:
         """Log-posterior and log-evidence at u."""
         built = build_filter(model.with_params(bijector.to_params(u)))
         log_evidence = filter_evidence(built, rng_key, observations, inputs)
@@ -126,8 +127,8 @@ def pmmh(
 
 
 def starting_points(
-    model: CompiledModel, bijector: ParameterBijector, rng_key: jax.Array, num_chains: int, start: Mapping[str, Any] | None
-) -> tuple[jax.Array, AdaptiveCovariance]:
+    model: CompiledModel, bijector: ParameterBijector, rng_key: Array, num_chains: int, start: Mapping[str, Any] | None
+) -> tuple[Array, AdaptiveCovariance]:
     """Where chains start (M, p), and the prior's moments to begin learning from."""
     keys = jax.random.split(rng_key, max(_PRIOR_DRAWS, num_chains))
     drawn = jax.vmap(lambda key: bijector.to_flat(model.sample_parameters(key)))(keys)
@@ -137,7 +138,7 @@ def starting_points(
     return jnp.broadcast_to(bijector.to_flat(start), (num_chains, bijector.dimension)), known
 
 
-def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[jax.Array, jax.Array]) -> tuple[_State, Any]:
+def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[Array, Array]) -> tuple[_State, Any]:
     """One move of all chains."""
     key, number = row
     key_move, key_filter, key_accept = jax.random.split(key, 3)
@@ -156,7 +157,7 @@ def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[jax.A
     return moved, (moved.positions, moved.log_evidence, jnp.mean(accepted, dtype=values.dtype))
 
 
-def _adapt(state: _State, rate: jax.Array, number: jax.Array, num_warmup: int) -> _State:
+def _adapt(state: _State, rate: Array, number: Array, num_warmup: int) -> _State:
     """Learn from an update of the warm-up; later ones change nothing."""
     gain = (number + 1.0) ** -0.6
     learned = state._replace(

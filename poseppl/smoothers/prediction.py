@@ -15,6 +15,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import prepend, rows_of, split_first
@@ -38,7 +39,7 @@ def map_frames(function: Any, arguments: Any, num_frames: int, elements: int) ->
     return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:num_frames], mapped)
 
 
-def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tuple[jax.Array, jax.Array]:
+def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tuple[Array, Array]:
     """Mean (T, d) and covariance (T, d, d) of the prediction of every frame.
 
     Args:
@@ -53,7 +54,7 @@ def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tu
     first, later = split_first(inputs)
     mean, covariance = model.initial_moments(first)
 
-    def predict(row: Any) -> tuple[jax.Array, jax.Array]:
+    def predict(row: Any) -> tuple[Array, Array]:
         particles, log_weights, row_inputs = row
         means, covariances = transition_moments(model, particles, row_inputs)
         noise = jnp.tensordot(normalise(log_weights).weights, covariances, 1)
@@ -66,7 +67,7 @@ def predicted_moments(model: CompiledModel, history: History, inputs: Any) -> tu
     return prepend((mean, covariance), (means, covariances))
 
 
-def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, inputs: Any, num_predecessors: int) -> jax.Array:
+def log_predicted(rng_key: Array, model: CompiledModel, history: History, inputs: Any, num_predecessors: int) -> Array:
     """Log-density (T, N) of every particle under the prediction of its frame, from a sample of the particles before.
 
     Args:
@@ -83,7 +84,7 @@ def log_predicted(rng_key: jax.Array, model: CompiledModel, history: History, in
         return start[None]
     size = min(num_predecessors, num_particles)
 
-    def density(row: Any) -> jax.Array:
+    def density(row: Any) -> Array:
         key, particles, before, log_weights, row_inputs = row
         chosen = before[systematic(key, log_weights, size)]
         return jax.nn.logsumexp(log_transition_matrix(model, particles, chosen, row_inputs), axis=1) - jnp.log(size)

@@ -14,6 +14,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.checks import check_at_least, check_choice
@@ -43,14 +44,14 @@ def rauch_tung_striebel_smoother(
     check_at_least(1, num_draws=num_draws)
     check_choice(Method, linearisation=linearisation)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
         num_frames = filtered.mean.shape[0]
         keys = jax.random.split(rng_key, num_frames)
         last = rows_of(filtered, -1)
         start = _draw(keys[-1], jnp.broadcast_to(last.mean, (num_draws, model.dimension)), last.covariance)
 
-        def back(later: jax.Array, row: Any) -> tuple[jax.Array, jax.Array]:
+        def back(later: Array, row: Any) -> tuple[Array, Array]:
             key, (mean, covariance), ahead, gain = row
             draws = _draw(key, mean + (later - ahead.mean) @ gain.T, covariance - gain @ ahead.covariance @ gain.T)
             return draws, draws
@@ -85,15 +86,13 @@ def smoothed_moments(
     return append(rest, last)
 
 
-def _forward(
-    model: CompiledModel, observations: Observation, inputs: Any, method: Method
-) -> tuple[Gaussian, Gaussian, jax.Array]:
+def _forward(model: CompiledModel, observations: Observation, inputs: Any, method: Method) -> tuple[Gaussian, Gaussian, Array]:
     """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
     first, later = split_first((observations, inputs))
     predicted = Gaussian(*model.initial_moments(first[1]))
     filtered = update(model, predicted, first[0], first[1], method)[0]
 
-    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, Gaussian, jax.Array]]:
+    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, Gaussian, Array]]:
         observation, inputs = row
         linear = linearise(lambda x: model.transition_moments(x, inputs), filtered, method)
         predicted = predict(filtered, linear)
@@ -106,9 +105,9 @@ def _forward(
     return prepend(start, rest)
 
 
-def _draw(rng_key: jax.Array, means: jax.Array, covariance: jax.Array) -> jax.Array:
+def _draw(rng_key: Array, means: Array, covariance: Array) -> Array:
     """Draws around means (N, d); directions in which rounding left no variance stay where they are."""
     values, vectors = jnp.linalg.eigh((covariance + covariance.T) / 2)
     noise = jax.random.normal(rng_key, means.shape, means.dtype)
-    draws: jax.Array = means + (noise * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
+    draws: Array = means + (noise * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
     return draws

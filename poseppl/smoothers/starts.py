@@ -15,6 +15,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.resampling import systematic
 from poseppl.program import CompiledModel
@@ -25,7 +26,7 @@ _MOST = 512
 """Particles of a frame that are looked at."""
 
 
-def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History, inputs: Any, num: int) -> jax.Array:
+def draw_trajectories(model: CompiledModel, rng_key: Array, history: History, inputs: Any, num: int) -> Array:
     """Draw trajectories (num, T, d).
 
     Args:
@@ -40,8 +41,8 @@ def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History
     last = jax.random.categorical(key_last, log_weights[-1], shape=(num,))
     numbers = jnp.arange(particles.shape[0] - 1)
 
-    def step(number: jax.Array, chosen: jax.Array, frame: Earlier) -> tuple[jax.Array, None]:
-        def join(x: jax.Array) -> jax.Array:
+    def step(number: Array, chosen: Array, frame: Earlier) -> tuple[Array, None]:
+        def join(x: Array) -> Array:
             joint, possible = log_backward(model, x, frame.particles, frame.log_weights, frame.inputs)
             return jnp.where(possible, joint, frame.log_weights)
 
@@ -51,7 +52,7 @@ def draw_trajectories(model: CompiledModel, rng_key: jax.Array, history: History
     return jnp.swapaxes(jnp.take_along_axis(particles, indices[..., None], axis=1), 0, 1)
 
 
-def _thin(rng_key: jax.Array, history: History) -> tuple[jax.Array, jax.Array]:
+def _thin(rng_key: Array, history: History) -> tuple[Array, Array]:
     """At most a few hundred particles a frame, with their log-weights."""
     num_frames, num_particles, _ = history.particles.shape
     if num_particles <= _MOST:

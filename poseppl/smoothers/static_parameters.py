@@ -26,6 +26,7 @@ import blackjax
 import jax
 import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.particle import particle_filter
@@ -56,11 +57,11 @@ class ParticleGibbs(NamedTuple):
         step_size: Their frozen step size.
     """
 
-    params: dict[str, jax.Array]
-    unconstrained: jax.Array
+    params: dict[str, Array]
+    unconstrained: Array
     smoothed: Smoothed
-    acceptance: jax.Array
-    step_size: jax.Array
+    acceptance: Array
+    step_size: Array
 
 
 class _Setting(NamedTuple):
@@ -74,7 +75,7 @@ class _Setting(NamedTuple):
     method: Method
     num_warmup: int
 
-    def bound(self, u: jax.Array) -> CompiledModel:
+    def bound(self, u: Array) -> CompiledModel:
         """The model with the params of u (p,)."""
         return self.model.with_params(self.bijector.to_params(u))
 
@@ -82,15 +83,15 @@ class _Setting(NamedTuple):
 class _State(NamedTuple):
     """Trajectories (M, T, d), params (M, p), the step size's adaptation, and what is known of the params."""
 
-    trajectories: jax.Array
-    positions: jax.Array
+    trajectories: Array
+    positions: Array
     adaptation: Any
     known: AdaptiveCovariance
 
 
 def particle_gibbs(
     model: CompiledModel,
-    rng_key: jax.Array,
+    rng_key: Array,
     observations: Observation,
     inputs: Any = None,
     *,
@@ -146,14 +147,14 @@ def particle_gibbs(
     )
 
 
-def _sweep(setting: _Setting, state: _State, row: tuple[jax.Array, jax.Array]) -> tuple[_State, Any]:
+def _sweep(setting: _Setting, state: _State, row: tuple[Array, Array]) -> tuple[_State, Any]:
     """Move the trajectory and then the params of every chain."""
     key, number = row
     early = number < setting.num_warmup
     log_step_size = jnp.where(early, state.adaptation.log_step_size, state.adaptation.log_step_size_avg)
     step_size, mass = jnp.exp(log_step_size), ridged(state.known.covariance)
 
-    def move(key: jax.Array, xs: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array, Any]:
+    def move(key: Array, xs: Array, u: Array) -> tuple[Array, Array, Any]:
         key_states, key_params = jax.random.split(key)
         xs = conditional_smc(
             setting.bound(u), key_states, xs, setting.observations, setting.inputs, setting.num_particles, setting.method
@@ -172,12 +173,10 @@ def _sweep(setting: _Setting, state: _State, row: tuple[jax.Array, jax.Array]) -
     return _State(xs, positions, *adapted), (xs, positions, diagnosis)
 
 
-def _move_params(
-    setting: _Setting, rng_key: jax.Array, xs: jax.Array, u: jax.Array, step_size: jax.Array, mass: jax.Array
-) -> tuple[jax.Array, Any]:
+def _move_params(setting: _Setting, rng_key: Array, xs: Array, u: Array, step_size: Array, mass: Array) -> tuple[Array, Any]:
     """A move of NUTS on the density of u given a trajectory and the data; NaN counts as -inf."""
 
-    def log_density(u: jax.Array) -> jax.Array:
+    def log_density(u: Array) -> Array:
         joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
         value = joint + setting.bijector.log_prior(setting.model, u)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
@@ -188,14 +187,14 @@ def _move_params(
     return state.position, info
 
 
-def _first_trajectory(setting: _Setting, rng_key: jax.Array, u: jax.Array) -> jax.Array:
+def _first_trajectory(setting: _Setting, rng_key: Array, u: Array) -> Array:
     key_filter, key_draw = jax.random.split(rng_key)
     model = setting.bound(u)
     history = filter_history(particle_filter(model, setting.num_particles), key_filter, setting.observations, setting.inputs)
     return draw_trajectories(model, key_draw, history, setting.inputs, 1)[0]
 
 
-def _smoothed(particles: jax.Array, diagnosis: Any, num_moved: int) -> Smoothed:
+def _smoothed(particles: Array, diagnosis: Any, num_moved: int) -> Smoothed:
     _, changed, divergent, gradients = diagnosis
     num_frames = particles.shape[0]
     return smoothed_chains(

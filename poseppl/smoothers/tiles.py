@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import RangeError
 
@@ -45,24 +46,24 @@ def check_tile(tile: int | None) -> None:
         raise RangeError("tile", tile, "at least 1 row of the matrix at a time, or None")
 
 
-def split_rows(array: jax.Array, rows: int) -> jax.Array:
+def split_rows(array: Array, rows: int) -> Array:
     """Turn (M, ...) into (tiles, rows, ...); the last tile is filled up with copies of the first row."""
     missing = -array.shape[0] % rows
     filled = jnp.concatenate([array, jnp.broadcast_to(array[:1], (missing, *array.shape[1:]))])
     return filled.reshape(-1, rows, *array.shape[1:])
 
 
-def join_rows(tiles: jax.Array, num_rows: int) -> jax.Array:
+def join_rows(tiles: Array, num_rows: int) -> Array:
     """Undo `split_rows`."""
     return tiles.reshape(-1, *tiles.shape[2:])[:num_rows]
 
 
 def with_densities(
-    log_densities: Callable[[], jax.Array],
-    measure: Callable[[jax.Array], jax.Array],
-    consume: Callable[[jax.Array, jax.Array], Any],
-    needed: jax.Array,
-    possible: jax.Array,
+    log_densities: Callable[[], Array],
+    measure: Callable[[Array], Array],
+    consume: Callable[[Array, Array], Any],
+    needed: Array,
+    possible: Array,
 ) -> Any:
     """Give a tile of densities to `consume`, each row scaled by a number of its own where the range makes it necessary.
 

@@ -28,6 +28,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import solve_upper
@@ -81,19 +82,19 @@ def trajectory_smoother(
         raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
     settings = ChainSettings(num_draws, num_warmup, kernel, num_leapfrog, max_doublings, target_acceptance).check()
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_start, key_length, key_chains = jax.random.split(rng_key, 3)
         drawn = draw_trajectories(model, key_start, history, inputs, max(num_chains, num_curvatures))
         factor = safe_cholesky(average_precision(model, drawn[:num_curvatures], observations, inputs))
         lengths = trajectory_lengths(key_length, settings)
 
-        def run(key: jax.Array, start: jax.Array) -> tuple[jax.Array, AdaptedChain]:
+        def run(key: Array, start: Array) -> tuple[Array, AdaptedChain]:
             mode = climb(model, start, observations, inputs, num_mode_steps)
 
-            def to_states(z: jax.Array) -> jax.Array:
+            def to_states(z: Array) -> Array:
                 return mode + solve_upper(factor, z.reshape(mode.shape))
 
-            def log_density(z: jax.Array) -> jax.Array:
+            def log_density(z: Array) -> Array:
                 return model.log_joint(to_states(z), observations, inputs)
 
             chain = adapted_chain(key, jnp.zeros(mode.size, mode.dtype), log_density, settings, lengths)

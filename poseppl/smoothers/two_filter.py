@@ -20,7 +20,8 @@ these are. At frame 0 it stands on the forward particles, weighed by the same pa
 w~ are nearly equal; gamma and q that miss the smoothing distribution show as a low `ess`.
 
 One Gaussian stands for all modes. On the growth model most series come out better than by forward-backward reweighting, but in
-two or three of twenty the backward filter misses a mode that decides (benchmarks/dimensionality.py shows the cost).
+two or three of twenty the backward filter misses a mode that decides (`poseppl reproduce peursum-2010
+dimensionality` shows the cost).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import factorise
@@ -49,9 +51,9 @@ Method = Literal["exact", "linear"]
 class _Backward(NamedTuple):
     """Backward particles (N, d) of one frame, with log w~ (N,) and log gamma (N,), for one frame or for many."""
 
-    particles: jax.Array
-    log_weights: jax.Array
-    log_prior: jax.Array
+    particles: Array
+    log_weights: Array
+    log_prior: Array
 
 
 @built_once
@@ -88,13 +90,13 @@ def two_filter_smoother(
             f"Sites {discrete} are integers. Use forward_backward_smoother, as Gaussian proposals do not fit them."
         )
 
-    def meet(rng_key: jax.Array, later: jax.Array, earlier: jax.Array, log_weights: jax.Array, inputs: Any) -> jax.Array:
+    def meet(rng_key: Array, later: Array, earlier: Array, log_weights: Array, inputs: Any) -> Array:
         """Log of sum_i w^i p(later_j | earlier_i) (N,), or an estimate of it."""
         if method == "exact":
             return _log_predictive(model, tile, later, earlier, log_weights, inputs)
         return _log_predictive_of_pairs(model, num_pairs, rng_key, later, earlier, log_weights, inputs)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
         first = normalise(history.log_weights[0])
         if num_frames == 1:
@@ -103,7 +105,7 @@ def two_filter_smoother(
         later_inputs = rows_of(inputs, slice(1, None))
         backward = _information_filter(model, widening, key_backward, history, observations, inputs)
 
-        def combine(row: Any) -> tuple[jax.Array, jax.Array]:
+        def combine(row: Any) -> tuple[Array, Array]:
             key, ours, earlier, log_weights, inputs = row
             together = normalise(ours.log_weights - ours.log_prior + meet(key, ours.particles, earlier, log_weights, inputs))
             return together.log_weights, together.ess
@@ -125,7 +127,7 @@ def two_filter_smoother(
 
 
 def _information_filter(
-    model: CompiledModel, inflation: float, rng_key: jax.Array, history: History, observations: Observation, inputs: Any
+    model: CompiledModel, inflation: float, rng_key: Array, history: History, observations: Observation, inputs: Any
 ) -> _Backward:
     """Backward particles of the frames 1 to T - 1, (T - 1, N, ...)."""
     num_frames, num_particles, _ = history.particles.shape
@@ -165,18 +167,18 @@ def _information_filter(
     return append(earlier, last)
 
 
-def _log_observations(model: CompiledModel, xs: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+def _log_observations(model: CompiledModel, xs: Array, observation: Observation, inputs: Any) -> Array:
     """Log-likelihoods (N,); 0 for all when none is finite, as if the frame had no data."""
     values = log_likelihoods(model, xs, observation, inputs)
     return jnp.where(jnp.any(jnp.isfinite(values)), values, 0.0)
 
 
 def _log_predictive(
-    model: CompiledModel, tile: int | None, later: jax.Array, earlier: jax.Array, log_weights: jax.Array, inputs: Any
-) -> jax.Array:
+    model: CompiledModel, tile: int | None, later: Array, earlier: Array, log_weights: Array, inputs: Any
+) -> Array:
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
-    def add_up(xs: jax.Array) -> jax.Array:
+    def add_up(xs: Array) -> Array:
         return _log_sum(log_transition_matrix(model, xs, earlier, inputs) + log_weights, 1)
 
     return join_rows(jax.lax.map(add_up, split_rows(later, rows)), later.shape[0])
@@ -185,27 +187,27 @@ def _log_predictive(
 def _log_predictive_of_pairs(
     model: CompiledModel,
     num_pairs: int,
-    rng_key: jax.Array,
-    later: jax.Array,
-    earlier: jax.Array,
-    log_weights: jax.Array,
+    rng_key: Array,
+    later: Array,
+    earlier: Array,
+    log_weights: Array,
     inputs: Any,
-) -> jax.Array:
+) -> Array:
     """Each later particle meets `num_pairs` earlier ones: a systematic sample, turned by a random number, in large strides."""
     num_later = later.shape[0]
     key_slots, key_turn = jax.random.split(rng_key)
     slots = systematic(key_slots, log_weights, num_later * num_pairs)
     chosen = jnp.roll(slots, jax.random.randint(key_turn, (), 0, slots.shape[0])).reshape(num_pairs, num_later)
 
-    def met(before: jax.Array) -> jax.Array:
+    def met(before: Array) -> Array:
         return log_transitions(model, later, before, inputs)
 
     return _log_sum(jax.vmap(met)(earlier[chosen]), 0) - jnp.log(float(num_pairs))
 
 
 def _first_frame(
-    model: CompiledModel, method: Method, tile: int | None, rng_key: jax.Array, history: History, after: tuple[_Backward, Any]
-) -> tuple[jax.Array, jax.Array]:
+    model: CompiledModel, method: Method, tile: int | None, rng_key: Array, history: History, after: tuple[_Backward, Any]
+) -> tuple[Array, Array]:
     """Log-weights (N,) of the forward particles of frame 0, and their effective number."""
     backward, inputs = after
     earlier, log_weights = history.particles[0], history.log_weights[0]
@@ -213,7 +215,7 @@ def _first_frame(
     if method == "exact":
         rows = tile_rows(tile, earlier.shape[0], earlier.shape[0])
 
-        def add_up(xs: jax.Array) -> jax.Array:
+        def add_up(xs: Array) -> Array:
             return _log_sum(log_transition_matrix(model, backward.particles, xs, inputs) + information[:, None], 0)
 
         support = join_rows(jax.lax.map(add_up, split_rows(earlier, rows)), earlier.shape[0])
@@ -226,8 +228,8 @@ def _first_frame(
     return together.log_weights, together.ess
 
 
-def _log_sum(terms: jax.Array, axis: int) -> jax.Array:
+def _log_sum(terms: Array, axis: int) -> Array:
     """Log of the sum of exp(terms), NaN counting as nothing."""
     clean = jnp.where(jnp.isnan(terms), -jnp.inf, terms)
-    total: jax.Array = jax.nn.logsumexp(clean, axis=axis)
+    total: Array = jax.nn.logsumexp(clean, axis=axis)
     return total

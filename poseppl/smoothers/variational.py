@@ -32,8 +32,8 @@ So F, as computed, never rises, whatever the transition.
 
 q(x) starts at the filter's means and variances (section 5.2). F has many minima, and a factorised or single Gaussian q(x)
 chooses among modes: with narrow components it stays near where it started, with at most the variance of one of them
-(``benchmarks/likelihood_mixtures.py``). For likelihoods of one mode a single component does better, and a free one, its density
-corrected, is the exact smoother of linear Gaussian models, up to the Monte Carlo error of the moments.
+(`poseppl reproduce peursum-2010 mixtures`). For likelihoods of one mode a single component does better, and a free one, its
+density corrected, is the exact smoother of linear Gaussian models, up to the Monte Carlo error of the moments.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
@@ -79,16 +80,16 @@ class VariationalFit(NamedTuple):
         free_energy: F at the start and after each round (num_rounds + 1,).
     """
 
-    means: jax.Array
+    means: Array
     factor: BlockCholesky
-    responsibilities: jax.Array
-    free_energy: jax.Array
+    responsibilities: Array
+    free_energy: Array
 
 
 class _Gaussian(NamedTuple):
     """q(x): means (T, d) and precision."""
 
-    means: jax.Array
+    means: Array
     precision: BlockTridiagonal
 
 
@@ -96,7 +97,7 @@ class _State(NamedTuple):
     """q(x), and the responsibilities (T, K) that are best for it."""
 
     q: _Gaussian
-    shares: jax.Array
+    shares: Array
 
 
 @built_once
@@ -128,7 +129,7 @@ def variational_smoother(
     check_at_least(1, num_rounds=num_rounds, num_draws=num_draws)
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_fit, key_draw = jax.random.split(rng_key)
         num_frames, num_particles, dimension = history.particles.shape
         likelihood = fit_likelihood_mixture(key_fit, model, history, observations, inputs, settings)
@@ -173,7 +174,7 @@ def fit_variational(
     parity = jnp.arange(history.particles.shape[0]) % 2
     parts = jnp.stack([parity == 0, parity == 1] if factorised else [parity >= 0])
 
-    def move(state: _State, chosen: jax.Array, moves: jax.Array) -> tuple[_State, jax.Array]:
+    def move(state: _State, chosen: Array, moves: Array) -> tuple[_State, Array]:
         """Update q(x) at the chosen frames, and q(s); where it does not move, only the free energy is computed."""
         q = state.q
         target, gradient = _target(model, mixture, inputs, state)
@@ -181,7 +182,7 @@ def fit_variational(
             diagonal = jnp.where(chosen[:, None, None], target.diagonal, q.precision.diagonal)
             target, gradient = BlockTridiagonal(diagonal, q.precision.below), jnp.where(chosen[:, None], gradient, 0.0)
 
-        def towards(fraction: jax.Array) -> tuple[_State, jax.Array]:
+        def towards(fraction: Array) -> tuple[_State, Array]:
             precision = jax.tree.map(lambda old, new: (1 - fraction) * old + fraction * new, q.precision, target)
             factor = block_cholesky(precision)
             means = q.means + solve(factor, fraction * gradient)
@@ -192,7 +193,7 @@ def fit_variational(
         best = jnp.argmin(jnp.where(jnp.isnan(energies), jnp.inf, energies))
         return rows_of((tried, energies), best)
 
-    def update(state: _State, moves: jax.Array) -> tuple[_State, jax.Array]:
+    def update(state: _State, moves: Array) -> tuple[_State, Array]:
         state, energies = jax.lax.scan(lambda state, chosen: move(state, chosen, moves), state, parts)
         return state, energies[-1]
 
@@ -212,13 +213,13 @@ def _start(model: CompiledModel, history: History, inputs: Any) -> _Gaussian:
     return _Gaussian(means, BlockTridiagonal(diagonal, jnp.zeros_like(prior.below)))
 
 
-def _expected_log_components(mixture: LikelihoodMixture, means: jax.Array, covariances: jax.Array) -> jax.Array:
+def _expected_log_components(mixture: LikelihoodMixture, means: Array, covariances: Array) -> Array:
     """l_tk (T, K)."""
     spread = jnp.einsum("tcij,tji->tc", mixture.precisions, covariances)
     return jax.vmap(log_components)(mixture, means) - 0.5 * spread
 
 
-def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, state: _State) -> tuple[BlockTridiagonal, jax.Array]:
+def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, state: _State) -> tuple[BlockTridiagonal, Array]:
     """Precision of the optimal q(x) given q(s), and the gradient (T, d) at the means."""
     means, shares = state.q.means, state.shares
     offset = means[:, None] - mixture.anchors
@@ -231,8 +232,8 @@ def _target(model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, state
 
 
 def _free_energy(
-    model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, means: jax.Array, factor: BlockCholesky
-) -> tuple[jax.Array, jax.Array]:
+    model: CompiledModel, mixture: LikelihoodMixture, inputs: Any, means: Array, factor: BlockCholesky
+) -> tuple[Array, Array]:
     """F of q(x) with its optimal q(s), and that, the responsibilities (T, K)."""
     covariances = marginal_covariances(factor).own
     logits = _expected_log_components(mixture, means, covariances)
@@ -242,9 +243,7 @@ def _free_energy(
     return energy, jax.nn.softmax(logits, axis=1)
 
 
-def _expected_prior(
-    model: CompiledModel, inputs: Any, means: jax.Array, factor: BlockCholesky, covariances: jax.Array
-) -> jax.Array:
+def _expected_prior(model: CompiledModel, inputs: Any, means: Array, factor: BlockCholesky, covariances: Array) -> Array:
     """E_q[-log p(x)] by cubature: over x_0, and over each pair of neighbours, from x_t and x_(t-1) given x_t."""
     num_frames, d = means.shape
     scales = jax.vmap(_square_root)(covariances)
@@ -254,7 +253,7 @@ def _expected_prior(
     if num_frames == 1:
         return -total
 
-    def pair(row: Any) -> jax.Array:
+    def pair(row: Any) -> Array:
         before, mean, scale, gain, inverse, row_inputs = row
         reach = jnp.sqrt(2.0 * d)
         steps = reach * jnp.concatenate([jnp.zeros((d, d), scale.dtype), scale.T])
@@ -268,8 +267,8 @@ def _expected_prior(
     return -total - jnp.sum(jax.vmap(pair)(rows))
 
 
-def _square_root(covariance: jax.Array) -> jax.Array:
+def _square_root(covariance: Array) -> Array:
     """Lower triangular square root (d, d)."""
     unit = jnp.sqrt(jnp.diagonal(covariance))
-    root: jax.Array = jnp.linalg.cholesky(covariance / unit[:, None] / unit) * unit[:, None]
+    root: Array = jnp.linalg.cholesky(covariance / unit[:, None] / unit) * unit[:, None]
     return root

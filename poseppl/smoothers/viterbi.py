@@ -19,6 +19,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.particles.stacks import split_first
 from poseppl.program import CompiledModel, Observation
@@ -44,10 +45,10 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
     """
     check_tile(tile)
 
-    def log_observations(particles: jax.Array, observation: Observation, inputs: Any) -> jax.Array:
+    def log_observations(particles: Array, observation: Observation, inputs: Any) -> Array:
         return _usable(log_likelihoods(model, particles, observation, inputs))
 
-    def smooth(rng_key: jax.Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         particles = history.particles
         num_frames, num_particles, _ = particles.shape
         seen = jax.vmap(log_observations)(particles, observations, inputs)
@@ -65,12 +66,12 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
     return Smoother(smooth, joint=True, closed_form=True)
 
 
-def _forward(model: CompiledModel, tile: int | None, best: jax.Array, frame: Any) -> tuple[jax.Array, jax.Array]:
+def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Array]:
     """Log-densities delta (N,) of one frame from that of the frame before, and each particle's best predecessor (N,)."""
     earlier, later, seen, inputs = frame
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
-    def maximise(xs: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def maximise(xs: Array) -> tuple[Array, Array]:
         paths = log_transition_matrix(model, xs, earlier, inputs) + best
         paths = jnp.where(jnp.isnan(paths), -jnp.inf, paths)
         return jnp.max(paths, 1), jnp.argmax(paths, 1)
@@ -80,13 +81,13 @@ def _forward(model: CompiledModel, tile: int | None, best: jax.Array, frame: Any
     return _levelled(reached + seen), join_rows(predecessors, later.shape[0])
 
 
-def _usable(log_densities: jax.Array) -> jax.Array:
+def _usable(log_densities: Array) -> Array:
     """Log-densities (N,) with NaN as -inf; all zero when none is finite, as if the factor did not exist."""
     clean = jnp.where(jnp.isfinite(log_densities), log_densities, -jnp.inf)
     return jnp.where(jnp.any(jnp.isfinite(clean)), clean, 0.0)
 
 
-def _levelled(best: jax.Array) -> jax.Array:
+def _levelled(best: Array) -> Array:
     """Log-densities (N,) with their maximum at 0, so that long sequences keep their digits; all 0 where no path is possible."""
     usable = _usable(best)
     return usable - jnp.max(usable)

@@ -15,6 +15,7 @@ import jax
 import pytest
 
 from poseppl.cli import main
+from poseppl.motion.tracking.video_sources import read_scene_truth
 from poseppl.runs.results import load_result, provenance
 
 SMALL = ["--filter", "particle", "--set", "num_particles=200", "--frames", "0:4", "--max-draws", "20"]
@@ -58,6 +59,17 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     Path("sim").mkdir()
     assert main(["simulate", "--frames", "0:3", "-o", "sim", "--quiet"]) == 0
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
+
+
+def test_a_walk_is_laid_along_a_circle() -> None:
+    for name, turn in (("straight", []), ("left", ["--turn", "900"]), ("right", ["--turn", "-900"])):
+        assert main(["simulate", "--frames", "0:46:15", "-q", "-o", f"{name}.csv", *turn]) == 0
+    straight, left, right = (read_scene_truth(f"{name}.nc").states for name in ("straight", "left", "right"))
+    assert left[-1, 3] - straight[-1, 3] > 1.2 and right[-1, 3] - straight[-1, 3] < -1.2
+    for bent in (left, right):
+        assert bent[:, 4:].tolist() == straight[:, 4:].tolist() and bent[0] == pytest.approx(straight[0])
+    # it heads along +x: left is +y
+    assert left[-1, 1] > straight[-1, 1] + 500 and right[-1, 1] < straight[-1, 1] - 500
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -142,8 +154,14 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
         (["track", "-o", "x.txt"], ["--output", "NAME.nc"]),
         (["simulate", "--missing", "1"], ["--missing"]),
         (["simulate", "--focal", "-3"], ["--focal"]),
+        (["simulate", "--turn", "299"], ["--turn", "at least 300 mm"]),
+        (["simulate", "--turn", "-1200", "--frames", "0:3"], ["--turn", "the motion goes", "at least 500 mm"]),
         (["report", "absent.nc"], ["absent.nc", "no such file"]),
         (["fit-gait", "absent.amc", "--harmonics", "0"], ["--harmonics"]),
+        (["fit-motion", "walk", "absent.bvh"], ["absent.bvh", "no such file"]),
+        (["fit-motion", "walk", "absent_01.amc"], ["absent_01.amc", "skeleton"]),
+        (["fit-motion", "walk", "absent.bvh", "--rate", "-1"], ["--rate"]),
+        (["fit-motion", "absent/walk", "absent.bvh"], ["absent", "does not exist"]),
         (["reproduce", "choo-fleet-2001", "--motion", "walk.amc"], ["--motion", "NAME=FILE"]),
         (["reproduce", "choo-fleet-2001", "--motion", "walk=absent.amc"], ["absent.amc", "no such file"]),
         (["reproduce", "choo-fleet-2001", "--workers", "0"], ["--workers", "at least 1"]),
@@ -162,6 +180,7 @@ def test_bad_input_ends_with_one_message(capsys: pytest.CaptureFixture[str], arg
         (["track", "--colour"], ["--colour"]),
         (["dance"], ["dance"]),
         (["track", "--resume"], ["--resume needs --checkpoint"]),
+        (["reproduce", "choo-fleet-2001", "tables"], ["no part 'tables'", "single-frame"]),
         (["track", "--observations", "a.csv"], ["--observations needs --camera"]),
         (["track", "a.bvh", "--observations", "a.csv", "--camera", "c.toml"], ["not both"]),
     ],
@@ -214,7 +233,12 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["track"], ["smooth"], ["filters"], ["smoothers"], ["simulate"], ["report"], ["compare"], ["reproduce"], ["fit-gait"]],
+    [
+        [],
+        *([name] for name in ("track", "smooth", "filters", "smoothers", "simulate", "report", "compare", "reproduce")),
+        ["fit-gait"],
+    ]
+    + [["fit-motion"]],
 )
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0

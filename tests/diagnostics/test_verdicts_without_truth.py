@@ -26,6 +26,13 @@ def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():
     assert "lower --sigma-angle" in texts(kalman_tree(told_walk=20.0, noise=0.5, told=0.5))
 
 
+@pytest.mark.parametrize("wrong", [{"noise": 6.0}, {"told_walk": 0.05}, {"told_walk": 20.0, "noise": 0.5, "told": 0.5}])
+def test_with_a_learned_prior_no_option_of_the_walk_is_advised(wrong):
+    tree = kalman_tree(**wrong)
+    tree.attrs["prior"] = "walk.nc"
+    assert "--sigma" not in texts(tree) and "--prior" in texts(tree)
+
+
 @pytest.mark.parametrize(
     ("scale", "words"),
     [

@@ -1,26 +1,23 @@
 from __future__ import annotations
 
 import shutil
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
 from poseppl.errors import InputError
+from poseppl.experiments.choo_fleet import EXPERIMENT
 from poseppl.experiments.choo_fleet.claims import claims
-from poseppl.experiments.choo_fleet.page import page_of
 from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
+from poseppl.experiments.experiment import Part
+from poseppl.experiments.page import page_of
 from poseppl.experiments.provenance import RECORD, Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.reproduction import reproduce
 from poseppl.experiments.tables import Table
 
-module = import_module("poseppl.experiments.choo_fleet.reproduce")
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "choo-fleet-2001"
 MADE = Provenance("12", "walk", "2026-01-02", "jax 0.0", "poseppl reproduce", "by hand")
-
-
-def test_the_committed_page_says_what_its_tables_say():
-    assert page_of(FOLDER) == (FOLDER / "page.md").read_text(encoding="utf-8")
 
 
 def test_the_committed_folder_decides_every_claim():
@@ -53,18 +50,20 @@ PARTS = {
 }
 
 
-def test_a_call_with_one_part_keeps_the_others(tmp_path, monkeypatch):
+def without_jobs(part: Part, tables: list[Table]) -> Part:
+    """A part whose tables are there already."""
+    return Part(part.about, lambda *_: {}, lambda *_: tables, runs=part.runs, all_recordings=part.all_recordings)
+
+
+def test_a_call_with_one_part_keeps_the_others(tmp_path):
     kept = read_folder(FOLDER)
     made = {part: [kept[name].table for name in names] for part, names in PARTS.items()}
-    tabulate = {part: lambda tasks, results, tables=tables: tables for part, tables in made.items()}
-    monkeypatch.setattr(module, "_TABULATE", tabulate)
-    monkeypatch.setattr(module, "tasks_of", lambda *_: {})
-    monkeypatch.setattr(module, "_draw", lambda *_: {})
+    parts = {name: without_jobs(part, made[name]) for name, part in EXPERIMENT.parts.items()}
     for part in PARTS:
-        module.reproduce(tmp_path, parts=[part])
+        reproduce(EXPERIMENT._replace(parts=parts), tmp_path, parts=[part])
     found = read_folder(tmp_path)
     assert {name: each.made.runs for name, each in found.items()} == {name: each.made.runs for name, each in kept.items()}
-    committed, page = page_of(FOLDER), page_of(tmp_path)
+    committed, page = page_of(EXPERIMENT, FOLDER), page_of(EXPERIMENT, tmp_path)
     assert [line for line in page.splitlines() if line.startswith("| ") and "poseppl" not in line] == [
         line for line in committed.splitlines() if line.startswith("| ") and "poseppl" not in line
     ]
@@ -80,7 +79,7 @@ def test_another_number_in_a_table_is_another_page(tmp_path, name, old, new):
     path = folder / f"{name}.csv"
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
-    assert page_of(folder) != page_of(FOLDER)
+    assert page_of(EXPERIMENT, folder) != page_of(EXPERIMENT, FOLDER)
 
 
 def test_tables_stay_when_others_are_written(tmp_path):

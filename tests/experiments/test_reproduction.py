@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.experiments.choo_fleet import BUILT_IN, Scale, reproduce
+from poseppl.experiments.choo_fleet import EXPERIMENT, Scale
 from poseppl.experiments.choo_fleet.estimators import block_size, particle_estimates
-from poseppl.experiments.choo_fleet.page import page_of
-from poseppl.experiments.choo_fleet.plan import tasks_of
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
+from poseppl.experiments.page import page_of
 from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.recordings import BUILT_IN
+from poseppl.experiments.reproduction import reproduce
 from poseppl.experiments.tables import Table
 from poseppl.filters import particle_filter
 
@@ -99,7 +100,7 @@ def test_blocks_are_equal(number, expected):
 
 @pytest.mark.slow
 def test_everything_at_a_tiny_size(tmp_path):
-    tables = reproduce(tmp_path, scale=TINY, executor="inline")
+    tables = reproduce(EXPERIMENT, tmp_path, scale=TINY, executor="inline")
     page = (tmp_path / "page.md").read_text()
     assert "| claim | theirs | ours | verdict | why |" in page and "4-D arm" in page
     for name, table in tables.items():
@@ -117,25 +118,23 @@ def test_a_second_call_reads_what_the_first_computed(tmp_path):
     smallest = TINY._replace(runs=2, num_settings=1)
     tuning = Table("tuning", TUNING, [(10, 0.35, 0.15, 0.0, 1.4, 14.0)])
     write_folder(tmp_path, {"tuning": Kept(tuning, Provenance("10", "walk", "2026-01-02", "jax 0.0", "before"))})
-    first = reproduce(tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
+    first = reproduce(EXPERIMENT, tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()}
-    again = reproduce(tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
+    again = reproduce(EXPERIMENT, tmp_path, scale=smallest, executor="inline", parts=["single-frame"])
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "jobs").iterdir()} == written
     assert again["variances"].rows == first["variances"].rows and len(first["variances"].rows) == 6
     # parts of an earlier call stay on the page, with their own number of runs
     page = (tmp_path / "page.md").read_text()
-    assert "4-D arm" in page and "Best step size" in page and page == page_of(tmp_path)
+    assert "4-D arm" in page and "Best step size" in page and page == page_of(EXPERIMENT, tmp_path)
     kept = read_folder(tmp_path)
     assert (kept["tuning"].made.runs, kept["volumes"].made.runs) == ("10", "2 (a smaller size than the paper's)")
     assert kept["volumes"].made.recordings == "built-in walk"
 
 
 def test_the_full_plan_is_the_papers():
-    from poseppl.experiments.choo_fleet import FULL
-
-    jobs = tasks_of("single-frame", FULL, [BUILT_IN])["frames"].jobs
+    jobs = EXPERIMENT.parts["single-frame"].plan(EXPERIMENT.full, [BUILT_IN])["frames"].jobs
     assert len(jobs) == 3 * 3 * 5 and sum(len(job.runs) for job in jobs) == 450
-    sequences = tasks_of("sequence", FULL, [BUILT_IN])["sequences"].jobs
+    sequences = EXPERIMENT.parts["sequence"].plan(EXPERIMENT.full, [BUILT_IN])["sequences"].jobs
     settings = {(job.system, job.method): dict(job.settings) for job in sequences}
     assert settings["lower_body", "particle filter"] == {"num_particles": 23_000}
     assert settings["full_body", "particle filter"] == {"num_particles": 108_000}
@@ -145,9 +144,11 @@ def test_the_full_plan_is_the_papers():
 
 
 def test_every_job_of_the_full_plan_has_a_name_and_a_cost():
-    from poseppl.experiments.choo_fleet import FULL
-    from poseppl.experiments.choo_fleet.plan import PARTS
-
-    jobs = [job for part in PARTS for task in tasks_of(part, FULL, [BUILT_IN]).values() for job in task.jobs]
+    jobs = [
+        job
+        for part in EXPERIMENT.parts.values()
+        for task in part.plan(EXPERIMENT.full, [BUILT_IN]).values()
+        for job in task.jobs
+    ]
     assert all(job.cost > 0 and job.name for job in jobs)
     assert len({job.key for job in jobs}) == len(set(jobs))

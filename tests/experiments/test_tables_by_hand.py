@@ -11,9 +11,9 @@ from poseppl.experiments.choo_fleet.frame_tables import frame_tables
 from poseppl.experiments.choo_fleet.sequence import LEVELS, SequenceRuns, _inside
 from poseppl.experiments.choo_fleet.sequence_tables import performance
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns
-from poseppl.experiments.choo_fleet.systems import BUILT_IN
 from poseppl.experiments.choo_fleet.timing import FrameTiming
 from poseppl.experiments.choo_fleet.variances import frame_errors
+from poseppl.experiments.recordings import BUILT_IN
 from poseppl.runs.results import QUANTILES
 
 RUNS = (0, 1)

@@ -18,7 +18,9 @@ from poseppl.filters import particle_filter, sharded
 
 REPORT = Path(__file__).with_name("sharding_report.py")
 ROUNDING = 1e-11
-"""A thousand times what differs after four frames, and far below one decision taken the other way."""
+"""A thousand times what differs after four frames where chains are short, and far below one decision taken the other way."""
+AMPLIFIED = 10.0
+"""Times the distance to particles of data rounded otherwise in the last bit: long chains amplify that ten thousandfold."""
 QUICK = ("particle", "hmc", "driver")
 SLOW = ("guided", "tempered", "assumed-density", "demc-posterior", "unscented")
 
@@ -55,7 +57,8 @@ def names_of(names):
 def test_four_devices_give_what_one_gives(name, group):
     found = report(group)[name]
     assert found["dtype"] == "float64"
-    assert max(found["particles"], found["log_weights"], found["evidence"]) < ROUNDING
+    bound = max(ROUNDING, AMPLIFIED * found["rounded"])
+    assert bound < 1e-8 and max(found["particles"], found["log_weights"], found["evidence"]) < bound
 
 
 @pytest.mark.parametrize(("name", "group"), names_of({row.name for row in FILTERS}))

@@ -12,7 +12,6 @@ from poseppl.gaussians.block_tridiagonal import (
     BlockTridiagonal,
     block_cholesky,
     multiply,
-    multiply_upper,
     solve,
     solve_lower,
     solve_upper,
@@ -41,7 +40,7 @@ def random_matrix(num_frames, dimension, seed=0, scales=None):
 def answers(matrix, b):
     factor = block_cholesky(matrix)
     upper = solve_upper(factor, b)
-    back = multiply_upper(matrix, factor, upper)
+    back = solve_lower(factor, multiply(matrix, upper))  # L^T L^(-T) b
     return multiply(matrix, b), solve(factor, b), solve_lower(factor, b), upper, factor.log_det, back
 
 

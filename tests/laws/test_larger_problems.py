@@ -16,7 +16,7 @@ from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, 
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
 QUICK_FILTERS = ("kalman", "particle")
-GAUSSIAN = ("rauch-tung-striebel", "variational", "gibbs-model")
+GAUSSIAN = ("rauch-tung-striebel", "variational", "gibbs-model", "particle-mgrad", "particle-agrad")
 """Exact for states on the real line alone, or for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
 

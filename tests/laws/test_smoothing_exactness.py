@@ -87,7 +87,15 @@ MISTAKES = SHARED_MISTAKES | {
     "last data twice": Mistakes(last=1.0),
     "neighbours mixed up": Mistakes(shuffled=1),
 }
-CHAINS = ("particle-gibbs-ancestor", "particle-gibbs-backward", "trajectory-nuts", "trajectory-hmc", "gibbs-model")
+CHAINS = (
+    "particle-gibbs-ancestor",
+    "particle-gibbs-backward",
+    "particle-mgrad",
+    "particle-agrad",
+    "trajectory-nuts",
+    "trajectory-hmc",
+    "gibbs-model",
+)
 REWEIGHED = ("forward-backward", "backward-simulation", "backward-simulation-metropolis")
 ANCESTRAL = ("genealogy", "fixed-lag")
 TWO_FILTER = ("two-filter", "two-filter-linear")
@@ -121,6 +129,11 @@ EXCUSES = [
         ("neighbours mixed up",),
         ("forward-backward", *TWO_FILTER, "fixed-lag", FRAMES_OF_ONE_COMPONENT.name),
         "it tells each frame's distribution alone",
+    ),
+    Excuse(
+        ("one key for all",),
+        ("particle-mgrad", "particle-agrad"),
+        "its filter's particles scale a run's steps: equal numbers make unequal draws; noticed where scaling is none",
     ),
     Excuse(("neighbours mixed up",), ("viterbi",), "it tells one trajectory"),
 ]

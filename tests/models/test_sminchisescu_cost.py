@@ -12,6 +12,7 @@ from poseppl_models.sminchisescu_body import superquadric_body
 from poseppl_models.sminchisescu_cost import ENTRIES, NODES, CostSettings, residuals_of
 from poseppl_models.sminchisescu_image import (
     CostInputs,
+    at_levels,
     cost_data,
     cost_noise,
     image_programs,
@@ -48,7 +49,11 @@ def arm_scene(dtype):
     seen = seen_in_images([picture], pose + 0.02 * rng.normal(size=8))
     shape = seen.energy.shape
     flow = jnp.asarray(gaussian_filter(rng.normal(0, 20, (1, 2, *shape[1:])), (0, 0, 6, 6)), float)
-    seen = seen._replace(flow=flow, trust=jnp.full(shape, 0.8), boundary=jnp.asarray(np.abs(image)[None] * 3 % 1, float))
+    seen = seen._replace(
+        flow=flow,
+        trust=jnp.full((1, 3, *shape[1:]), 0.8) * jnp.array([1.0, 0.3, 0.7])[:, None, None],
+        boundary=jnp.asarray(np.abs(image)[None] * 3 % 1, float),
+    )
     return body, camera, jnp.asarray(pose, float), seen
 
 
@@ -222,3 +227,64 @@ def test_curvature_is_that_of_image_and_parts():
     image = np.asarray(rows.T @ rows)
     assert np.linalg.eigvalsh(information - image).min() > -1e-3 * np.abs(information).max()
     np.testing.assert_allclose(information[:3, :3], image[:3, :3], rtol=1e-3, atol=1e-6)  # a shift moves no part into another
+
+
+LIMB_TREE = kinematic_tree([Joint("root", None, (0, 0, 0), "ZYX")], [Marker("root", "root")])
+
+
+def limb_costs(seen, noise, states):
+    """Costs (S,) of a limb of 80 by 300 mm alone, 0.4 px a mm, in states (S, 6)."""
+    limb = Superquadric("limb", "root", (40.0, 40.0, 150.0), (0.6, 1.0), across=(1.0, 0.3, 0.0))
+    lens = look_at((0.0, -3000.0, 0.0), (0.0, 0.0, 0.0), 1200.0)._replace(principal=jnp.array([[119.5, 89.5]]))
+    levels = len(noise.edges)
+    lens = at_levels(lens, (1.0,) * levels)
+
+    @jax.jit
+    def costs(states):
+        flesh = superquadrics_of(LIMB_TREE, [limb], pieces=1)
+        fixed = (*last((LIMB_TREE, flesh, lens)), last(seen), last(noise))
+        found = residuals_of(SETTINGS, fixed, part_axes(fixed[1], frames_of(fixed[0], states.T)))
+        return 0.5 * jnp.sum(found**2, (0, 1, 2))
+
+    return np.asarray(costs(jnp.asarray(states, float)))
+
+
+def bar(across=0.0):
+    """A picture of such a limb, upright, so many px to the right of the middle."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    inside = (np.abs(x - 119.5 - across) < 16) & (np.abs(y - 89.5) < 60)
+    return np.uint8(np.where(inside, 200, 90))
+
+
+def test_a_limb_that_points_to_the_eye_gains_nothing():
+    """Without an edge anywhere both cost as much, to 3 %; rings seen as a whole would be 14 nodes of 32 for nothing."""
+    blank = seen_in_images([np.full(SIZE[::-1], 128, np.uint8)], np.zeros(6))
+    noise = cost_noise()
+    across, end_on = limb_costs(blank, noise, [[0.0] * 6, [0.0] * 5 + [np.pi / 2]])
+    assert abs(end_on / across - 1) < 0.03
+    assert 0.5 * 14 * float(noise.weight[0]) * SETTINGS.strength / NODES > 0.3 * across
+
+
+def test_a_coarse_level_pulls_from_afar():
+    """A limb 20 px off its edges, in steps of 4 px towards them: with one level its cost hardly changes, with two it falls."""
+    states = np.zeros((4, 6))
+    states[:, 0] = np.array([20.0, 16.0, 12.0, 0.0]) / 0.4
+    falls = {}
+    for levels in ((1.0,), (1.0, 4.0)):
+        seen, noise = seen_in_images([bar()], np.zeros(6), levels=levels), cost_noise(levels=levels)
+        costs = limb_costs(seen, noise, states)
+        assert costs[3] < costs[:3].min()
+        falls[len(levels)] = -np.diff(costs)[:2]
+    assert np.abs(falls[1]).sum() < 0.4 < 1.0 < falls[2].sum() and falls[2].min() > 0, falls
+
+
+def test_flow_pulls_as_far_as_it_is_believed():
+    """Believed to the right alone, a limb that is 12 px to the right costs more, and one 12 px up the same."""
+    blank = seen_in_images([np.full(SIZE[::-1], 128, np.uint8)], np.zeros(6))
+    states = np.zeros((3, 6))
+    states[1, 0] = states[2, 2] = 12.0 / 0.4
+    for believed, (right, up) in {(1.0, 0.0, 0.0): (True, False), (0.0, 0.0, 1.0): (False, True)}.items():
+        trust = jnp.ones_like(blank.trust) * jnp.array(believed)[:, None, None]
+        still, *moved = limb_costs(blank._replace(trust=trust), cost_noise(), states)
+        assert [cost > still + 2 for cost in moved] == [right, up]
+        assert all(abs(cost - still) < 0.2 for cost, pulled in zip(moved, (right, up), strict=True) if not pulled)

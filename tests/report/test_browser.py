@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from browser import errors, open_page, picture_of
 from hostile import HOSTILE, telling
-from synthetic import predicted_result, synthetic_result
+from synthetic import predicted_result, synthetic_result, two_sided_result
 
 from poseppl.cli import main
 from poseppl.diagnostics import diagnose
@@ -61,7 +61,7 @@ def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
     driver.execute_script("document.getElementById('play').click()")
     assert driver.execute_script("return Number(document.getElementById('slider').value)") != 15
     driver.execute_script(
-        "const s = document.getElementById('coordinate'); s.value = '4'; s.dispatchEvent(new Event('change'));"
+        "const s = document.getElementById('coordinate'); s.selectedIndex = 4; s.dispatchEvent(new Event('change'));"
     )
     low = driver.execute_script("return document.getElementById('coordinate-chart').data[2].y")
     assert len(low) == 30
@@ -84,6 +84,24 @@ def test_the_histogram_of_predictions_is_drawn(driver: Any, tmp_path: Path) -> N
     open_page(driver, tmp_path / "report.html")
     bars = driver.execute_script("return document.querySelectorAll('#chart-predictions .bars .point').length")
     assert bars == 10 and errors(driver) == []
+
+
+_NAMES = "return document.getElementById(arguments[0]).data.map((trace) => trace.name);"
+
+
+def test_modes_are_ghosts_in_the_frames_that_have_several(driver: Any, tmp_path: Path) -> None:
+    write_report(two_sided_result(), tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
+    driver.execute_script(_MOVE, 7)
+    before, shown = picture_of(driver, "space"), driver.execute_script(_NAMES, "space")
+    assert shown[-2:] == ["mode 1, 75 %", "mode 2, 25 %"]
+    assert driver.execute_script(_NAMES, "chart-modes") == ["mode 1", "mode 2"]
+    *cells, apart = [cell.text for cell in driver.find_elements("css selector", "#poses td")]
+    assert cells == ["16", "20", "25%", "wrist_r"] and abs(float(apart) - 500) < 60
+    driver.execute_script(_MOVE, 2)
+    assert driver.execute_script(_NAMES, "space") == shown[:-2]
+    assert (np.abs(picture_of(driver, "space") - before).max(axis=-1) > 30).mean() > 0.002
+    assert errors(driver) == []
 
 
 def test_no_script_of_a_result_runs(driver: Any, tmp_path: Path) -> None:

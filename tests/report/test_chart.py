@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from synthetic import synthetic_result
+from synthetic import synthetic_result, two_sided_result
 
 from poseppl import report
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.report.chart import Panel, band, grid, line, log_ticks
+from poseppl.diagnostics.modes import modes_over_time
+from poseppl.report.chart import Panel, band, grid, line, log_ticks, stack
 from poseppl.report.charts import charts
+from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
 from poseppl.report.page import to_json
 
 X = np.arange(3)
@@ -37,14 +39,35 @@ def test_panels_stand_in_rows_and_names_once_in_the_legend() -> None:
     panels = [Panel([line(X, X, "run", "#000000")], f"panel {number}") for number in range(3)]
     chart = grid(panels, columns=2, height=300)
     assert chart is not None
-    assert chart["layout"]["grid"]["subplots"] == [["xy", "x2y2"], ["x3y3", ""]]
+    assert [(trace["xaxis"], trace["yaxis"]) for trace in chart["data"]] == [("x", "y"), ("x2", "y2"), ("x3", "y3")]
+    corners = [(chart["layout"][f"xaxis{n}"]["domain"][0], chart["layout"][f"yaxis{n}"]["domain"][1]) for n in ("", 2, 3)]
+    assert corners[0][0] == corners[2][0] < corners[1][0] and corners[0][1] == corners[1][1] > corners[2][1]
     assert [trace["showlegend"] for trace in chart["data"]] == [True, False, False]
     assert [note["text"] for note in chart["layout"]["annotations"]] == ["panel 0", "panel 1", "panel 2"]
-    shared = grid(panels, columns=1, height=300, shared=True)
-    assert shared is not None and shared["layout"]["grid"]["subplots"] == [["xy"], ["xy2"], ["xy3"]]
-    assert grid([], columns=1, height=300) is None
+    shared = stack(panels, height=100)
+    assert shared is not None and shared["layout"]["height"] == 360
+    assert [shared["layout"][f"xaxis{n}"]["title"]["text"] for n in ("", 2, 3)] == [None, None, "frame"]
+    assert shared["layout"]["xaxis"]["matches"] == shared["layout"]["xaxis2"]["matches"] == "x3"
+    assert [shared["layout"][f"yaxis{n}"]["title"]["text"] for n in ("", 2, 3)] == ["panel 0", "panel 1", "panel 2"]
+    assert grid([], columns=1, height=300) is None and stack([], height=100) is None
 
 
 def test_ticks_of_logarithmic_axes() -> None:
     assert log_ticks(0.9, 40.0).tolist() == [1, 3, 10, 30]
     assert log_ticks(1.0, 1e6).tolist() == [10.0**power for power in range(7)]
+
+
+def test_modes_are_shown_where_a_result_has_several() -> None:
+    single = modes_over_time(synthetic_result(num_frames=8))
+    assert mode_chart(single) is None and ghosts(single, single.frames) is None and ambiguity_table(single) == []
+    modes = modes_over_time(two_sided_result())
+    drawn = mode_chart(modes)
+    assert drawn is not None
+    np.testing.assert_allclose(drawn["data"][1]["y"], np.where((modes.frames >= 16) & (modes.frames < 20), 25.0, 0.0))
+    found = ghosts(modes, np.array([17, 21]))
+    assert found is not None
+    np.testing.assert_allclose(found["masses"], [[0.75, 0.25], [1.0, 0.0]])
+    assert np.isnan(found["markers"][1, 1]).all() and np.isfinite(found["markers"][0]).all()
+    (row,) = ambiguity_table(modes)
+    assert (row["arose"], row["resolved"], row["lesser"], row["place"]) == (16, "20", 0.25, "wrist_r")
+    assert ghosts(modes._replace(means=modes.means[..., 0]), modes.frames) is None, "states are not drawn in space"

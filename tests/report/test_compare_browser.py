@@ -17,7 +17,9 @@ from poseppl.report import write_comparison
 _REASON = browser.missing()
 pytestmark = pytest.mark.skipif(_REASON is not None, reason=f"needs a headless browser: {_REASON}")
 
-_CHOOSE = "const s = document.getElementById(arguments[0]); s.value = arguments[1]; s.dispatchEvent(new Event('change'));"
+_CHOOSE = (
+    "const s = document.getElementById(arguments[0]); s.selectedIndex = arguments[1]; s.dispatchEvent(new Event('change'));"
+)
 DATA = scene(num_frames=30)
 
 

@@ -17,8 +17,7 @@ from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
 from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps
-from poseppl.report.compare_tables import shown
-from poseppl.report.page import to_json
+from poseppl.report.page import shown, to_json
 from poseppl.report.variance_charts import variance_charts
 
 DATA = scene(num_frames=20)
@@ -63,7 +62,7 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
     page = comparison_html(comparison)
     assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
     assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
-    tau = _data(page, "charts-data")["heat"][0]
+    tau = _data(page, "charts-data")["heat"]["inefficiency factor τ"]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
     assert tau["data"][3]["name"] == "wrong (miscalibrated)"
     told = [note["text"] for note in tau["layout"]["annotations"] if note["xref"] == "x3 domain"]
@@ -102,9 +101,9 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
         assert (row["run"], int(row["frame"]), row["dof"]) == (want["run"], want["frame"], want["dof"])
         assert row["tau"] == "" if want["tau"] is None else float(row["tau"]) == pytest.approx(want["tau"], rel=1e-5)
     keys = {label: key for key, label, *_ in HEATS}
-    for part in heat_maps(comparison):
+    for label, part in heat_maps(comparison).items():
         drawn = np.array([trace["customdata"] for trace in part["data"]])
-        named = [float(row[keys[part["label"]]] or "nan") for row in rows]
+        named = [float(row[keys[label]] or "nan") for row in rows]
         np.testing.assert_allclose(drawn, np.reshape(named, (4, 20, 3)).swapaxes(1, 2), rtol=6e-3)
     summary = comparison["summary"].dataset.sel(run="quick")
     cells = _row(comparison_html(comparison), "quick")
@@ -116,7 +115,7 @@ def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) ->
     assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress", "heat", "variance"}
     closed = {name: run_on(DATA, method="kalman", weighted=9.0, evaluations=(1, 1), with_truth=False) for name in ("a", "b")}
     result = compare(closed)
-    assert comparison_charts(result) == {"heat": [], "variance": []}
+    assert comparison_charts(result) == {"heat": {}, "variance": {}}
     page = comparison_html(result)
     assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
 
@@ -126,7 +125,7 @@ def test_one_frame_and_many_runs_have_a_page() -> None:
     page = comparison_html(compare({"a": run_on(single), "b": run_on(single, seed=1)}))
     assert "tie" in page
     many = compare({f"run {i}": run_on(DATA, seed=i % 4, shape=(2, 8)) for i in range(12)})
-    assert "4 seeds" in variance_charts(many)[0]["data"][0]["text"][0]
+    assert "4 seeds" in variance_charts(many)["all coordinates"]["data"][0]["text"][0]
     assert "and 4 more" in comparison_html(many)
 
 
@@ -139,7 +138,7 @@ def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
     )
     tree = xr.DataTree.from_dict({"figures": large, "summary": comparison["summary"].dataset.isel(run=places["run"])})
     heat = heat_maps(tree)
-    shown = heat[0]["data"][0]["x"]
+    shown = heat["ESS"]["data"][0]["x"]
     assert len(shown) == 300 and shown[-1] == 2999
     assert len(shown) * dofs * runs <= MAX_CELLS
     assert len(to_json(heat)) < 4_000_000

@@ -167,13 +167,28 @@ def test_the_first_frame_is_judged_by_the_initial_program() -> None:
         assert [bool(run.transform[0, 0] > 0.99) for run in runs] == [False, False, True]
         assert 3.0 < runs[1].state_variance[0, 0] < 5.2
     predict, empty = predictive_checks(model), model.unobserved()
+    state, _ = particle_filter(model, 50).init(jax.random.key(0), empty, None)
 
     def rank(key: jax.Array, y: jax.Array) -> jax.Array:
         seen = empty._replace(values={"y": y[None]}, mask={"y": jnp.ones(1, bool)})
-        return predict(key, None, True, seen, None).transform
+        return predict(key, state, True, seen, None).transform
 
     ranks = jax.vmap(rank)(jax.random.split(jax.random.key(0), 200), jnp.asarray(first))
     assert kstest(np.asarray(ranks).ravel(), "uniform").pvalue > 0.01
+
+
+def test_checks_of_the_data_alone_are_the_same() -> None:
+    data = LINEAR.observe(simulate(LINEAR, 5, 2))
+    whole, part = (
+        run_filter(
+            KALMAN, jax.random.key(4), data, collect=collect, predict=predictive_checks(LINEAR, of_state=told)
+        ).prediction
+        for told in (True, False)
+    )
+    assert whole is not None and part is not None and whole.explained is not None
+    for one, other in zip(whole[:6], part[:6], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5)
+    assert all(leaf is None for leaf in part[6:])
 
 
 def test_a_filter_does_the_same_with_checks_as_without() -> None:

@@ -17,7 +17,7 @@ from poseppl.filters import particle_filter
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
 from poseppl.motion.tracking.placing import place_cameras
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.outcome import result_of_smoothing
+from poseppl.runs.outcome import result_of_run
 from poseppl.runs.results import load_result, save_result
 from poseppl.runs.run import Constant, run_filter
 from poseppl.runs.smoothing import SmoothingError, mask_failed, run_smoother
@@ -46,7 +46,7 @@ def test_a_result_knows_the_smoothed_states(tmp_path):
     smoother = forward_backward_smoother(POSED.model)
     collect = collect_draws(POSED.model, max_draws=50)
     smoothed = run_smoother(smoother, KEY, run.outputs, POSED.observations, POSED.inputs, collect=collect)
-    tree = result_of_smoothing(smoothed, POSED.model, POSED.observations, attrs={"seed": 1})
+    tree = result_of_run(smoothed, POSED.model, POSED.observations, attrs={"seed": 1})
     exact = smoothed_moments(POSED.model, POSED.observations, POSED.inputs)
     found = tree["summary"]["state_mean"].values
     error = np.sqrt(np.diagonal(exact.covariance, axis1=1, axis2=2) / np.asarray(smoothed.info.ess)[:, None])

@@ -22,6 +22,7 @@ from poseppl.diagnostics.verdicts.chains import (
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.particles import degeneracy
 from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
+from poseppl.diagnostics.verdicts.prior import learned_prior
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.steps import estimated_steps
@@ -39,6 +40,7 @@ from poseppl.diagnostics.verdicts.verdict import (
 CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,
     degeneracy,
+    learned_prior,
     overlap,
     silhouette_jumps,
     estimated_steps,

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, settings_among
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, of_walk, settings_among
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -47,20 +47,19 @@ def coverage(tree: xr.DataTree) -> list[Verdict]:
         if name in data:
             share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
             if np.isfinite(share):
-                found.append(_verdict(what, share, error, more))
+                found.append(_verdict(tree, what, share, error, more))
     return found
 
 
-def _verdict(what: str, share: float, error: float, more: str) -> Verdict:
+def _verdict(tree: xr.DataTree, what: str, share: float, error: float, more: str) -> Verdict:
     kind = calibration(share, error)
     text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
     if kind == "over-confident":
-        advice = "over-confident, intervals are too narrow: raise --noise, --sigma-angle or --sigma-position"
-        advice += f", or {more}"
+        wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
+        advice = f"over-confident, intervals are too narrow: raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident":
-        return Verdict(
-            WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, --sigma-angle or --sigma-position."
-        )
+        narrower = of_walk(tree, "lower --sigma-angle or --sigma-position")
+        return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")
     tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
     return Verdict(INFO, f"{text}: {tail}.")

@@ -23,7 +23,7 @@ import xarray as xr
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, of_walk
 from poseppl.runs.contents import names_of
 
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
@@ -91,10 +91,10 @@ def point_residuals(tree: xr.DataTree) -> list[Verdict]:
     residuals, cameras, markers = residuals_of(tree), names_of(tree, "camera"), names_of(tree, "marker")
     if residuals is None or not (cameras and markers):
         return []
-    return [*_overall(residuals, cameras, markers), *_of_cameras(residuals, cameras), *_of_markers(residuals, markers)]
+    return [*_overall(tree, residuals, cameras, markers), *_of_cameras(residuals, cameras), *_of_markers(residuals, markers)]
 
 
-def _overall(residuals: Residuals, cameras: list[str], markers: list[str]) -> list[Verdict]:
+def _overall(tree: xr.DataTree, residuals: Residuals, cameras: list[str], markers: list[str]) -> list[Verdict]:
     scale, low, high = _interval(residuals)
     if scale > SCALE_HIGH and low > 1:
         worst = [_largest(residuals.scale((0, 1, 3)), markers)]
@@ -102,7 +102,8 @@ def _overall(residuals: Residuals, cameras: list[str], markers: list[str]) -> li
             worst.insert(0, _largest(residuals.scale((0, 2, 3)), cameras))
         text = f"Image points are {scale:.2f} times as far from the body as noise and posterior allow"
         text += f" (worst {', '.join(worst)}{_without(residuals)})"
-        advice = "raise --noise by that factor, mend calibration or lengths, or raise --sigma-angle and --sigma-position"
+        follows = of_walk(tree, "raise --sigma-angle and --sigma-position")
+        advice = f"raise --noise by that factor, mend calibration or lengths, or {follows}"
         return [Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")]
     if scale < SCALE_LOW and high < 1:
         text = f"Image points are {scale:.2f} times as far from the body as noise and posterior allow"

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, of_walk, where
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -78,9 +78,11 @@ def _scale(tree: xr.DataTree, steps: Steps, group: str) -> list[Verdict]:
     text = f"{group} step {scale:.2f} times as far as their random walk"
     if scale > STEPS_HIGH:
         severity = ERROR if scale > STEPS_ERROR else WARNING
-        return [Verdict(severity, f"{text}: it cannot follow; raise {_OPTIONS[group]}, or check the frame rate.")]
+        wider = of_walk(tree, f"raise {_OPTIONS[group]}")
+        return [Verdict(severity, f"{text}: it cannot follow; {wider}, or check the frame rate.")]
     if scale < STEPS_LOW and "smoother" not in provenance(tree):
-        advice = f"intervals are wide and means jitter; lower {_OPTIONS[group]}, or check the frame rate"
+        lower = of_walk(tree, f"lower {_OPTIONS[group]}")
+        advice = f"intervals are wide and means jitter; {lower}, or check the frame rate"
         return [Verdict(WARNING, f"{text}: {advice}.")]
     return []
 
@@ -94,6 +96,7 @@ def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_])
     frame, dof = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
     number = int(tree["posterior"].dataset["frame"].values[1:][frame])
     text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
-    advice = f"another person or side, or motion too quick: check the data there, or raise {_OPTIONS[group]}"
+    wider = of_walk(tree, f"raise {_OPTIONS[group]}")
+    advice = f"another person or side, or motion too quick: check the data there, or {wider}"
     severity = ERROR if sizes.max() > LEAP_ERROR else WARNING
     return [Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")]

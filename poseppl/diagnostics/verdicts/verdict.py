@@ -22,6 +22,7 @@ SEVERITIES = (ERROR, WARNING, INFO)
 
 ESS_LOW = 10.0
 MAX_RANGES = 6
+_OTHER_PRIOR = "learn the prior from more people (poseppl fit-motion), track without --prior"
 
 
 class Verdict(NamedTuple):
@@ -58,6 +59,11 @@ def where(tree: xr.DataTree, mask: ArrayLike) -> str:
     if chosen.all() and len(chosen) > 1:
         return "every frame"
     return frame_ranges(frames[chosen].tolist())
+
+
+def of_walk(tree: xr.DataTree, advice: str) -> str:
+    """Advice on the random walk's options, or what stands in its place with a learned prior, which takes none of them."""
+    return _OTHER_PRIOR if provenance(tree).get("prior") else advice
 
 
 def array_of(tree: xr.DataTree, group: str, name: str) -> Floats | None:

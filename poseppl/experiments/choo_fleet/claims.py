@@ -2,39 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
+from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, verdict_of
 from poseppl.experiments.tables import Table
 
-Tables = Mapping[str, Table]
 _NAMES = {"arm": "4-D arm", "lower_body": "10-D lower body", "full_body": "28-D full body"}
-_HOLDS = {True: "holds", False: "does not hold"}
 _RULE = 0.15
 _QUARTER = 1.25
 PUBLISHED_LEAPFROG = 40
 """L of the full body in Table 1."""
-
-
-class Claim(NamedTuple):
-    """A published claim.
-
-    Attributes:
-        what: The claim.
-        theirs: Their figure.
-        ours: Ours, with its error.
-        verdict: "holds", "does not hold", or "undecided".
-        why: In a sentence.
-    """
-
-    what: str
-    theirs: str
-    ours: str
-    verdict: str
-    why: str
 
 
 def claims(tables: Tables) -> list[Claim]:
@@ -70,11 +50,11 @@ def _speed_up(row: tuple[Any, ...]) -> Claim:
     ends = (low, high) if ratio > 1 else (high, low)
     ours = f"{_faster(ratio)} ({' to '.join(map(_times, ends))})"
     if low <= 1 <= high:
-        verdict, why = "undecided", "the interval holds 1"
+        verdict, why = UNDECIDED, "the interval holds 1"
     elif (ratio > 1) != faster:
-        verdict, why = "does not hold", "the other filter is the faster one"
+        verdict, why = FAILS, "the other filter is the faster one"
     elif 1 / 3 < ratio / published < 3:
-        verdict, why = "holds", "within a factor of three"
+        verdict, why = HOLDS, "within a factor of three"
     else:
         side = "larger" if (ratio > published) == faster else "smaller"
         verdict, why = "holds in direction", f"the advantage is {side} than published"
@@ -104,7 +84,7 @@ def _bound(row: tuple[Any, ...], power: int) -> Claim:
     if tracker == "full_body":
         distance += "; theirs is an extrapolation"
     what = f"Least particles, {_NAMES[tracker]} (section 7.3), from {name}"
-    return Claim(what, f"10^{published:.0f}", ours, _HOLDS[holds], f"{distance}; {why}")
+    return Claim(what, f"10^{published:.0f}", ours, verdict_of(holds), f"{distance}; {why}")
 
 
 def _side(fewer: bool) -> str:
@@ -120,7 +100,7 @@ def _higher(tables: Tables, tracker: str, rival: str, name: str) -> Claim:
     difference = hmc - particle
     error = np.sqrt(hmc_error**2 + particle_error**2)
     above, below = (float(np.mean(sign * difference > 2 * error)) for sign in (1, -1))
-    verdict = "holds" if above >= 0.8 else "holds in part" if above > max(0.2, below) else "does not hold"
+    verdict = HOLDS if above >= 0.8 else "holds in part" if above > max(0.2, below) else FAILS
     shares = f"higher in {above:.0%}, lower in {below:.0%} of the frames"
     ours = f"mean difference {difference.mean():.3g}; by two standard errors {shares}"
     why = f"against the {rival}{_time_of(tables, tracker, rival)}"
@@ -160,4 +140,4 @@ def _rejection(table: Table, leapfrog: int | None) -> Claim:
     ours = f"cheapest at {best[2]:.1%} (L = {best[0]}, step size {best[1]:g}, {best[5]:.3g} gradients a draw)"
     why = f"at 15 % a draw costs {ratio:.1f} times as much"
     where = "the cheapest L" if leapfrog is None else f"the published L = {leapfrog}"
-    return Claim(f"Best step size rejects about 15 % (section 7.5), {where}", "15 %", ours, _HOLDS[ratio <= _QUARTER], why)
+    return Claim(f"Best step size rejects about 15 % (section 7.5), {where}", "15 %", ours, verdict_of(ratio <= _QUARTER), why)

@@ -9,11 +9,13 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
-from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import Settings
-from poseppl.experiments.choo_fleet.systems import Recording, frame_of
+from poseppl.experiments.choo_fleet.systems import frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
+from poseppl.experiments.clock import timed
+from poseppl.experiments.recordings import Recording
 from poseppl.runs.algorithms import FILTERS
 
 _SEED = 28
@@ -105,7 +107,7 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     frame = frame_of(recording, system, 1)
     built, _ = FILTERS[filter].build(frame.problem.model, dict(settings))
 
-    def run(rng_key: jax.Array, observation: Any, inputs: Any) -> Any:
+    def run(rng_key: Array, observation: Any, inputs: Any) -> Any:
         state, info = built.init(rng_key, observation, inputs)
         particles = state.particles.reshape(-1, state.particles.shape[-1])
         return jax.nn.softmax(state.log_weights.reshape(-1)) @ particles, info

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, System
 from poseppl.filters import assumed_density_filter, hmc_filter, particle_filter
@@ -34,11 +35,11 @@ class Estimates(NamedTuple):
         num_gradient: Evaluations of its gradient (S,).
     """
 
-    means: jax.Array
-    ess: jax.Array
-    rejection: jax.Array
-    num_likelihood: jax.Array
-    num_gradient: jax.Array
+    means: Array
+    ess: Array
+    rejection: Array
+    num_likelihood: Array
+    num_gradient: Array
 
 
 class Reference(NamedTuple):
@@ -50,20 +51,20 @@ class Reference(NamedTuple):
         covariance: Shape (d, d).
     """
 
-    mean: jax.Array
-    standard_error: jax.Array
-    covariance: jax.Array
+    mean: Array
+    standard_error: Array
+    covariance: Array
 
 
-Estimate = Callable[[jax.Array, Observation, Any], Estimates]
+Estimate = Callable[[Array, Observation, Any], Estimates]
 
 
 class _Sum(NamedTuple):
     """A running importance-weighted sum: log of the total weight, and, per unit of it, the mean state and the square weight."""
 
-    log_total: jax.Array
-    mean: jax.Array
-    log_square: jax.Array
+    log_total: Array
+    mean: Array
+    log_square: Array
 
 
 def particle_estimates(model: CompiledModel, system: System, num_settings: int) -> Estimate:
@@ -75,8 +76,8 @@ def particle_estimates(model: CompiledModel, system: System, num_settings: int) 
     block = particle_filter(model, size)
     counts = per_setting * 2 ** jnp.arange(num_settings)
 
-    def estimate(rng_key: jax.Array, observation: Observation, inputs: Any) -> Estimates:
-        def add(total: _Sum, number: jax.Array) -> tuple[_Sum, tuple[jax.Array, jax.Array]]:
+    def estimate(rng_key: Array, observation: Observation, inputs: Any) -> Estimates:
+        def add(total: _Sum, number: Array) -> tuple[_Sum, tuple[Array, Array]]:
             state, info = block.init(jax.random.fold_in(rng_key, number), observation, inputs)
             log_total = jnp.logaddexp(total.log_total, info.log_evidence)
             old, new = jnp.exp(total.log_total - log_total), jnp.exp(info.log_evidence - log_total)
@@ -107,7 +108,7 @@ def hmc_estimates(model: CompiledModel, system: System, settings: Sequence[int])
     updates, num_settings = jnp.array(settings), len(settings)
     built = hmc_filter(model, system.num_chains, system.hmc(max(settings)))
 
-    def estimate(rng_key: jax.Array, observation: Observation, inputs: Any) -> Estimates:
+    def estimate(rng_key: Array, observation: Observation, inputs: Any) -> Estimates:
         state, info = built.init(rng_key, observation, inputs)
         kept = updates - NUM_WARMUP
         means = jnp.cumsum(jnp.mean(state.particles, 0), 0)[kept - 1] / kept[:, None]
@@ -119,11 +120,11 @@ def hmc_estimates(model: CompiledModel, system: System, settings: Sequence[int])
     return estimate
 
 
-def reference(model: CompiledModel, num_chains: int) -> Callable[[jax.Array, Observation, Any], Reference]:
+def reference(model: CompiledModel, num_chains: int) -> Callable[[Array, Observation, Any], Reference]:
     """A long run of many chains, which start in all modes and move in coordinates in which the posterior is round."""
     built = assumed_density_filter(model, num_chains, _REFERENCE, num_starts=100)
 
-    def estimate(rng_key: jax.Array, observation: Observation, inputs: Any) -> Reference:
+    def estimate(rng_key: Array, observation: Observation, inputs: Any) -> Reference:
         state, _ = built.init(rng_key, observation, inputs)
         draws = state.particles
         by_chain = jnp.mean(draws, 1)

@@ -60,7 +60,7 @@ def _fewer_evaluations(table: Table) -> Goal:
 
 def _ratio(table: Table, by: str) -> tuple[float, dict[str, Any], dict[str, Any]]:
     """How many times more effective draws the best unbiased method has than the published settings, and both rows."""
-    rows, name = _records(table), f"effective_draws_per_{by}"
+    rows, name = table.records(), f"effective_draws_per_{by}"
     theirs = next(row for row in rows if row["method"] == PUBLISHED)
     best = max((row for row in rows if row["bias"] < _SMALL), key=lambda row: row[name])
     return best[name] / theirs[name], best, theirs
@@ -73,7 +73,7 @@ def _goal(what: str, best: Mapping[str, Any], ours: str, ratio: float) -> Goal:
 
 
 def _calibrated(table: Table, recording: str) -> Goal:
-    rows = [row for row in _records(table) if row["recording"] == recording]
+    rows = table.records(recording=recording)
     calibrated = [row for row in rows if all(low <= row[name] <= high for name, (low, high) in BANDS.items())]
     what = f"{RATE:.0f} frames a second, 90 % intervals covering 87 to 93 % and 50 % ones 46 to 54 %: {recording}"
     if not calibrated:
@@ -86,7 +86,3 @@ def _calibrated(table: Table, recording: str) -> Goal:
 def _told(row: Mapping[str, Any]) -> str:
     cover = f"{100 * row['markers_in_90']:.1f} and {100 * row['markers_in_50']:.1f} %"
     return f"{row['method']}, {cover}, {row['error']:.0f} mm, {row['frames_per_second']:.0f} frames a second on one core"
-
-
-def _records(table: Table) -> list[dict[str, Any]]:
-    return [dict(zip(table.columns, row, strict=True)) for row in table.rows]

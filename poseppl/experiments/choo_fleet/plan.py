@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from poseppl.experiments.choo_fleet.contest import CONTESTANTS, ContestRuns, contest_frame, settings_of
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, run_sequence
 from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns, estimate_frame
-from poseppl.experiments.choo_fleet.systems import BUILT_IN, SIMULATED, SYSTEMS, Recording, single_frames, stage_of
+from poseppl.experiments.choo_fleet.systems import SIMULATED, SYSTEMS, single_frames, stage_of
 from poseppl.experiments.choo_fleet.timing import FrameTiming, time_frame
 from poseppl.experiments.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
 from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
+from poseppl.experiments.experiment import Task
 from poseppl.experiments.jobs import Job
-
-PARTS = ("single-frame", "sequence", "tuning", "contest")
+from poseppl.experiments.recordings import BUILT_IN, Recording
 
 
 class Scale(NamedTuple):
@@ -80,24 +80,6 @@ PUBLISHED_UPDATES = 32
 """R on sequences."""
 
 
-class Task(NamedTuple):
-    """Jobs of one function."""
-
-    function: Callable[[Any], dict[str, Any]]
-    jobs: list[Job]
-
-
-def tasks_of(part: str, scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """The tasks of a part by name; those that parts share have the same jobs, which are computed once."""
-    plans: dict[str, Callable[[Scale, Sequence[Recording]], dict[str, Task]]] = {
-        "single-frame": _single_frame,
-        "sequence": _sequence,
-        "tuning": _tuning,
-        "contest": _contest,
-    }
-    return plans[part](scale, recordings)
-
-
 def frames_of(recording: Recording) -> tuple[int, ...]:
     """The three frames of a recording."""
     return single_frames(stage_of(recording, "full_body"))
@@ -118,7 +100,8 @@ def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[
     return Task(estimate_frame, jobs)
 
 
-def _single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+def plan_single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Estimates of single frames, and how long each takes alone (section 7.3)."""
     timings: list[Job] = [
         FrameTiming(BUILT_IN, system, method, setting, 9)
         for system in scale.systems
@@ -128,7 +111,8 @@ def _single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
     return {"frames": _estimates(scale, recordings, scale.systems, scale.runs), "timings": Task(time_frame, timings)}
 
 
-def _sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+def plan_sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """The filters of section 7.4 on a sequence."""
     jobs: list[Job] = []
     for system in scale.sequence_systems:
         for method, (filter, settings) in _rivals(scale, system).items():
@@ -158,7 +142,8 @@ def _rivals(scale: Scale, system: str) -> dict[str, tuple[str, dict[str, Any]]]:
     return {"HMC filter": ("hmc", chains), **particles}
 
 
-def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+def plan_tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Step sizes and lengths of trajectories (section 7.5)."""
     jobs: list[Job] = [
         TuningRuns(
             recordings[0],
@@ -173,7 +158,8 @@ def _tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     return {"tuning": Task(tune, jobs)}
 
 
-def _contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+def plan_contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """The library's filters, on single frames and on sequences."""
     runs = min(scale.runs, scale.contest_runs)
     one = [
         ContestRuns(recording, scale.other_system, frame, method, *settings_of(method), tuple(range(runs)))

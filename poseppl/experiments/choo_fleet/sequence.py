@@ -10,12 +10,14 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.calibration import between, joint_error
-from poseppl.experiments.choo_fleet.clock import timed
-from poseppl.experiments.choo_fleet.systems import Recording, Stage, noisy_points, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
+from poseppl.experiments.clock import timed
+from poseppl.experiments.recordings import Recording
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
 from poseppl.particles.stacks import prepend, split_first
@@ -75,13 +77,13 @@ def run_sequence(job: SequenceRuns) -> dict[str, Any]:
     """
     function = _compiled(job.recording, job.system, job.filter, job.settings, job.num_frames)
 
-    def find(rng_key: jax.Array, problem: Problem, truth: Floats) -> tuple[dict[str, Any], float]:
+    def find(rng_key: Array, problem: Problem, truth: Floats) -> tuple[dict[str, Any], float]:
         return timed(function, rng_key, *_arguments(problem, truth))
 
     return score_runs(job, find)
 
 
-def score_runs(job: SequenceRuns, find: Callable[[jax.Array, Problem, Floats], tuple[dict[str, Any], float]]) -> dict[str, Any]:
+def score_runs(job: SequenceRuns, find: Callable[[Array, Problem, Floats], tuple[dict[str, Any], float]]) -> dict[str, Any]:
     """Compare what is found in each run of a job, and the seconds that it took, with the truth."""
     frames = slice(1, 1 + job.num_frames)
     rows: list[dict[str, Any]] = []
@@ -141,13 +143,13 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
     layout = frame_sequence(problem.observations, problem.inputs, num_frames).layout
     collect = problem.collector(2)
 
-    def measure(rng_key: jax.Array, state: Any, info: Any, observation: Any, inputs: Any) -> dict[str, jax.Array]:
+    def measure(rng_key: Array, state: Any, info: Any, observation: Any, inputs: Any) -> dict[str, Array]:
         summary = collect(rng_key, state, info, inputs).summary
         kept = {name: summary[name] for name in ("state_mean", "state_quantile", "markers_mean", "markers_quantile")}
         kept["log_likelihood"] = model.log_observation(summary["state_mean"], observation, inputs)
         return kept | {"num_likelihood": info.num_likelihood, "num_gradient": info.num_gradient}
 
-    def log_prior(state: Any, truth: jax.Array, inputs: Any) -> jax.Array:
+    def log_prior(state: Any, truth: Array, inputs: Any) -> Array:
         """Log-density of the true state under the mixture of transitions from the last frame's particles."""
         particles, weights = state.particles, state.log_weights
         if isinstance(state, ChainState):  # the last draw of each chain, as in Eq. 9
@@ -156,8 +158,8 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         weights = weights.reshape(-1)
         return jax.nn.logsumexp(terms + weights) - jax.nn.logsumexp(weights)
 
-    def run(rng_key: jax.Array, observations: Any, varying: Any, constant: Any, truth: jax.Array) -> dict[str, jax.Array]:
-        def step(state: Any, row: Any) -> tuple[Any, dict[str, jax.Array]]:
+    def run(rng_key: Array, observations: Any, varying: Any, constant: Any, truth: Array) -> dict[str, Array]:
+        def step(state: Any, row: Any) -> tuple[Any, dict[str, Array]]:
             key, observation, varying, true = row
             inputs = layout.join(varying, constant)
             key_step, key_measure = jax.random.split(key)

@@ -10,8 +10,9 @@ import jax
 import numpy as np
 
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, Recording, frame_of
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
+from poseppl.experiments.recordings import Recording
 from poseppl.program import CompiledModel
 
 METHODS = ("particle", "hmc")

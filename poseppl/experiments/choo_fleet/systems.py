@@ -8,18 +8,14 @@ shorter trajectories the paper's rule of 15 % (section 7.5) is a good one. The t
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath
-from poseppl.files.bounded_reading import check_file
+from poseppl.experiments.recordings import Recording
 from poseppl.kernels import HMCSettings
 from poseppl.motion.bodies.body import Body, load_builder
 from poseppl.motion.bodies.subject import MovingSubject
@@ -80,37 +76,6 @@ SYSTEMS = {
 }
 
 
-@dataclass(frozen=True)
-class Recording:
-    """A motion to look at; the built-in walk where ``path`` is None.
-
-    Attributes:
-        name: What it is called in tables.
-        path: The recording, as :func:`poseppl.motion.io.read_motion` reads it.
-        skeleton: Its skeleton, where the format has one apart.
-        digest: Hash of both, so that results of another file are not taken for its own.
-    """
-
-    name: str
-    path: str | None = None
-    skeleton: str | None = None
-    digest: str = ""
-
-    @classmethod
-    def of_file(cls, name: str, path: FilePath, skeleton: FilePath | None = None) -> Recording:
-        """Name a file.
-
-        Raises:
-            InputError: It cannot be read.
-        """
-        digest = hashlib.sha256()
-        given = [str(Path(each).resolve()) for each in (path, skeleton) if each is not None]
-        for each in given:
-            digest.update(check_file(each, max_bytes=2**28).read_bytes())
-        return cls(name, given[0], given[1] if len(given) > 1 else None, digest.hexdigest()[:16])
-
-
-BUILT_IN = Recording("built-in walk")
 SIMULATED = Recording("simulated")
 """Drawn from the model itself: here alone must intervals cover as often as they say."""
 _SIMULATED_FRAMES = 60

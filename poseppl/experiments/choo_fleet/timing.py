@@ -8,10 +8,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates
 from poseppl.experiments.choo_fleet.systems import UPDATES, frame_of, single_frames, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
+from poseppl.experiments.clock import timed
 from poseppl.program import CompiledModel
 
 

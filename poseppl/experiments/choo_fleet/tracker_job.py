@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, Recording, System
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, System
 from poseppl.experiments.jobs import Job
+from poseppl.experiments.recordings import Recording
 
 
 @dataclass(frozen=True)

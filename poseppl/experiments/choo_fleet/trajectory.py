@@ -10,11 +10,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.experiments.choo_fleet.clock import timed
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, score_runs
-from poseppl.experiments.choo_fleet.systems import Recording, pose_sequence, stage_of
+from poseppl.experiments.choo_fleet.systems import pose_sequence, stage_of
+from poseppl.experiments.clock import timed
+from poseppl.experiments.recordings import Recording
 from poseppl.filters import assumed_density_filter
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
@@ -39,7 +41,7 @@ def run_trajectory(job: TrajectoryRuns) -> dict[str, Any]:
     """Filter and smooth; what comes back is as that of :func:`~.sequence.run_sequence`, without a log prior."""
     run = _compiled(job.recording, job.system, job.settings, job.num_frames)
 
-    def find(rng_key: jax.Array, problem: Problem, _: Floats) -> tuple[dict[str, Any], float]:
+    def find(rng_key: Array, problem: Problem, _: Floats) -> tuple[dict[str, Any], float]:
         return timed(run, rng_key, problem)
 
     return score_runs(job, find)
@@ -48,7 +50,7 @@ def run_trajectory(job: TrajectoryRuns) -> dict[str, Any]:
 @lru_cache(maxsize=4)
 def _compiled(
     recording: Recording, system: str, settings: Settings, num_frames: int
-) -> Callable[[jax.Array, Problem], dict[str, Any]]:
+) -> Callable[[Array, Problem], dict[str, Any]]:
     """Filter and smoother, run once so that they are compiled."""
     stage = stage_of(recording, system)
     frames = slice(1, 1 + num_frames)
@@ -58,24 +60,22 @@ def _compiled(
     smoother = trajectory_smoother(model, **dict(settings))
     collect = first.collector(2)
 
-    def smooth(rng_key: jax.Array, history: History, observations: Any, inputs: Any) -> dict[str, jax.Array]:
+    def smooth(rng_key: Array, history: History, observations: Any, inputs: Any) -> dict[str, Array]:
         smoothed = smoother.smooth(rng_key, history, observations, inputs)
         keys = jax.random.split(rng_key, num_frames)
 
-        def measure(row: Any) -> dict[str, jax.Array]:
+        def measure(row: Any) -> dict[str, Array]:
             key, draws, weights, observation, inputs = row
             summary = collect(key, ChainState(draws, weights, jnp.zeros(()), jnp.ones((), bool)), None, inputs).summary
             log_likelihood = model.log_observation(summary["state_mean"], observation, inputs)
             return {"log_likelihood": log_likelihood, **{name: summary[name] for name in _KEPT}}
 
-        found: dict[str, jax.Array] = jax.lax.map(
-            measure, (keys, smoothed.particles, smoothed.log_weights, observations, inputs)
-        )
+        found: dict[str, Array] = jax.lax.map(measure, (keys, smoothed.particles, smoothed.log_weights, observations, inputs))
         return found | {"num_gradient": jnp.full(num_frames, smoothed.info.num_gradient / num_frames)}
 
     compiled = jax.jit(smooth)
 
-    def run(rng_key: jax.Array, problem: Problem) -> dict[str, Any]:
+    def run(rng_key: Array, problem: Problem) -> dict[str, Any]:
         key_filter, key_smooth = jax.random.split(rng_key)
         filtered = run_filter(tracker, key_filter, problem.observations, problem.inputs, collect=collect_history)
         inputs = frame_sequence(problem.observations, problem.inputs, num_frames).stacked_inputs()

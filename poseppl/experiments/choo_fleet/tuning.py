@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
@@ -71,7 +72,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
     particles = jnp.broadcast_to(before, (row.num_chains, 1, row.dimension))
 
     @jax.jit
-    def run(rng_key: jax.Array, step_size: jax.Array, observation: Any, inputs: Any) -> Any:
+    def run(rng_key: Array, step_size: Array, observation: Any, inputs: Any) -> Any:
         state, info = built.step(rng_key, chain_state(particles, jnp.log(step_size)), observation, inputs)
         return state.particles, 1 - info.acceptance, info.num_gradient
 

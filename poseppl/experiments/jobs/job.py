@@ -19,10 +19,28 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, ClassVar
 
 from poseppl.files.store import key_of
+
+_LATER = "later"
+
+
+def later_field(default: Any) -> Any:
+    """A field that a dataclass got when results of it were kept already: at its default it does not tell jobs apart."""
+    return field(default=default, metadata={_LATER: True})
+
+
+def plain_fields(value: Any) -> Any:
+    """Dataclasses within a value as mappings of their fields, without those of :func:`later_field` at their default."""
+    if is_dataclass(value) and not isinstance(value, type):
+        told = [(each, getattr(value, each.name)) for each in fields(value)]
+        return {each.name: plain_fields(own) for each, own in told if not (_LATER in each.metadata and own == each.default)}
+    if isinstance(value, Mapping):
+        return {key: plain_fields(each) for key, each in value.items()}
+    return [plain_fields(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 @dataclass(frozen=True)
@@ -62,10 +80,10 @@ class Job:
         """
         kind = type(self)
         try:
-            fields = json.loads(json.dumps(asdict(self)))
+            told = json.loads(json.dumps(plain_fields(self)))
         except TypeError as error:
             raise ValueError(f"{kind.__name__}: {error}. The fields of a job are numbers, texts and lists of them.") from error
-        return {"class": f"{kind.__module__}.{kind.__qualname__}", "version": kind.version, "fields": fields}
+        return {"class": f"{kind.__module__}.{kind.__qualname__}", "version": kind.version, "fields": told}
 
     @property
     def key(self) -> str:

@@ -4,7 +4,7 @@ A model is named by a string, ``package.module:builder`` or ``path/to/file.py:bu
 point of the group ``poseppl.models``. The builder takes ``lengths``, a mapping of segment names to mm or None for a standard
 subject, and returns a :class:`Body`.
 
-To import is to run code. So :func:`load_builder` is for names that the user gives, and :func:`installed_builder` for names that
+To import is to run code. So :func:`body_builder` is for names that the user gives, and :func:`installed_builder` for names that
 are found in files.
 """
 
@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
@@ -33,6 +34,7 @@ from poseppl.program import CompiledModel, StateSpaceModel
 
 _SHIPPED = "poseppl_models"
 _GROUP = "poseppl.models"
+_BUILDER = "a function of segment lengths (None for those of a standard subject) that returns a Body"
 
 
 class Body(NamedTuple):
@@ -77,9 +79,14 @@ class Body(NamedTuple):
         Returns:
             The compiled model; the same one for all bodies of these programs and inputs of the same shapes, so that what was
             compiled for one person's recording serves the next.
+
+        Raises:
+            InputError: A program fails.
         """
-        leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
-        return _compiled(self.program, tree, tuple(leaves), tuple(sorted(params.items())))
+        try:
+            return compile_once(self.program, inputs, params)
+        except ValueError as error:
+            raise InputError(str(error), field="--model") from error
 
     def places(self, states: Any) -> Floats:
         """Positions (T, K, 3) of the markers in states (T, d), mm."""
@@ -93,9 +100,15 @@ class Body(NamedTuple):
         return tuple(i for i, joint in enumerate(joints) if self.free is None or joint in self.free)
 
 
+def compile_once(program: StateSpaceModel, inputs: Any, params: Mapping[str, float] | None = None) -> CompiledModel:
+    """The compiled programs; the same ones for the same programs, inputs of the same shapes and equal params."""
+    leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
+    return _compiled(program, tree, tuple(leaves), None if params is None else tuple(sorted(params.items())))
+
+
 @lru_cache(maxsize=8)
-def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...], params: tuple[Any, ...]) -> CompiledModel:
-    return program.compile(jax.tree.unflatten(tree, shapes), dict(params))
+def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...], params: tuple[Any, ...] | None) -> CompiledModel:
+    return program.compile(jax.tree.unflatten(tree, shapes), None if params is None else dict(params))
 
 
 class BodyInputs(NamedTuple):
@@ -111,10 +124,10 @@ class BodyInputs(NamedTuple):
     """
 
     cameras: Cameras
-    noise: jax.Array
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    noise: Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
     tree: KinematicTree
 
 
@@ -134,36 +147,49 @@ class SilhouetteInputs(NamedTuple):
 
     cameras: Cameras
     seen: SilhouetteSeen
-    noise: jax.Array
-    start: jax.Array
-    start_scale: jax.Array
-    step_scale: jax.Array
+    noise: Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
     tree: KinematicTree
     flesh: Flesh
 
 
-def load_builder(name: str) -> Callable[..., Body]:
-    """Resolve ``package.module:builder``, ``file.py:builder`` or the name of an entry point, whatever it is; this runs code.
+def load_builder(name: str) -> Callable[..., Any]:
+    """Resolve ``package.module:function``, ``file.py:function`` or the name of an entry point, whatever it is; this runs code.
 
     Raises:
-        InputError: The name has no colon and is no entry point, or the module or the builder is not found.
+        InputError: The name has no colon and is no entry point, or the module or the function is not found.
     """
-    installed = _entry_points().get(name)
-    if installed is not None:
-        name = installed
-    place, colon, attribute = name.rpartition(":")
+    place, colon, attribute = _entry_points().get(name, name).rpartition(":")
     if not colon:
         raise InputError(f"{name!r} names no builder", field="--model", expected="package.module:builder or file.py:builder")
     try:
         module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except Exception as error:  # the module's own code raises anything at all
         raise InputError(f"cannot import {place!r}: {error}", field="--model") from error
-    builder = getattr(module, attribute, None)
-    if not callable(builder):
+    found: Callable[..., Any] | None = getattr(module, attribute, None)
+    if not callable(found):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
         raise InputError(f"{place} has no builder {attribute!r}", field="--model", expected="one of " + some(known, 25))
-    found: Callable[..., Body] = builder
     return found
+
+
+def body_builder(name: str) -> Callable[[Mapping[str, float] | None], Body]:
+    """Resolve a builder of bodies as :func:`load_builder` does, and see that it builds one.
+
+    Raises:
+        InputError: It is not found, raises, or returns something else.
+    """
+    build = load_builder(name)
+    try:
+        standard = build(None)
+    except Exception as error:  # the builder's own code, too
+        problem = f"{name} builds no body: {type(error).__name__}: {error}"
+        raise InputError(problem, field="--model", expected=_BUILDER) from error
+    if not isinstance(standard, Body):
+        raise InputError(f"{name} returns a {type(standard).__name__}", field="--model", expected=_BUILDER)
+    return build
 
 
 def installed_builder(name: str) -> Callable[..., Body]:
@@ -178,8 +204,8 @@ def installed_builder(name: str) -> Callable[..., Body]:
     others = _entry_points()
     if name not in (*shipped, *others, *others.values()):
         problem = f"the file names the model {name[:80]!r}, which is none of the installed ones, and so is not run"
-        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model FILE.py:builder")
-    return load_builder(name)
+        raise InputError(problem, field="--model", expected="the model that you used, if it is yours: --model BUILDER")
+    return body_builder(name)
 
 
 def source_of_model(name: str) -> str | None:

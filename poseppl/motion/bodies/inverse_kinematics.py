@@ -27,6 +27,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
@@ -99,7 +100,7 @@ def _solver(tree: KinematicTree) -> Solver:
     positions = partial(marker_positions, _double(tree))
 
     @jax.jit
-    def residuals(x: jax.Array, target: jax.Array, seen: jax.Array, anchor: jax.Array, pull: jax.Array) -> jax.Array:
+    def residuals(x: Array, target: Array, seen: Array, anchor: Array, pull: Array) -> Array:
         return jnp.concatenate([(seen * (positions(x) - target)).ravel(), pull * (x - anchor)])
 
     jacobian = jax.jit(jax.jacrev(residuals))

@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 Tree = Any
 
@@ -63,14 +64,14 @@ def _in_chunks(function: Callable[..., Tree], args: Tree, chunk: int) -> Tree:
     leaves, treedef = jax.tree.flatten(args)
     varying = [jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], -1, chunk), -2, 0) for leaf in leaves if leaf.shape[-1] > 1]
 
-    def piece(rows: list[jax.Array]) -> Tree:
+    def piece(rows: list[Array]) -> Tree:
         row = iter(rows)
         return function(*jax.tree.unflatten(treedef, [next(row) if leaf.shape[-1] > 1 else leaf for leaf in leaves]))
 
     return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], -1), jax.lax.map(piece, varying))
 
 
-def _fill_up(leaf: jax.Array, lanes: int) -> jax.Array:
+def _fill_up(leaf: Array, lanes: int) -> Array:
     """Repeat the last particle until the batch in the last axis is a multiple of `lanes`; one stays one."""
     missing = -leaf.shape[-1] % lanes
     if leaf.shape[-1] == 1 or not missing:
@@ -78,7 +79,7 @@ def _fill_up(leaf: jax.Array, lanes: int) -> jax.Array:
     return jnp.concatenate([leaf, jnp.broadcast_to(leaf[..., -1:], (*leaf.shape[:-1], missing))], -1)
 
 
-def _merge(leaf: jax.Array, is_batched: bool, size: int, inner: int) -> jax.Array:
+def _merge(leaf: Array, is_batched: bool, size: int, inner: int) -> Array:
     """Fold a new batch axis of ``size`` into the leading axis of ``inner`` particles; shared leaves stay shared."""
     if not is_batched:
         if leaf.shape[0] == 1:

@@ -12,13 +12,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.batch_last import batch_last
 
 Tree = Any
 
 
-def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable[..., jax.Array]:
+def batched_score(function: Callable[..., Array], *, chunk: int) -> Callable[..., Array]:
     """Make a differentiable single-particle function of a batch-last score.
 
     Args:
@@ -31,23 +32,23 @@ def batched_score(function: Callable[..., jax.Array], *, chunk: int) -> Callable
         flat batch.
     """
 
-    def pulled(state: jax.Array, cotangent: jax.Array, *constants: Tree) -> jax.Array:
+    def pulled(state: Array, cotangent: Array, *constants: Tree) -> Array:
         count = max(leaf.shape[-1] for leaf in jax.tree.leaves((state, cotangent, constants)))
         state = jnp.broadcast_to(state, (state.shape[0], count))  # many cotangents, or data, may meet one state
-        gradient: jax.Array = jax.grad(lambda moved: jnp.sum(function(moved, *constants) * cotangent))(state)
+        gradient: Array = jax.grad(lambda moved: jnp.sum(function(moved, *constants) * cotangent))(state)
         return gradient
 
     forward, backward = batch_last(function, chunk=chunk), batch_last(pulled, chunk=chunk)
 
     @jax.custom_vjp
-    def score(state: jax.Array, *constants: Tree) -> jax.Array:
-        found: jax.Array = forward(state, *constants)
+    def score(state: Array, *constants: Tree) -> Array:
+        found: Array = forward(state, *constants)
         return found
 
-    def keep(state: jax.Array, *constants: Tree) -> tuple[jax.Array, Tree]:
+    def keep(state: Array, *constants: Tree) -> tuple[Array, Tree]:
         return score(state, *constants), (state, constants)
 
-    def pull(kept: Tree, cotangent: jax.Array) -> tuple[Any, ...]:
+    def pull(kept: Tree, cotangent: Array) -> tuple[Any, ...]:
         state, constants = kept
         return (backward(state, cotangent, *constants), *(None for _ in constants))
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 NEAREST = 1.0
 """Depth (mm) to which a point at or behind the camera is moved, so that projections and gradients stay finite."""
@@ -24,11 +25,11 @@ class Cameras(NamedTuple):
     ``distortion`` is (C, 5) or None, which costs nothing.
     """
 
-    rotation: jax.Array
-    centre: jax.Array
-    focal: jax.Array
-    principal: jax.Array
-    distortion: jax.Array | None = None
+    rotation: Array
+    centre: Array
+    focal: Array
+    principal: Array
+    distortion: Array | None = None
 
 
 def paper_camera(centre: Sequence[float]) -> Cameras:
@@ -69,7 +70,7 @@ def join_cameras(cameras: Sequence[Cameras]) -> Cameras:
     return joined
 
 
-def project(cameras: Cameras, points: jax.Array) -> jax.Array:
+def project(cameras: Cameras, points: Array) -> Array:
     """Project world points into every camera.
 
     Args:
@@ -85,13 +86,13 @@ def project(cameras: Cameras, points: jax.Array) -> jax.Array:
     return jnp.stack([u, v], -1)
 
 
-def depth(cameras: Cameras, points: jax.Array) -> jax.Array:
+def depth(cameras: Cameras, points: Array) -> Array:
     """Distance along the optical axis (mm), positive in front: points (..., 3) give (C, ...)."""
     offset = points[None] - cameras.centre.reshape(-1, *(1,) * (points.ndim - 1), 3)
     return jnp.einsum("ci,c...i->c...", cameras.rotation[:, 2], offset)
 
 
-def project_components(camera: Cameras, x: jax.Array, y: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+def project_components(camera: Cameras, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Project component by component: fields of ``camera`` with their matrix axes first, all else broadcast.
 
     Args:
@@ -110,7 +111,7 @@ def project_components(camera: Cameras, x: jax.Array, y: jax.Array, z: jax.Array
     return camera.focal[0] * u + camera.principal[0], camera.focal[1] * v + camera.principal[1]
 
 
-def _distort(coefficients: jax.Array, u: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _distort(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array]:
     k1, k2, p1, p2, k3 = coefficients
     squared = u * u + v * v
     radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))

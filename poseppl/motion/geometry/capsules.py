@@ -19,6 +19,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
 
@@ -28,9 +29,9 @@ _TINY = 1e-9
 class Capsules(NamedTuple):
     """Ends of the segments (P, 3, N) and radii (P, N or 1), mm."""
 
-    start: jax.Array
-    end: jax.Array
-    radius: jax.Array
+    start: Array
+    end: Array
+    radius: Array
 
 
 def part_capsules(flesh: Flesh, parts: PartFrames, kind: Literal["inside", "around"]) -> Capsules:
@@ -49,7 +50,7 @@ def part_capsules(flesh: Flesh, parts: PartFrames, kind: Literal["inside", "arou
     return Capsules(parts.base + drawn_in, parts.tip - drawn_in, radius)
 
 
-def clearances(capsules: Capsules, pairs: Sequence[tuple[int, int]]) -> jax.Array:
+def clearances(capsules: Capsules, pairs: Sequence[tuple[int, int]]) -> Array:
     """How far pairs of capsules are apart (K, N), mm; negative by how deep they run into each other.
 
     Args:
@@ -71,15 +72,15 @@ def clearances(capsules: Capsules, pairs: Sequence[tuple[int, int]]) -> jax.Arra
     return jnp.sqrt(_dot(gap, gap) + _TINY) - capsules.radius[first] - capsules.radius[second]
 
 
-def rejected(clearance: jax.Array, allowed: float = 0.0) -> jax.Array:
+def rejected(clearance: Array, allowed: float = 0.0) -> Array:
     """Log-factor (N,): -inf where some pair (K, N) overlaps by more than allowed (mm), for flesh gives way, else 0."""
     return jnp.where(jnp.any(clearance < -allowed, 0), -jnp.inf, 0.0)
 
 
-def repelled(clearance: jax.Array, softness: jax.Array | float) -> jax.Array:
+def repelled(clearance: Array, softness: Array | float) -> Array:
     """Log-factor (N,), at most 0, that falls smoothly as pairs (K, N) overlap: the sum of log sigmoid(clearance / softness)."""
     return jnp.sum(jax.nn.log_sigmoid(clearance / softness), 0)
 
 
-def _dot(a: jax.Array, b: jax.Array) -> jax.Array:
+def _dot(a: Array, b: Array) -> Array:
     return jnp.sum(a * b, 1)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.cameras import Cameras, project_components
 from poseppl.motion.geometry.superquadrics import Nodes, Superquadrics, local_nodes, nodes_at, place_in
@@ -27,19 +28,19 @@ class ContourNodes(NamedTuple):
         share: 1 where there is such a point, 0 where there is none (P, K, N).
     """
 
-    points: jax.Array
-    image: jax.Array
-    normals: jax.Array
-    share: jax.Array
+    points: Array
+    image: Array
+    normals: Array
+    share: Array
 
 
 def contour_nodes(
     camera: Cameras,
     flesh: Superquadrics,
-    axes: jax.Array,
-    centres: jax.Array,
-    latitudes: jax.Array,
-    longitudes: jax.Array,
+    axes: Array,
+    centres: Array,
+    latitudes: Array,
+    longitudes: Array,
     *,
     lean: float = 0.15,
 ) -> ContourNodes:
@@ -73,18 +74,18 @@ def contour_nodes(
     return ContourNodes(points, image, moved, share.reshape(share.shape[0], -1, share.shape[-1]))
 
 
-def nodes_facing(camera: Cameras, nodes: Nodes) -> jax.Array:
+def nodes_facing(camera: Cameras, nodes: Nodes) -> Array:
     """Cosine (P, R, W, N) between nodes' normals and the way to the eye of one camera; a node is seen where it is positive."""
     towards = camera.centre - nodes.points
     return jnp.sum(towards * nodes.normals, 3) * jax.lax.rsqrt(jnp.sum(towards**2, 3))
 
 
-def project_point(camera: Cameras, points: jax.Array) -> jax.Array:
+def project_point(camera: Cameras, points: Array) -> Array:
     """Image points (..., 2, N) of points (..., 3, N) in one camera, leaves (..., N or 1)."""
     return jnp.stack(project_components(camera, *(points[..., i, :] for i in range(3))), -2)
 
 
-def _smooth_step(x: jax.Array) -> jax.Array:
+def _smooth_step(x: Array) -> Array:
     """0 up to 0, 1 from 1 on, with a continuous slope."""
     x = jnp.clip(x, 0.0, 1.0)
     return x * x * (3 - 2 * x)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 
@@ -31,19 +32,19 @@ _AHEAD_LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 """Cells beside the way ahead of a corner, whose own cell lies below it and to the right."""
 _TINY = 1e-12
 
-_Harmonic = tuple[jax.Array, jax.Array, jax.Array, jax.Array, jax.Array, jax.Array]
+_Harmonic = tuple[Array, Array, Array, Array, Array, Array]
 """For a k the real and imaginary part of exp(-2 pi i k s / L) at the last corner, and four sums over the chords so far."""
 
 
 class Contours(NamedTuple):
     """Polygons of M silhouettes: corners ``x`` and ``y`` (K, M), the last repeated to fill up, and whether each closed (M,)."""
 
-    x: jax.Array
-    y: jax.Array
-    closed: jax.Array
+    x: Array
+    y: Array
+    closed: Array
 
 
-def trace_contours(bits: jax.Array, max_corners: int = 256, every: int = 4) -> Contours:
+def trace_contours(bits: Array, max_corners: int = 256, every: int = 4) -> Contours:
     """Trace the outer contours of silhouettes.
 
     Args:
@@ -59,13 +60,13 @@ def trace_contours(bits: jax.Array, max_corners: int = 256, every: int = 4) -> C
     table = bits.reshape(-1, count)
     empty = ~jnp.any(bits != 0, (0, 1))
 
-    def is_set(x: jax.Array, y: jax.Array) -> jax.Array:
+    def is_set(x: Array, y: Array) -> Array:
         inside = (x >= 0) & (x < bits.shape[1] * 32) & (y >= 0) & (y < bits.shape[0])
         word = jnp.where(inside, y * bits.shape[1] + (x >> 5), 0)
         found = jnp.take_along_axis(table, word[None], 0, mode="clip")[0]
         return inside & ((found >> (x & 31).astype(jnp.uint32)) & 1).astype(bool)
 
-    def step(walk: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def step(walk: tuple[Array, ...]) -> tuple[Array, ...]:
         x, y, heading, done = walk
         way = _chosen(_STEPS, heading)
         x, y = jnp.where(done, x, x + way[0]), jnp.where(done, y, y + way[1])
@@ -74,7 +75,7 @@ def trace_contours(bits: jax.Array, max_corners: int = 256, every: int = 4) -> C
         turn = jnp.where(left, 3, jnp.where(right, 0, 1))
         return x, y, (heading + turn) & 3, done | ((x == start_x) & (y == start_y))
 
-    def piece(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def piece(carry: tuple[Array, ...]) -> tuple[Array, ...]:
         number, xs, ys, *walk = carry
         moved = tuple(walk)
         for _ in range(every):
@@ -90,7 +91,7 @@ def trace_contours(bits: jax.Array, max_corners: int = 256, every: int = 4) -> C
     return Contours(found[1], found[2], found[-1])
 
 
-def polygon_descriptors(x: jax.Array, y: jax.Array, count: int = 20) -> jax.Array:
+def polygon_descriptors(x: Array, y: Array, count: int = 20) -> Array:
     """Fourier descriptors (count, M) of closed polygons with corners (K, M); 0 for such as are points.
 
     Args:
@@ -111,16 +112,14 @@ def polygon_descriptors(x: jax.Array, y: jax.Array, count: int = 20) -> jax.Arra
     return jnp.stack(ordered) / jnp.maximum(plus[0], _TINY)
 
 
-def _amplitudes(
-    cosine: jax.Array, sine: jax.Array, ux: jax.Array, uy: jax.Array, most: int
-) -> tuple[list[jax.Array], list[jax.Array]]:
+def _amplitudes(cosine: Array, sine: Array, ux: Array, uy: Array, most: int) -> tuple[list[Array], list[Array]]:
     """|Z_k| and |Z_-k| (M,) up to a common factor, k = 1 to ``most``, of phases (K + 1, M) and chords (K, M).
 
     One loop over the corners for all k: sums over an axis that is not the last one do not vectorise.
     """
     one, none = jnp.ones_like(cosine[0]), jnp.zeros_like(cosine[0])
 
-    def corner(carry: list[_Harmonic], row: tuple[jax.Array, jax.Array, jax.Array, jax.Array]) -> tuple[list[_Harmonic], None]:
+    def corner(carry: list[_Harmonic], row: tuple[Array, Array, Array, Array]) -> tuple[list[_Harmonic], None]:
         c, s, u, v = row
         real, imaginary = one, none
         moved: list[_Harmonic] = []
@@ -137,7 +136,7 @@ def _amplitudes(
     return plus, minus
 
 
-def _first_point(bits: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _first_point(bits: Array) -> tuple[Array, Array]:
     """Column and row (M,) of the first bit that is set, row by row; of the first one where none is."""
     flat = bits.reshape(-1, bits.shape[2])
     place = jnp.argmax(flat != 0, 0).astype(jnp.int32)
@@ -146,7 +145,7 @@ def _first_point(bits: jax.Array) -> tuple[jax.Array, jax.Array]:
     return place % bits.shape[1] * 32 + lowest, place // bits.shape[1]
 
 
-def _chosen(table: np.ndarray, heading: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _chosen(table: np.ndarray, heading: Array) -> tuple[Array, Array]:
     """X and y of a table's rows: four constants are chosen from faster than they are looked up."""
     columns = (
         jnp.select([heading == row for row in range(3)], [int(v) for v in column[:3]], int(column[3])) for column in table.T

@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.cameras import NEAREST, Cameras, project_components
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
@@ -52,10 +53,10 @@ class Shapes(NamedTuple):
         inverses: Entries xx, xy, yy of their inverse squared half-axes (C, P, 2, 3, N).
     """
 
-    normals: jax.Array
-    offsets: jax.Array
-    centres: jax.Array
-    inverses: jax.Array
+    normals: Array
+    offsets: Array
+    centres: Array
+    inverses: Array
 
 
 def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
@@ -73,7 +74,7 @@ def project_parts(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Shapes:
     return Shapes(normals, offsets, centres, inverses)
 
 
-def part_distances(shapes: Shapes, points: jax.Array) -> jax.Array:
+def part_distances(shapes: Shapes, points: Array) -> Array:
     """Signed distances (C, P, K, N) in px of image points (C, K, 2, N or 1) from every part, negative inside."""
     x, y = points[:, None, :, 0], points[:, None, :, 1]
     sides = [
@@ -84,7 +85,7 @@ def part_distances(shapes: Shapes, points: jax.Array) -> jax.Array:
     return jnp.minimum(quadrilateral, jnp.minimum(_from_ellipse(shapes, 0, x, y), _from_ellipse(shapes, 1, x, y)))
 
 
-def soft_coverage(distances: jax.Array, softness: jax.Array) -> jax.Array:
+def soft_coverage(distances: Array, softness: Array) -> Array:
     """log(1 - c) of points (C, K, N): the log-probability that no part covers them.
 
     Args:
@@ -94,19 +95,19 @@ def soft_coverage(distances: jax.Array, softness: jax.Array) -> jax.Array:
     return -jnp.sum(jax.nn.softplus(-distances / softness[:, None, None]), 1)
 
 
-def hard_coverage(distances: jax.Array) -> jax.Array:
+def hard_coverage(distances: Array) -> Array:
     """Whether some part covers points (C, K, N)."""
     return jnp.any(distances < 0, 1)
 
 
-def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, jax.Array]:
+def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[Array, Array]:
     """Centres and inverse squared half-axes of the images of the rings, or of the balls in their place."""
     spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
     u, v, uu, uv, vv = _rings(spread, flesh, parts)
     plane = spread._replace(rotation=jnp.eye(3), centre=jnp.zeros(3))
     one, none = jnp.ones_like(u), jnp.zeros_like(u)
 
-    def image(u: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def image(u: Array, v: Array) -> tuple[Array, Array]:
         return project_components(plane, u, v, one)
 
     centre, (ax, ay) = jax.jvp(image, (u, v), (one, none))
@@ -118,7 +119,7 @@ def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Ar
     return jnp.stack(centre, 3), jnp.stack([yy / determinant, -xy / determinant, xx / determinant], 3)
 
 
-def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array, ...]:
+def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[Array, ...]:
     """In the plane at depth 1 of an undistorted camera: u and v of the centres, uu, uv and vv of the squared half-axes.
 
     Args:
@@ -146,13 +147,13 @@ def _rings(spread: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[jax.Array,
     return u + du, v + dv, uu + du * du, uv + du * dv, vv + dv * dv
 
 
-def _turned(spread: Cameras, vector: list[jax.Array]) -> list[jax.Array]:
+def _turned(spread: Cameras, vector: list[Array]) -> list[Array]:
     """Components of a vector of the world in the cameras' frames."""
     turn = spread.rotation
     return [turn[i, 0] * vector[0] + turn[i, 1] * vector[1] + turn[i, 2] * vector[2] for i in range(3)]
 
 
-def _from_ellipse(shapes: Shapes, ring: int, x: jax.Array, y: jax.Array) -> jax.Array:
+def _from_ellipse(shapes: Shapes, ring: int, x: Array, y: Array) -> Array:
     """Signed distance to first order: (q - 1) / |grad q|, with q the distance in units of the ellipse."""
     dx, dy = x - shapes.centres[:, :, ring, 0, None], y - shapes.centres[:, :, ring, 1, None]
     xx, xy, yy = (shapes.inverses[:, :, ring, i, None] for i in range(3))

@@ -21,6 +21,7 @@ from typing import NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.kinematics import Frames, frames_of
@@ -76,12 +77,12 @@ class Flesh:
         names: Of the parts.
     """
 
-    rotations: jax.Array
-    origins: jax.Array
-    lengths: jax.Array
-    radii: jax.Array
-    scales: jax.Array
-    balls: jax.Array
+    rotations: Array
+    origins: Array
+    lengths: Array
+    radii: Array
+    scales: Array
+    balls: Array
     links: tuple[int, ...]
     names: tuple[str, ...]
 
@@ -93,9 +94,9 @@ jax.tree_util.register_dataclass(Flesh, [field.name for field in fields(Flesh) i
 class PartFrames(NamedTuple):
     """Parts in the world: ``base`` and ``tip`` (P, 3, ...) mm, and ``axes`` (P, 3, 3, ...), whose columns are x, y and z."""
 
-    axes: jax.Array
-    base: jax.Array
-    tip: jax.Array
+    axes: Array
+    base: Array
+    tip: Array
 
 
 def flesh_of(tree: KinematicTree, parts: Sequence[Cone]) -> Flesh:
@@ -159,13 +160,13 @@ def links_of(tree: KinematicTree, parts: Sequence[Rider]) -> tuple[int, ...]:
     return tuple(last[tree.joint_names.index(part.joint)] for part in parts)
 
 
-def part_frames(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
+def part_frames(tree: KinematicTree, flesh: Flesh, state: Array) -> PartFrames:
     """Parts of one state (d,) in the world; for gradients in reverse take :func:`parts_of`, this has none."""
     frames: PartFrames = batch_last(lambda *arguments: parts_of(*arguments))(tree, flesh, state)
     return frames
 
 
-def parts_of(tree: KinematicTree, flesh: Flesh, state: jax.Array) -> PartFrames:
+def parts_of(tree: KinematicTree, flesh: Flesh, state: Array) -> PartFrames:
     """Parts of states (d, N), the batch last; leaves of ``tree`` and ``flesh`` have a last axis of N or 1."""
     return place_parts(flesh, frames_of(tree, state))
 

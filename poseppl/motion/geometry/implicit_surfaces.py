@@ -30,6 +30,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.superquadrics import Nodes, Superquadrics
 
@@ -42,7 +43,7 @@ _SMALL = 1e-3
 """Turns below which atan(q) / q is its series."""
 
 
-def surface_distances(flesh: Superquadrics, points: jax.Array) -> jax.Array:
+def surface_distances(flesh: Superquadrics, points: Array) -> Array:
     """The implicit surface f (P, K, N), mm, at points (P, K, 3, N) of the parts' own frames."""
     x, y, z = _straightened(flesh, *(points[:, :, i] for i in range(3)))
     a, b, c = (flesh.half_axes[:, i, None] for i in range(3))
@@ -51,7 +52,7 @@ def surface_distances(flesh: Superquadrics, points: jax.Array) -> jax.Array:
     return (gauge - 1) * jnp.min(flesh.half_axes, 1)[:, None]
 
 
-def part_points(axes: jax.Array, centres: jax.Array, points: jax.Array) -> jax.Array:
+def part_points(axes: Array, centres: Array, points: Array) -> Array:
     """Points (P, K, 3, N) of the world in the frames of the parts, whose axes are the columns of ``axes`` (P, 3, 3, N)."""
     offset = points - centres[:, None]
     return jnp.stack([jnp.sum(axes[:, None, :, i] * offset, 2) for i in range(3)], 2)
@@ -59,14 +60,14 @@ def part_points(axes: jax.Array, centres: jax.Array, points: jax.Array) -> jax.A
 
 def penetration(
     flesh: Superquadrics,
-    axes: jax.Array,
-    centres: jax.Array,
+    axes: Array,
+    centres: Array,
     nodes: Nodes,
     pairs: Sequence[tuple[int, int]],
     *,
-    softness: jax.Array | float,
+    softness: Array | float,
     decay: float,
-) -> jax.Array:
+) -> Array:
     """Repulsive potentials (pairs, N) between parts (Sminchisescu and Triggs 2001, section 3.2).
 
     Each is the mean over nodes of one part of exp(-f |f|^(p - 1)), f being the implicit surface of the other in units of the
@@ -95,7 +96,7 @@ def _chosen(flesh: Superquadrics, parts: Any) -> Superquadrics:
     return chosen
 
 
-def _straightened(flesh: Superquadrics, x: jax.Array, y: jax.Array, z: jax.Array) -> tuple[jax.Array, ...]:
+def _straightened(flesh: Superquadrics, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
     """Coordinates (P, K, N) before the part was tapered and bent."""
     towards = flesh.bends[:, 1, None]
     cosine, sine = jnp.cos(towards), jnp.sin(towards)
@@ -112,14 +113,14 @@ def _straightened(flesh: Superquadrics, x: jax.Array, y: jax.Array, z: jax.Array
     return x / (1 + flesh.tapers[:, 0, None] * wide), y / (1 + flesh.tapers[:, 1, None] * wide), height
 
 
-def _atan_ratio(q: jax.Array) -> jax.Array:
+def _atan_ratio(q: Array) -> Array:
     """atan(q) / q, for 0 too."""
     small = jnp.abs(q) < _SMALL
     safe = jnp.where(small, 1.0, q)
     return jnp.where(small, 1 - q * q / 3, jnp.arctan(safe) / safe)
 
 
-def _norm(u: jax.Array, v: jax.Array, power: jax.Array) -> jax.Array:
+def _norm(u: Array, v: Array, power: Array) -> Array:
     """(u^p + v^p)^(1/p) of numbers that are not negative, without overflow."""
     most = jnp.maximum(jnp.maximum(u, v), _LEAST)
     shares = sum(jnp.exp(power * jnp.log(jnp.maximum(each / most, _LEAST))) for each in (u, v))

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.cameras import Cameras
 from poseppl.motion.geometry.kinematics import frames_of
@@ -64,7 +65,7 @@ def limbs_of(tree: KinematicTree) -> tuple[Limb, ...]:
     return tuple(limbs)
 
 
-def kinematic_jumps(tree: KinematicTree) -> Callable[[jax.Array, Any], jax.Array]:
+def kinematic_jumps(tree: KinematicTree) -> Callable[[Array, Any], Array]:
     """Other poses of each limb, for states of this tree's coordinates.
 
     Args:
@@ -81,13 +82,13 @@ def kinematic_jumps(tree: KinematicTree) -> Callable[[jax.Array, Any], jax.Array
     if not limbs:
         raise ValueError("the tree has no limb. Expected a joint of axes ZYX that bears a joint of one axis with a marker.")
 
-    def jump(state: jax.Array, inputs: Any) -> jax.Array:
+    def jump(state: Array, inputs: Any) -> Array:
         return jnp.concatenate([limb_poses(inputs.tree, inputs.cameras, limb, state) for limb in limbs])
 
     return jump
 
 
-def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: jax.Array) -> jax.Array:
+def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: Array) -> Array:
     """States (3, d) with one limb in its other poses: the far bone alone, the near bone, and both leaning the other way.
 
     A limb of one bone has one (1, d).
@@ -107,13 +108,13 @@ def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: jax.Arr
     return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
 
 
-def _other_side(eye: jax.Array, point: jax.Array, centre: jax.Array) -> jax.Array:
+def _other_side(eye: Array, point: Array, centre: Array) -> Array:
     """The other point (3,) in a point's line of sight that is as far from a centre."""
     both = _crossings(eye, point, centre, jnp.linalg.norm(point - centre))
     return both[jnp.argmax(jnp.linalg.norm(both - point, axis=1))]
 
 
-def _crossings(eye: jax.Array, seen: jax.Array, centre: jax.Array, radius: jax.Array) -> jax.Array:
+def _crossings(eye: Array, seen: Array, centre: Array, radius: Array) -> Array:
     """Both points (2, 3) of a sphere in a line of sight; where that misses it, twice the point of the sphere nearest to it."""
     sight = (seen - eye) / jnp.linalg.norm(seen - eye)
     along = sight @ (centre - eye)
@@ -121,13 +122,11 @@ def _crossings(eye: jax.Array, seen: jax.Array, centre: jax.Array, radius: jax.A
     half = jnp.sqrt(jnp.maximum(radius**2 - jnp.sum((foot - centre) ** 2), 0.0))
     points = foot + jnp.stack([-half, half])[:, None] * sight
     offset = points - centre
-    onto: jax.Array = centre + radius * offset / jnp.linalg.norm(offset, axis=1, keepdims=True)
+    onto: Array = centre + radius * offset / jnp.linalg.norm(offset, axis=1, keepdims=True)
     return onto
 
 
-def _reach(
-    tree: KinematicTree, limb: Limb, state: jax.Array, rotation: jax.Array, a: jax.Array, b: jax.Array, c: jax.Array
-) -> jax.Array:
+def _reach(tree: KinematicTree, limb: Limb, state: Array, rotation: Array, a: Array, b: Array, c: Array) -> Array:
     """The state (d,) whose limb passes through three points, as to its ball joint, hinge and end."""
     hinge = limb.ball if limb.hinge is None else limb.hinge
     index = tree.angle_index[hinge][2 - limb.axis]
@@ -141,13 +140,13 @@ def _reach(
     return _with_ball(tree, limb, state.at[index].set(bend), rotation, jnp.where(straight, shortest, turned @ still.T))
 
 
-def _with_ball(tree: KinematicTree, limb: Limb, state: jax.Array, rotation: jax.Array, turned: jax.Array) -> jax.Array:
+def _with_ball(tree: KinematicTree, limb: Limb, state: Array, rotation: Array, turned: Array) -> Array:
     """The state (d,) whose ball joint has a rotation (3, 3) in the world, all links (links, 3, 3) above staying."""
     angles = np.array(tree.angle_index[limb.ball])
     return state.at[angles].set(_euler_angles(rotation[tree.parents[limb.ball]].T @ turned, state[angles]))
 
 
-def _hinge_angle(bone: jax.Array, end: jax.Array, axis: Any, squared: jax.Array, before: jax.Array) -> jax.Array:
+def _hinge_angle(bone: Array, end: Array, axis: Any, squared: Array, before: Array) -> Array:
     """The angle at which a hinge's end has a squared distance from the joint above, on the side of the angle before."""
     axis = jnp.asarray(axis, bone.dtype)
     flat = end - (end @ axis) * axis
@@ -159,15 +158,15 @@ def _hinge_angle(bone: jax.Array, end: jax.Array, axis: Any, squared: jax.Array,
     return _near(phase + side * angle, before)
 
 
-def _turn(vector: jax.Array, axis: Any, angle: jax.Array) -> jax.Array:
+def _turn(vector: Array, axis: Any, angle: Array) -> Array:
     """A vector turned about an axis, by Rodrigues' formula."""
     axis = jnp.asarray(axis, vector.dtype)
     along = (vector @ axis) * axis
-    turned: jax.Array = along + jnp.cos(angle) * (vector - along) + jnp.sin(angle) * jnp.cross(axis, vector)
+    turned: Array = along + jnp.cos(angle) * (vector - along) + jnp.sin(angle) * jnp.cross(axis, vector)
     return turned
 
 
-def _triad(first: jax.Array, second: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _triad(first: Array, second: Array) -> tuple[Array, Array]:
     """The rotation (3, 3) whose columns begin with the direction of the first of two vectors, and whether they are parallel."""
     x = first / jnp.linalg.norm(first)
     normal = jnp.cross(x, second / jnp.linalg.norm(second))
@@ -176,7 +175,7 @@ def _triad(first: jax.Array, second: jax.Array) -> tuple[jax.Array, jax.Array]:
     return jnp.stack([x, jnp.cross(z, x), z], 1), size < _STRAIGHT
 
 
-def _shortest_turn(start: jax.Array, target: jax.Array) -> jax.Array:
+def _shortest_turn(start: Array, target: Array) -> Array:
     """The rotation (3, 3) of least angle from one direction to another."""
     u, v = start / jnp.linalg.norm(start), target / jnp.linalg.norm(target)
     w = jnp.cross(u, v)
@@ -186,7 +185,7 @@ def _shortest_turn(start: jax.Array, target: jax.Array) -> jax.Array:
     return jnp.eye(3, dtype=u.dtype) + cross + cross @ cross / jnp.maximum(1.0 + u @ v, 1e-6)
 
 
-def _euler_angles(rotation: jax.Array, before: jax.Array) -> jax.Array:
+def _euler_angles(rotation: Array, before: Array) -> Array:
     """Angles (3,) about Z, Y and X of a rotation: of the two sets that mean it, that nearer to the angles before."""
     y = jnp.arcsin(jnp.clip(-rotation[2, 0], -1.0, 1.0))
     z, x = jnp.arctan2(rotation[1, 0], rotation[0, 0]), jnp.arctan2(rotation[2, 1], rotation[2, 2])
@@ -195,6 +194,6 @@ def _euler_angles(rotation: jax.Array, before: jax.Array) -> jax.Array:
     return jnp.where(jnp.sum(jnp.abs(one - before)) <= jnp.sum(jnp.abs(twin - before)), one, twin)
 
 
-def _near(angles: jax.Array, before: jax.Array) -> jax.Array:
+def _near(angles: Array, before: Array) -> Array:
     """Angles within half a turn of those before."""
     return angles - 2 * jnp.pi * jnp.round((angles - before) / (2 * jnp.pi))

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.tree import KinematicTree
@@ -34,14 +35,14 @@ class Frames(NamedTuple):
     ``rotation`` (links, 3, 3, N), ``origin`` (links, 3, N) mm, ``cosine`` and ``sine`` (links, N) of the angles about Z.
     """
 
-    rotation: jax.Array
-    origin: jax.Array
-    cosine: jax.Array
-    sine: jax.Array
+    rotation: Array
+    origin: Array
+    cosine: Array
+    sine: Array
 
 
 @jax.custom_vjp
-def marker_positions(tree: KinematicTree, state: jax.Array) -> jax.Array:
+def marker_positions(tree: KinematicTree, state: Array) -> Array:
     """World positions of the markers.
 
     Args:
@@ -51,15 +52,15 @@ def marker_positions(tree: KinematicTree, state: jax.Array) -> jax.Array:
     Returns:
         Shape (markers, 3), mm.
     """
-    positions: jax.Array = _positions(tree, state)
+    positions: Array = _positions(tree, state)
     return positions
 
 
-def _positions_last(tree: KinematicTree, state: jax.Array) -> jax.Array:
+def _positions_last(tree: KinematicTree, state: Array) -> Array:
     return markers_of(tree, frames_of(tree, state))
 
 
-def _pull_back_last(tree: KinematicTree, state: jax.Array, forces: jax.Array) -> tuple[KinematicTree, jax.Array]:
+def _pull_back_last(tree: KinematicTree, state: Array, forces: Array) -> tuple[KinematicTree, Array]:
     frames = frames_of(tree, state)
     return pull_back(tree, frames, markers_of(tree, frames), forces)
 
@@ -68,19 +69,19 @@ _positions = batch_last(_positions_last)
 _pull_back = batch_last(_pull_back_last)
 
 
-def _forward(tree: KinematicTree, state: jax.Array) -> tuple[jax.Array, tuple[KinematicTree, jax.Array]]:
+def _forward(tree: KinematicTree, state: Array) -> tuple[Array, tuple[KinematicTree, Array]]:
     return _positions(tree, state), (tree, state)
 
 
-def _backward(residuals: tuple[KinematicTree, jax.Array], forces: jax.Array) -> tuple[KinematicTree, jax.Array]:
-    gradients: tuple[KinematicTree, jax.Array] = _pull_back(*residuals, forces)
+def _backward(residuals: tuple[KinematicTree, Array], forces: Array) -> tuple[KinematicTree, Array]:
+    gradients: tuple[KinematicTree, Array] = _pull_back(*residuals, forces)
     return gradients
 
 
 marker_positions.defvjp(_forward, _backward)
 
 
-def frames_of(tree: KinematicTree, state: jax.Array) -> Frames:
+def frames_of(tree: KinematicTree, state: Array) -> Frames:
     """World frames of all links: state (d, N) gives :class:`Frames`."""
     count = state.shape[-1]
     unit = jnp.ones((1, count), state.dtype)
@@ -101,13 +102,13 @@ def frames_of(tree: KinematicTree, state: jax.Array) -> Frames:
     return Frames(rotation, origin, cosines[index[:, 0]], sines[index[:, 0]])
 
 
-def markers_of(tree: KinematicTree, frames: Frames) -> jax.Array:
+def markers_of(tree: KinematicTree, frames: Frames) -> Array:
     """World positions (markers, 3, N) of the markers in the given frames."""
     link = np.array(tree.marker_link)
     return frames.origin[link] + _apply(frames.rotation[link], tree.marker_offsets)
 
 
-def pull_back(tree: KinematicTree, frames: Frames, positions: jax.Array, forces: jax.Array) -> tuple[KinematicTree, jax.Array]:
+def pull_back(tree: KinematicTree, frames: Frames, positions: Array, forces: Array) -> tuple[KinematicTree, Array]:
     """Gradient with respect to the tree's offsets and the state, given the gradient with respect to the markers.
 
     Args:
@@ -134,7 +135,7 @@ def pull_back(tree: KinematicTree, frames: Frames, positions: jax.Array, forces:
     return tree.with_offsets(offsets, marker_offsets), gradient
 
 
-def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> jax.Array:
+def jacobian_of(tree: KinematicTree, frames: Frames, positions: Array) -> Array:
     """How markers move with the state: (markers, 3, d, N), an angle's column being ``a x (p - o)`` for the markers it moves.
 
     Args:
@@ -152,9 +153,7 @@ def jacobian_of(tree: KinematicTree, frames: Frames, positions: jax.Array) -> ja
     return jnp.concatenate([shift, turns], 2)
 
 
-def derivatives_of_wrenches(
-    tree: KinematicTree, frames: Frames, force: jax.Array, moment: jax.Array, link: jax.Array
-) -> jax.Array:
+def derivatives_of_wrenches(tree: KinematicTree, frames: Frames, force: Array, moment: Array, link: Array) -> Array:
     """Derivatives (..., d, N) by the state of functions of which each depends on one link, by the geometric Jacobian.
 
     Args:
@@ -188,7 +187,7 @@ def _axes(tree: KinematicTree, frames: Frames) -> Vector:
     return above[:, :, 2], about_y, frames.rotation[:, :, 0]
 
 
-def _local_rotations(cz: Any, sz: Any, cy: Any, sy: Any, cx: Any, sx: Any) -> jax.Array:
+def _local_rotations(cz: Any, sz: Any, cy: Any, sy: Any, cx: Any, sx: Any) -> Array:
     """R_Z R_Y R_X of every link (links, 3, 3, N), from cosines and sines (links, N)."""
     first = jnp.stack([cz * cy, sz * cy, -sy], 1)
     second = jnp.stack([cz * sy * sx - sz * cx, sz * sy * sx + cz * cx, cy * sx], 1)
@@ -196,19 +195,19 @@ def _local_rotations(cz: Any, sz: Any, cy: Any, sy: Any, cx: Any, sx: Any) -> ja
     return jnp.stack([first, second, third], 2)
 
 
-def _product(a: jax.Array, b: jax.Array) -> jax.Array:
+def _product(a: Array, b: Array) -> Array:
     return a[:, :, 0, None] * b[:, 0, None] + a[:, :, 1, None] * b[:, 1, None] + a[:, :, 2, None] * b[:, 2, None]
 
 
-def _apply(rotation: jax.Array, vector: jax.Array) -> jax.Array:
+def _apply(rotation: Array, vector: Array) -> Array:
     return jnp.sum(rotation * vector[:, None], 2)
 
 
-def _split(vector: jax.Array) -> Vector:
+def _split(vector: Array) -> Vector:
     return vector[:, 0], vector[:, 1], vector[:, 2]
 
 
-def _cross(a: jax.Array, b: jax.Array) -> Vector:
+def _cross(a: Array, b: Array) -> Vector:
     (ax, ay, az), (bx, by, bz) = _split(a), _split(b)
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.superquadrics import Superquadrics
 
 
-def hidden(
-    flesh: Superquadrics, axes: jax.Array, centres: jax.Array, eye: jax.Array, points: jax.Array, softness: float
-) -> jax.Array:
+def hidden(flesh: Superquadrics, axes: Array, centres: Array, eye: Array, points: Array, softness: float) -> Array:
     """How much points of the parts are hidden by the others (P, K, N), from 0 to 1.
 
     Args:
@@ -43,6 +42,6 @@ def hidden(
     return -jnp.expm1(jnp.sum(others * shown, 0))
 
 
-def _turned(axes: jax.Array, vectors: jax.Array) -> jax.Array:
+def _turned(axes: Array, vectors: Array) -> Array:
     """Components along the columns of axes (..., 3, 3, N) of vectors (..., 3, N)."""
     return jnp.stack([jnp.sum(axes[..., :, i, :] * vectors, -2) for i in range(3)], -2)

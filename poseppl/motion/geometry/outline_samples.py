@@ -21,6 +21,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 
@@ -46,30 +47,28 @@ class Room(NamedTuple):
 class Sums(NamedTuple):
     """Sums of the two maps over the samples of a camera, and how many samples there were, each (C, N)."""
 
-    edge: jax.Array
-    num_edge: jax.Array
-    inside: jax.Array
-    num_inside: jax.Array
+    edge: Array
+    num_edge: Array
+    inside: Array
+    num_inside: Array
 
 
 class _Group(NamedTuple):
     """Parts with the same room: their corners (C, P, 4, 2, N), and numbers of intervals along both sides, rows and columns."""
 
     room: Room
-    corners: jax.Array
-    sides: jax.Array
-    rows: jax.Array
-    columns: jax.Array
+    corners: Array
+    sides: Array
+    rows: Array
+    columns: Array
 
 
-def pad_maps(maps: jax.Array) -> jax.Array:
+def pad_maps(maps: Array) -> Array:
     """Maps (C, H, W) with the row of zeros that stands for what lies outside: (C, H + 1, W)."""
     return jnp.pad(maps, ((0, 0), (0, 1), (0, 0)))
 
 
-def spaced_sums(
-    corners: jax.Array, edge_map: jax.Array, inside_map: jax.Array, spacing: Spacing, rooms: Sequence[Room]
-) -> Sums:
+def spaced_sums(corners: Array, edge_map: Array, inside_map: Array, spacing: Spacing, rooms: Sequence[Room]) -> Sums:
     """Sums over all samples that the spacing asks for, up to the room there is.
 
     Args:
@@ -92,7 +91,7 @@ def spaced_sums(
     return total
 
 
-def fixed_sums(corners: jax.Array, edge_map: jax.Array, inside_map: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Sums:
+def fixed_sums(corners: Array, edge_map: Array, inside_map: Array, spacing: Spacing, rooms: Sequence[Room]) -> Sums:
     """The same from as many intervals as there is room for, weighted.
 
     Arguments are those of :func:`spaced_sums`.
@@ -109,7 +108,7 @@ def fixed_sums(corners: jax.Array, edge_map: jax.Array, inside_map: jax.Array, s
     return total
 
 
-def interval_counts(corners: jax.Array, spacing: Spacing) -> tuple[jax.Array, jax.Array, jax.Array]:
+def interval_counts(corners: Array, spacing: Spacing) -> tuple[Array, Array, Array]:
     """Numbers of intervals along both sides (C, P, 2, N), and of the grid's rows and columns (C, P, N)."""
     first, second = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 3] - corners[:, :, 2]
     lengths = jnp.stack([_length(first), _length(second)], 2)
@@ -117,23 +116,23 @@ def interval_counts(corners: jax.Array, spacing: Spacing) -> tuple[jax.Array, ja
     return _count(lengths, spacing.edge), _count(lengths[:, :, 0], spacing.inside), _count(middle, spacing.inside)
 
 
-def _steps(number: int) -> jax.Array:
+def _steps(number: int) -> Array:
     return jnp.arange(number, dtype=float)
 
 
-def _count(length: jax.Array, step: float) -> jax.Array:
+def _count(length: Array, step: float) -> Array:
     return jnp.maximum(jnp.floor(length / step + 0.5), _LEAST)
 
 
-def _length(vector: jax.Array) -> jax.Array:
+def _length(vector: Array) -> Array:
     return jnp.sqrt(jnp.sum(vector**2, 2))
 
 
-def _nothing(corners: jax.Array) -> Sums:
+def _nothing(corners: Array) -> Sums:
     return Sums(*[jnp.zeros((corners.shape[0], corners.shape[-1]), corners.dtype)] * 4)
 
 
-def _add(total: Sums, found: tuple[jax.Array, ...], edge_share: jax.Array | float, inside_share: jax.Array | float) -> Sums:
+def _add(total: Sums, found: tuple[Array, ...], edge_share: Array | float, inside_share: Array | float) -> Sums:
     """Add what each side and each part found, by the share with which its samples count."""
     shares = (edge_share, edge_share, inside_share, inside_share)
     between = [tuple(range(1, value.ndim - 1)) for value in found]
@@ -141,7 +140,7 @@ def _add(total: Sums, found: tuple[jax.Array, ...], edge_share: jax.Array | floa
     return Sums(*[old + jnp.sum(value * share, axes) for old, value, share, axes in rows])
 
 
-def _groups(corners: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Iterator[_Group]:
+def _groups(corners: Array, spacing: Spacing, rooms: Sequence[Room]) -> Iterator[_Group]:
     if len(rooms) != corners.shape[1]:
         raise ValueError(f"room for {len(rooms)} parts; expected one for each of {corners.shape[1]}")
     corners = computed_once(corners)
@@ -151,14 +150,14 @@ def _groups(corners: jax.Array, spacing: Spacing, rooms: Sequence[Room]) -> Iter
         yield _Group(room, corners[:, index], *(count[:, index] for count in counts))
 
 
-def _on_sides(corners: jax.Array, along: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _on_sides(corners: Array, along: Array) -> tuple[Array, Array]:
     """Points (C, P, 2, K, N) of both sides at fractions ``along`` of their lengths."""
     starts, ends = corners[:, :, 0::2], corners[:, :, 1::2]
     x, y = (starts[:, :, :, None, i] + along * (ends - starts)[:, :, :, None, i] for i in range(2))
     return x, y
 
 
-def _on_grid(corners: jax.Array, down: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _on_grid(corners: Array, down: Array, right: Array) -> tuple[Array, Array]:
     """Points (C, P, rows * columns, N) at fractions ``down`` of the sides and ``right`` of the way between them."""
     first, other = corners[:, :, None, 0], corners[:, :, None, 3]
     starts = first + down[:, :, :, None] * (corners[:, :, None, 1] - first)
@@ -168,11 +167,11 @@ def _on_grid(corners: jax.Array, down: jax.Array, right: jax.Array) -> tuple[jax
     return x.reshape(flat), y.reshape(flat)
 
 
-def _look_up(x: jax.Array, y: jax.Array, taken: jax.Array | None, maps: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _look_up(x: Array, y: Array, taken: Array | None, maps: Array) -> tuple[Array, Array]:
     """Sums (C, ..., N) of the nearest pixels of points (C, ..., K, N) that are taken (all, if None), and how many these are."""
     cameras, height, width = maps.shape[0], maps.shape[1] - 1, maps.shape[2]
 
-    def place(point: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
+    def place(point: tuple[Array, ...]) -> tuple[Array, Array]:
         column, row, *chosen = point
         counts = (column >= -0.5) & (column < width - 0.5) & (row >= -0.5) & (row < height - 0.5)
         for condition in chosen:

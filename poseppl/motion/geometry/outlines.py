@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.cameras import Cameras, project_components
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
@@ -29,7 +30,7 @@ _GRAZING = 0.9999
 """Cosine beyond which the eye counts as within the cone's extension."""
 
 
-def outline_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> jax.Array:
+def outline_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Array:
     """Corners of every part's outline in every camera.
 
     Args:
@@ -52,7 +53,7 @@ def outline_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> jax.Ar
     return _project(cameras, flesh, parts, -u, u)
 
 
-def limb_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> jax.Array:
+def limb_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> Array:
     """Corners between the exact edges, for a camera without distortion; a sliver where the eye sees no edge.
 
     Arguments and result are those of :func:`outline_corners`.
@@ -72,7 +73,7 @@ def limb_corners(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> jax.Array
     return _project(cameras, flesh, parts, near - far, near + far)
 
 
-def _project(cameras: Cameras, flesh: Flesh, parts: PartFrames, first: jax.Array, second: jax.Array) -> jax.Array:
+def _project(cameras: Cameras, flesh: Flesh, parts: PartFrames, first: Array, second: Array) -> Array:
     """Images of the ends of two edges, which run along directions (C, P, 3, N) across the axis, each of one radius."""
     base, tip = flesh.radii[:, 0][:, None], flesh.radii[:, 1][:, None]
     corners = jnp.stack(

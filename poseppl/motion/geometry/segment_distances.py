@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from functools import reduce
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 
 _TINY = 1e-12
 
 
-def squared_distance(points: jax.Array, corners: jax.Array) -> jax.Array:
+def squared_distance(points: Array, corners: Array) -> Array:
     """Squared distance (C, K, N) in px of points (C, K, 2, N or 1) from the nearest side of any part.
 
     Args:
@@ -24,7 +24,7 @@ def squared_distance(points: jax.Array, corners: jax.Array) -> jax.Array:
     step = computed_once(way / (jnp.sum(way**2, 2, keepdims=True) + _TINY))
     x, y = points[:, :, 0], points[:, :, 1]
 
-    def from_side(side: int) -> jax.Array:
+    def from_side(side: int) -> Array:
         dx, dy = x - starts[:, side, None, 0], y - starts[:, side, None, 1]
         along = jnp.clip(dx * step[:, side, None, 0] + dy * step[:, side, None, 1], 0.0, 1.0)
         return (dx - along * way[:, side, None, 0]) ** 2 + (dy - along * way[:, side, None, 1]) ** 2

@@ -20,6 +20,7 @@ from operator import or_
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.cameras import Cameras
@@ -37,7 +38,7 @@ def grid_points(size: int, stride: int) -> np.ndarray:
     return np.arange(stride // 2, size, stride)
 
 
-def pack_mask(mask: np.ndarray, stride: int) -> jax.Array:
+def pack_mask(mask: np.ndarray, stride: int) -> Array:
     """Pack masks (C, H, W), not 0 where set, as words (C, rows, words) of the grid; what lies outside is not set."""
     taken = np.asarray(mask)[:, grid_points(mask.shape[1], stride)][:, :, grid_points(mask.shape[2], stride)] != 0
     words = -(-taken.shape[2] // _WORD)
@@ -52,7 +53,7 @@ def unpack_bits(bits: np.ndarray, width: int) -> np.ndarray:
     return ones.reshape(*ones.shape[:2], -1)[:, :, :width].astype(bool)
 
 
-def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, words: int, stride: int) -> jax.Array:
+def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, words: int, stride: int) -> Array:
     """Which points of the grid a body covers.
 
     Args:
@@ -74,7 +75,7 @@ def body_bits(cameras: Cameras, flesh: Flesh, parts: PartFrames, rows: int, word
     return _ones_between(first, end, words)
 
 
-def row_spans(corners: jax.Array, shapes: Shapes, rows: int, stride: int) -> tuple[jax.Array, jax.Array]:
+def row_spans(corners: Array, shapes: Shapes, rows: int, stride: int) -> tuple[Array, Array]:
     """Columns of the grid that each part covers on each row: first and one past the last (C, P, rows, N), int32.
 
     Args:
@@ -99,12 +100,12 @@ def row_spans(corners: jax.Array, shapes: Shapes, rows: int, stride: int) -> tup
     return jnp.ceil(first).astype(jnp.int32), jnp.floor(last).astype(jnp.int32) + 1
 
 
-def count_ones(bits: jax.Array) -> jax.Array:
+def count_ones(bits: Array) -> Array:
     """Numbers of ones (C, N), int32, of words (C, rows, words, N)."""
     return jnp.sum(jax.lax.population_count(bits).astype(jnp.int32), (1, 2))
 
 
-def _crossing(start: jax.Array, end: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _crossing(start: Array, end: Array, y: Array) -> tuple[Array, Array]:
     """Where sides from ``start`` to ``end`` (C, P, 2, 1, N) cross rows y (R, 1): x (C, P, R, N), and whether they do."""
     rise = end[:, :, 1] - start[:, :, 1]
     slope = (end[:, :, 0] - start[:, :, 0]) / jnp.where(jnp.abs(rise) < _LEVEL, 1.0, rise)
@@ -112,7 +113,7 @@ def _crossing(start: jax.Array, end: jax.Array, y: jax.Array) -> tuple[jax.Array
     return start[:, :, 0] + (y - start[:, :, 1]) * slope, crosses
 
 
-def _ellipse_row(shapes: Shapes, ring: int, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _ellipse_row(shapes: Shapes, ring: int, y: Array) -> tuple[Array, Array, Array]:
     """Middle and half-width (C, P, R, N) of a ring's ellipse on rows y (R, 1), and whether it reaches them."""
     xx, xy, yy = (shapes.inverses[:, :, ring, i, None] for i in range(3))
     dy = y - shapes.centres[:, :, ring, 1, None]
@@ -121,14 +122,14 @@ def _ellipse_row(shapes: Shapes, ring: int, y: jax.Array) -> tuple[jax.Array, ja
     return shapes.centres[:, :, ring, 0, None] - ratio * dy, jnp.sqrt(jnp.maximum(square, 0.0)), square > 0
 
 
-def _ones_between(first: jax.Array, end: jax.Array, words: int) -> jax.Array:
+def _ones_between(first: Array, end: Array, words: int) -> Array:
     """Words (C, R, words, N) with ones from ``first`` up to ``end`` (C, P, R, N), the parts joined."""
     full = jnp.uint32(0xFFFFFFFF)
 
-    def ones_from(column: jax.Array, word: int) -> jax.Array:
+    def ones_from(column: Array, word: int) -> Array:
         return jax.lax.shift_left(full, jnp.clip(column - word * _WORD, 0, _WORD).astype(jnp.uint32))  # by 32: nothing is left
 
-    def joined(word: int) -> jax.Array:
+    def joined(word: int) -> Array:
         runs = (ones_from(first[:, part], word) & ~ones_from(end[:, part], word) for part in range(first.shape[1]))
         return reduce(or_, runs)
 

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.motion.geometry.cameras import Cameras, project_components
@@ -78,9 +79,9 @@ class Contours(NamedTuple):
         on: 1 where there is a crossing, else 0 (C, P, E, N).
     """
 
-    points: jax.Array
-    image: jax.Array
-    on: jax.Array
+    points: Array
+    image: Array
+    on: Array
 
 
 class Outlines(NamedTuple):
@@ -91,11 +92,11 @@ class Outlines(NamedTuple):
         offsets: Distances of the sides from the origin (C, P, S, M, N).
     """
 
-    normals: jax.Array
-    offsets: jax.Array
+    normals: Array
+    offsets: Array
 
 
-def facing(cameras: Cameras, nodes: Nodes) -> jax.Array:
+def facing(cameras: Cameras, nodes: Nodes) -> Array:
     """Cosine (C, P, R, W, N) between nodes' normals and the way to the eye; a node is seen where it is positive."""
     towards = cameras.centre[:, None, None, None] - nodes.points
     towards = towards * jax.lax.rsqrt(jnp.sum(towards**2, 4, keepdims=True))
@@ -148,14 +149,14 @@ def outlines_of(cameras: Cameras, flesh: Superquadrics, frames: Frames, fineness
     return Outlines(normals, reach - jnp.minimum(beyond / 3, _LARGEST_STEP * length))
 
 
-def superquadric_distances(outlines: Outlines, points: jax.Array) -> jax.Array:
+def superquadric_distances(outlines: Outlines, points: Array) -> Array:
     """Signed distances (C, P, K, N) of image points (C, K, 2, N or 1) from every part, negative inside."""
     x, y = (points[:, None, None, None, :, i] for i in range(2))
     across = outlines.normals[:, :, :, :, 0, None] * x + outlines.normals[:, :, :, :, 1, None] * y
     return jnp.min(jnp.max(across - outlines.offsets[:, :, :, :, None], 3), 2)
 
 
-def _angles(pieces: int, fineness: Fineness) -> tuple[jax.Array, jax.Array]:
+def _angles(pieces: int, fineness: Fineness) -> tuple[Array, Array]:
     """Latitudes and longitudes of the mesh; every so many latitudes the parts are cut."""
     steps = max(2, int(np.ceil(fineness.rings / pieces)))
     share = np.linspace(-1, 1, pieces + 1)
@@ -164,7 +165,7 @@ def _angles(pieces: int, fineness: Fineness) -> tuple[jax.Array, jax.Array]:
     return jnp.asarray(latitudes, float), jnp.asarray(np.linspace(0, 2 * np.pi, fineness.meridians, endpoint=False), float)
 
 
-def _filled(points: jax.Array) -> jax.Array:
+def _filled(points: Array) -> Array:
     """Move nodes (P, R, W, 3, N) out, so that seen from all around their polyhedron is as large as the surface."""
     rings, meridians = points.shape[1:3]
     over = [jnp.roll(points[:, ring : ring + 1], meridians // 2, 2) for ring in (1, rings - 2)]  # over the poles
@@ -175,14 +176,14 @@ def _filled(points: jax.Array) -> jax.Array:
     return points + along + around
 
 
-def _outwards(points: jax.Array, before: jax.Array, after: jax.Array, number: int) -> jax.Array:
+def _outwards(points: Array, before: Array, after: Array, number: int) -> Array:
     """How far nodes (P, R, W, 3, N) have to be moved out; ``number`` of them make a circle."""
     second, chord = 2 * points - before - after, (after - before) / 2
     turn = jnp.sum(second**2, 3, keepdims=True) / (jnp.sum(chord**2, 3, keepdims=True) + _TINY)  # the squared angle
     return second * (_FILL / (1 + (turn / (_CREASE * (2 * np.pi / number) ** 2)) ** 2))
 
 
-def _crossings(first: jax.Array, second: jax.Array, end: jax.Array, start: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _crossings(first: Array, second: Array, end: Array, start: Array) -> tuple[Array, Array]:
     """Zeros of a linear function between ``start`` and ``end``, flattened, and whether there are."""
     on = first * second < 0
     share = jnp.where(on, first, 0.0) / jnp.where(on, first - second, 1.0)
@@ -191,7 +192,7 @@ def _crossings(first: jax.Array, second: jax.Array, end: jax.Array, start: jax.A
     return points.reshape(*flat, *points.shape[4:]), on.astype(points.dtype).reshape(*flat, on.shape[-1])
 
 
-def _project(cameras: Cameras, points: jax.Array, inner: int) -> jax.Array:
+def _project(cameras: Cameras, points: Array, inner: int) -> Array:
     """Project points whose ``inner`` axes between the cameras' and the coordinates' are broadcast."""
     shape = (1,) * inner
     spread: Cameras = jax.tree.map(
@@ -201,7 +202,7 @@ def _project(cameras: Cameras, points: jax.Array, inner: int) -> jax.Array:
     return jnp.stack(project_components(spread, x, y, z), -2)
 
 
-def _spread(nodes: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+def _spread(nodes: Array) -> tuple[Array, tuple[Array, ...]]:
     """Of nodes (C, P, S, V, 2, N): the root of their variance (C, P, S, N), and the Cholesky factor of their covariance."""
     offset = nodes - jnp.mean(nodes, 3, keepdims=True)
     x, y = offset[..., 0, :], offset[..., 1, :]
@@ -212,7 +213,7 @@ def _spread(nodes: jax.Array) -> tuple[jax.Array, tuple[jax.Array, ...]]:
     return jnp.sqrt(total), (first, xy / first, jnp.sqrt(jnp.maximum(yy - xy * xy / xx, _FLAT * total)))
 
 
-def _directions(root: tuple[jax.Array, ...], number: int, shift: float) -> jax.Array:
+def _directions(root: tuple[Array, ...], number: int, shift: float) -> Array:
     """Unit vectors (C, P, S, M, 2, N) that are even for an ellipse of that covariance, counter-clockwise."""
     angle = 2 * np.pi * (np.arange(number) + shift) / number
     u, v = (jnp.asarray(turn(angle), root[0].dtype)[:, None] for turn in (np.cos, np.sin))
@@ -221,7 +222,7 @@ def _directions(root: tuple[jax.Array, ...], number: int, shift: float) -> jax.A
     return direction * jax.lax.rsqrt(jnp.sum(direction**2, 4, keepdims=True))
 
 
-def _farthest(nodes: jax.Array, directions: jax.Array) -> jax.Array:
+def _farthest(nodes: Array, directions: Array) -> Array:
     """The nodes (C, P, S, M, 2, N) of (C, P, S, V, 2, N) that lie farthest in directions (C, P, S, M, 2, N)."""
     still, way = jax.lax.stop_gradient((nodes[:, :, :, None], directions[:, :, :, :, None]))
     best = jnp.argmax(still[..., 0, :] * way[..., 0, :] + still[..., 1, :] * way[..., 1, :], 4)

@@ -34,6 +34,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.flesh import axes_of, links_of
@@ -41,7 +42,7 @@ from poseppl.motion.geometry.kinematics import Frames, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 
 Triple = tuple[float, float, float]
-Vector = tuple[jax.Array, jax.Array, jax.Array]
+Vector = tuple[Array, Array, Array]
 
 _LEAST_EXPONENT = 0.1
 _LEAST = 1e-6
@@ -92,12 +93,12 @@ class Superquadrics:
         pieces: Into how many nearly convex pieces silhouettes cut each part along its z.
     """
 
-    rotations: jax.Array
-    centres: jax.Array
-    half_axes: jax.Array
-    exponents: jax.Array
-    tapers: jax.Array
-    bends: jax.Array
+    rotations: Array
+    centres: Array
+    half_axes: Array
+    exponents: Array
+    tapers: Array
+    bends: Array
     links: tuple[int, ...]
     names: tuple[str, ...]
     pieces: int
@@ -112,8 +113,8 @@ jax.tree_util.register_dataclass(
 class Nodes(NamedTuple):
     """Nodes of surfaces: ``points`` (P, R, W, 3, ...) mm, and outward unit ``normals`` of the same shape."""
 
-    points: jax.Array
-    normals: jax.Array
+    points: Array
+    normals: Array
 
 
 def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, pieces: int | None = None) -> Superquadrics:
@@ -163,9 +164,7 @@ def pieces_needed(part: Superquadric, loss: float = 0.003) -> int:
     return max(tapered, int(np.ceil(np.sqrt(abs(part.bend) * ratio / (12 * loss)))))
 
 
-def surface_nodes(
-    tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitudes: jax.Array, longitudes: jax.Array
-) -> Nodes:
+def surface_nodes(tree: KinematicTree, flesh: Superquadrics, state: Array, latitudes: Array, longitudes: Array) -> Nodes:
     """Nodes of one state (d,) in the world; for gradients in reverse take :func:`nodes_of`, this has none.
 
     Args:
@@ -179,7 +178,7 @@ def surface_nodes(
     return nodes
 
 
-def nodes_of(tree: KinematicTree, flesh: Superquadrics, state: jax.Array, latitudes: jax.Array, longitudes: jax.Array) -> Nodes:
+def nodes_of(tree: KinematicTree, flesh: Superquadrics, state: Array, latitudes: Array, longitudes: Array) -> Nodes:
     """Nodes (P, R, W, 3, N) of states (d, N), the batch last; other leaves have a last axis of N or 1, angles may have none."""
     return place_nodes(flesh, frames_of(tree, state), local_nodes(flesh, latitudes, longitudes))
 
@@ -189,7 +188,7 @@ def place_nodes(flesh: Superquadrics, frames: Frames, nodes: Nodes) -> Nodes:
     return place_in(*part_axes(flesh, frames), nodes)
 
 
-def part_axes(flesh: Superquadrics, frames: Frames) -> tuple[jax.Array, jax.Array]:
+def part_axes(flesh: Superquadrics, frames: Frames) -> tuple[Array, Array]:
     """The parts' axes as columns (P, 3, 3, N) and their centres (P, 3, N), mm, in the world, for the given frames of links."""
     link = np.array(flesh.links)
     turn = frames.rotation[link]
@@ -197,13 +196,13 @@ def part_axes(flesh: Superquadrics, frames: Frames) -> tuple[jax.Array, jax.Arra
     return axes, frames.origin[link] + jnp.sum(turn * flesh.centres[:, None], 2)
 
 
-def place_in(axes: jax.Array, centres: jax.Array, nodes: Nodes) -> Nodes:
+def place_in(axes: Array, centres: Array, nodes: Nodes) -> Nodes:
     """Nodes of parts with such axes (P, 3, 3, N) and centres (P, 3, N) in the world."""
     points, normals = (_turned(axes, vectors) for vectors in nodes)
     return Nodes(points + centres[:, None, None], normals)
 
 
-def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Array) -> Nodes:
+def local_nodes(flesh: Superquadrics, latitudes: Array, longitudes: Array) -> Nodes:
     """Nodes in the parts' frames (P, R, W, 3, N or 1), tapered and bent.
 
     Args:
@@ -215,7 +214,7 @@ def local_nodes(flesh: Superquadrics, latitudes: jax.Array, longitudes: jax.Arra
     return nodes_at(flesh, eta, longitudes.reshape(1, 1, longitudes.shape[0], -1))
 
 
-def nodes_at(flesh: Superquadrics, eta: jax.Array, omega: jax.Array) -> Nodes:
+def nodes_at(flesh: Superquadrics, eta: Array, omega: Array) -> Nodes:
     """Nodes in the parts' frames (P, R, W, 3, N or 1) at latitudes and longitudes that differ from part to part.
 
     Args:
@@ -233,7 +232,7 @@ def nodes_at(flesh: Superquadrics, eta: jax.Array, omega: jax.Array) -> Nodes:
     return Nodes(points, normals * jax.lax.rsqrt(jnp.sum(normals**2, 3, keepdims=True)))
 
 
-def _superellipse(angle: jax.Array, exponent: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _superellipse(angle: Array, exponent: Array) -> tuple[Array, Array]:
     """Its point (C, S) at an angle; see the module's head."""
     root = jnp.sqrt(exponent)
     c, s = jnp.cos(angle), jnp.sin(angle)
@@ -245,7 +244,7 @@ def _superellipse(angle: jax.Array, exponent: jax.Array) -> tuple[jax.Array, jax
     return one, other
 
 
-def _slope(coordinate: jax.Array, exponent: jax.Array) -> jax.Array:
+def _slope(coordinate: Array, exponent: Array) -> Array:
     """Its part in the gradient of |C|^(2/e) + |S|^(2/e), up to a factor: sign(C) |C|^(2/e - 1)."""
     return jnp.sign(coordinate) * jnp.maximum(jnp.abs(coordinate), _LEAST) ** (2 / exponent - 1)
 
@@ -277,7 +276,7 @@ def _bent(flesh: Superquadrics, place: Vector, normal: Vector) -> tuple[Vector, 
     return (x + cosine * aside, y + sine * aside, height), turned
 
 
-def _turned(axes: jax.Array, vectors: jax.Array) -> jax.Array:
+def _turned(axes: Array, vectors: Array) -> Array:
     """Vectors (P, R, W, 3, N) of the parts' frames in the world."""
     return jnp.asarray(sum(axes[:, None, None, :, k] * vectors[:, :, :, k, None] for k in range(3)))
 

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 class Joint(NamedTuple):
@@ -48,8 +49,8 @@ class KinematicTree:
     ``marker_offsets`` (markers, 3) are arrays, in mm, that may be traced (to learn limb lengths); everything else is static.
     """
 
-    offsets: jax.Array
-    marker_offsets: jax.Array
+    offsets: Array
+    marker_offsets: Array
     joint_names: tuple[str, ...]
     marker_names: tuple[str, ...]
     coordinates: tuple[tuple[str, str], ...]
@@ -80,9 +81,16 @@ class KinematicTree:
                 table[link] += table[parent]
         return table
 
-    def with_offsets(self, offsets: jax.Array, marker_offsets: jax.Array) -> KinematicTree:
+    def with_offsets(self, offsets: Array, marker_offsets: Array) -> KinematicTree:
         """Return the same tree with other limb lengths (arrays of the same shapes, zeros where the pattern has none)."""
         return replace(self, offsets=offsets, marker_offsets=marker_offsets)
+
+    def with_markers(self, names: Sequence[str]) -> KinematicTree:
+        """Return the same tree with some of its markers alone."""
+        chosen = [self.marker_names.index(name) for name in names]
+        links, patterns = (tuple(known[index] for index in chosen) for known in (self.marker_link, self.marker_pattern))
+        rows = self.marker_offsets[jnp.asarray(chosen)]
+        return replace(self, marker_offsets=rows, marker_names=tuple(names), marker_link=links, marker_pattern=patterns)  # type: ignore[arg-type]
 
     def with_pattern_of(self, other: KinematicTree) -> KinematicTree:
         """Return the same tree, which knows only those offsets to be zero that another one knows.

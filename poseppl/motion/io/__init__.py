@@ -21,6 +21,7 @@ from poseppl.motion.io.observations import (
 from poseppl.motion.io.opencv import read_image as read_image, write_image as write_image
 from poseppl.motion.io.point_names import read_names as read_names
 from poseppl.motion.io.recording import read_motion as read_motion
+from poseppl.motion.io.resampling import resample as resample
 from poseppl.motion.io.synchronised import VideoWarning as VideoWarning, synchronised as synchronised
 from poseppl.motion.io.video import Video as Video, open_video as open_video
 from poseppl.motion.io.video_writing import video_writer as video_writer, write_video as write_video

@@ -22,7 +22,7 @@ from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.motion.io import c3d_worker
 from poseppl.motion.io.c3d_layout import check_layout
 from poseppl.motion.io.motion import Motion, to_z_up
-from poseppl.motion.io.text_parsing import LARGEST
+from poseppl.motion.io.text_parsing import LARGEST, check_distinct
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
 WORKER_SECONDS = 300
@@ -59,9 +59,7 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
     at_labels = at.in_field("POINT:LABELS")
     if not names:
         raise at_labels.error("the file holds no marker")
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise at_labels.error(f"two markers are called {repeated[0]!r}")
+    check_distinct(names, "markers", at_labels)
     markers = _clean(at, positions[:, kept])
     return to_z_up(Motion(names, markers, (), layout.rate, up or _up(at, texts), str(path)))
 

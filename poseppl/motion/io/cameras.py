@@ -30,7 +30,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_toml
-from poseppl.motion.io.text_parsing import LARGEST, LONGEST
+from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_CAMERAS = 1000
@@ -81,10 +81,7 @@ def read_cameras(path: FilePath) -> tuple[CameraRecord, ...]:
     cameras = tuple(
         _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
     )
-    names = [camera.name for camera in cameras]
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise at.in_field("name").error(f"two cameras are called {repeated[0]!r}")
+    check_distinct([camera.name for camera in cameras], "cameras", at.in_field("name"))
     return cameras
 
 

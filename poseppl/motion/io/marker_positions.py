@@ -9,9 +9,6 @@ A marker whose place is not known in a frame has no row.
 
 from __future__ import annotations
 
-import csv
-import io
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,8 +16,7 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
-from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import parse_number
+from poseppl.motion.io.text_parsing import parse_frame, parse_number, rows_of_csv
 
 COLUMNS = ("frame", "marker", "x", "y", "z")
 
@@ -57,17 +53,15 @@ def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]
     """
     known = {name: index for index, name in enumerate(names)}
     rows: dict[tuple[int, str], tuple[float, ...]] = {}
-    lines = csv.reader(io.StringIO(read_text(path), newline=""))
-    for number, row in enumerate(lines, start=1):
-        at = Location(path, number)
-        if number == 1:
-            if tuple(row) != COLUMNS:
-                raise at.error(f"columns {','.join(row)[:80]!r}", ",".join(COLUMNS))
-        elif row:
-            key, place = _row(at, row)
-            if key in rows:
-                raise at.error(f"frame {key[0]} has {key[1]!r} twice")
-            rows[key] = place
+    lines = rows_of_csv(path)
+    at, header = next(lines, (Location(path, 1), []))
+    if tuple(header) != COLUMNS:
+        raise at.error(f"columns {','.join(header)[:80]!r}", ",".join(COLUMNS))
+    for at, row in lines:
+        key, place = _row(at, row)
+        if key in rows:
+            raise at.error(f"frame {key[0]} has {key[1]!r} twice")
+        rows[key] = place
     if not rows:
         raise Location(path).error("the file holds no place", "at least one row after the header")
     frames = np.array(sorted({frame for frame, _ in rows}), np.int64)
@@ -81,7 +75,5 @@ def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]
 def _row(at: Location, row: list[str]) -> tuple[tuple[int, str], tuple[float, ...]]:
     if len(row) != len(COLUMNS):
         raise at.error(f"{len(row)} values", f"{len(COLUMNS)}, one a column")
-    if not re.fullmatch("[0-9]{1,9}", row[0]):
-        raise at.in_field("frame").error(f"{row[0][:40]!r} is no frame number", "0, 1, 2, ...")
     place = tuple(parse_number(text, at.in_field(field)) for field, text in zip(COLUMNS[2:], row[2:], strict=True))
-    return (int(row[0]), row[1]), place
+    return (parse_frame(row[0], at), row[1]), place

@@ -11,12 +11,9 @@ smallest to the largest number in the file.
 
 from __future__ import annotations
 
-import csv
 import difflib
-import io
-import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +21,7 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
-from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import Line, parse_number, some
+from poseppl.motion.io.text_parsing import parse_frame, parse_number, rows_of_csv, some
 
 REQUIRED = ("frame", "marker", "x", "y")
 OPTIONAL = ("camera", "confidence")
@@ -66,7 +62,7 @@ def read_observations(path: FilePath, marker_names: Sequence[str], camera_names:
         InputError: The file is empty, lacks a column, names an unknown marker or camera, repeats an observation, or holds
             something that is not a finite number; the message gives the line.
     """
-    at, lines = Location(path), _lines(path, read_text(path))
+    at, lines = Location(path), rows_of_csv(path)
     _, header = next(lines, (at, []))
     columns = _columns(at.in_line(1), header)
     if "camera" not in columns and len(camera_names) != 1:
@@ -119,20 +115,6 @@ def write_observations(path: FilePath, observations: Observations) -> None:
     write_rows(path, rows)
 
 
-def _lines(path: FilePath, text: str) -> Iterator[Line]:
-    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
-    while True:
-        try:
-            row = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            raise Location(path, reader.line_num).error(f"malformed CSV: {error}") from error
-        values = [value.strip() for value in row]
-        if any(values):
-            yield Location(path, reader.line_num), values
-
-
 def _columns(at: Location, header: list[str]) -> dict[str, int]:
     names = [name.lower() for name in header]
     for name in REQUIRED:
@@ -155,9 +137,7 @@ def _row(
 ) -> tuple[float, ...]:
     if len(values) != len(columns):
         raise at.error(f"{len(values)} values", f"{len(columns)}, one a column")
-    frame = values[columns["frame"]]
-    if not re.fullmatch("[0-9]{1,9}", frame):
-        raise at.in_field("frame").error(f"{frame[:40]!r} is no frame number", "0, 1, 2, ...")
+    frame = parse_frame(values[columns["frame"]], at)
     marker = _known(at, "marker", values[columns["marker"]], markers)
     camera = _known(at, "camera", values[columns["camera"]], cameras) if "camera" in columns else 0
     x, y = (parse_number(values[columns[name]], at.in_field(name)) for name in ("x", "y"))
@@ -166,7 +146,7 @@ def _row(
         confidence = parse_number(values[columns["confidence"]], at.in_field("confidence"))
         if not 0.0 <= confidence <= 1.0:
             raise at.in_field("confidence").error(f"{confidence:g}", "0 to 1")
-    return (at.line or 0, int(frame), camera, marker, x, y, confidence)
+    return (at.line or 0, frame, camera, marker, x, y, confidence)
 
 
 def _known(at: Location, field: str, name: str, names: Sequence[str]) -> int:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_text
 
 Line = tuple[Location, list[str]]
 """Where a line stands, and its words."""
@@ -47,6 +51,39 @@ def lines_of_words(path: FilePath, text: str) -> Iterator[Line]:
         at = Location(path, number)
         if words := split_words(line, at):
             yield at, words
+
+
+def rows_of_csv(path: FilePath) -> Iterator[Line]:
+    """The fields of each row of a CSV file that holds any, without white space around them.
+
+    Raises:
+        InputError: The file cannot be read, or its quotes are malformed.
+    """
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), skipinitialspace=True, strict=True)
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise Location(path, reader.line_num).error(f"malformed CSV: {error}") from error
+        values = [value.strip() for value in row]
+        if any(values):
+            yield Location(path, reader.line_num), values
+
+
+def parse_frame(token: str, at: Location) -> int:
+    """Parse the number of a frame, of at most nine digits."""
+    if not re.fullmatch("[0-9]{1,9}", token):
+        raise at.in_field("frame").error(f"{token[:40]!r} is no frame number", "0, 1, 2, ...")
+    return int(token)
+
+
+def check_distinct(names: Sequence[str], kind: str, at: Location) -> None:
+    """Check that no two of a kind have the same name."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise at.error(f"two {kind} are called {name!r}")
 
 
 def parse_number(token: str, at: Location) -> float:

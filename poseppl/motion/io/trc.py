@@ -19,7 +19,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.motion import Motion, to_z_up
-from poseppl.motion.io.text_parsing import LONGEST, parse_number
+from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_MARKERS = 10_000
@@ -74,9 +74,7 @@ def _names(at: Location, row: list[str]) -> list[str]:
     longest = max(map(len, names), default=0)
     if not 0 < len(names) <= MAX_MARKERS or longest > LONGEST:
         raise at.error(f"{len(names)} markers", f"1 to {MAX_MARKERS}, with names")
-    repeated = [name for name in names if names.count(name) > 1] if len(set(names)) < len(names) else []
-    if repeated:
-        raise at.error(f"two markers are called {repeated[0]!r}")
+    check_distinct(names, "markers", at)
     return names
 
 

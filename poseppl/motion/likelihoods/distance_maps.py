@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 
-def at_points(maps: jax.Array, scale: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
+def at_points(maps: Array, scale: Array, x: Array, y: Array) -> Array:
     """Bilinear values (C, ..., N) of maps at image points; beyond the border, those at the border.
 
     Args:

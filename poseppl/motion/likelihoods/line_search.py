@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.motion.likelihoods.distance_maps import at_points
 
@@ -21,19 +21,20 @@ _NONE = -1.0
 class Assignments(NamedTuple):
     """Edges along normals: ``offset`` (..., E, N) px outwards, and ``strength`` (..., E, N), 0 where there is none."""
 
-    offset: jax.Array
-    strength: jax.Array
+    offset: Array
+    strength: Array
 
 
 def edges_along_normals(
-    edges: jax.Array,
-    scale: jax.Array,
-    image: jax.Array,
-    normals: jax.Array,
+    edges: Array,
+    scale: Array,
+    image: Array,
+    normals: Array,
     *,
     window: int,
     number: int,
     threshold: float,
+    step: Array | float = 1.0,
 ) -> Assignments:
     """Search for edges.
 
@@ -42,18 +43,21 @@ def edges_along_normals(
         scale: Pixels of the map to one of the image (1,).
         image: Points (..., 2, N), px.
         normals: Unit normals (..., 2, N).
-        window: How far to both sides it is searched, whole px.
+        window: How far to both sides it is searched, steps.
         number: E.
         threshold: Strength that an edge has to have.
+        step: From one place where it is looked to the next, px.
     """
-    steps = jnp.asarray(np.arange(-window - 1, window + 2), image.dtype)[:, None]  # one more to both sides to tell maxima
+    steps = (
+        step * jnp.asarray(np.arange(-window - 1, window + 2), image.dtype)[:, None]
+    )  # one more to both sides to tell maxima
     along = image[..., None, :, :] + steps[:, None] * normals[..., None, :, :]
     value = at_points(edges[None], scale[None], along[..., 0, :][None], along[..., 1, :][None])[0]  # (..., K + 2, N)
     before, here, after = value[..., :-2, :], value[..., 1:-1, :], value[..., 2:, :]
     peak = (here > before) & (here >= after) & (here > threshold)
     bend = before - 2 * here + after
     fine = jnp.where(bend < 0, 0.5 * (before - after) / jnp.where(bend < 0, bend, -1.0), 0.0)
-    place = steps[1:-1] + jnp.clip(fine, -0.5, 0.5)
+    place = steps[1:-1] + step * jnp.clip(fine, -0.5, 0.5)
     left = jnp.where(peak, here, _NONE)
     offsets, strengths = [], []
     for _ in range(number):

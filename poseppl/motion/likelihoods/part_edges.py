@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from poseppl.motion.geometry.cameras import Cameras
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
@@ -26,10 +26,10 @@ def edge_distances(
     cameras: Cameras,
     flesh: Flesh,
     parts: PartFrames,
-    edges: jax.Array,
-    scale: jax.Array,
-    fractions: Sequence[float] | jax.Array = FRACTIONS,
-) -> jax.Array:
+    edges: Array,
+    scale: Array,
+    fractions: Sequence[float] | Array = FRACTIONS,
+) -> Array:
     """Distances (C, P, 2 * fractions, N), px: first those of one side, then those of the other.
 
     Args:

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.cameras import Cameras, project, project_components
@@ -43,13 +44,13 @@ class ProjectedMarkers(dist.Normal):  # type: ignore[misc]
             by a detector's confidence).
     """
 
-    def __init__(self, tree: KinematicTree, cameras: Cameras, state: jax.Array, scale: Any, *, validate_args: Any = None):
+    def __init__(self, tree: KinematicTree, cameras: Cameras, state: Array, scale: Any, *, validate_args: Any = None):
         self.tree, self.cameras, self.state = tree, cameras, state
         points = project(cameras, marker_positions(tree, state))
         self.marker_scale = jnp.broadcast_to(jnp.asarray(scale, state.dtype), points.shape[:-1])
         super().__init__(points, self.marker_scale[..., None], validate_args=validate_args)
 
-    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+    def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` (of its shape) is true, summed in one pass."""
         seen = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         return projected_log_density(self.tree, self.state, self.cameras, self.marker_scale, value, seen)
@@ -59,14 +60,14 @@ class ProjectedMarkers(dist.Normal):  # type: ignore[misc]
         """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.tree, self.cameras
 
-    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+    def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of location / scale by ``state``, (C * markers * 2, d), zero where ``mask`` is false; in closed form."""
         seen = jnp.ones((*self.marker_scale.shape, 2), bool) if mask is None else mask
-        rows: jax.Array = _whitened_jacobian(self.tree, self.state, self.cameras, self.marker_scale, seen)
+        rows: Array = _whitened_jacobian(self.tree, self.state, self.cameras, self.marker_scale, seen)
         return rows.reshape(-1, self.tree.dimension)
 
 
-def _whitened_jacobian_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: Any, mask: Any) -> jax.Array:
+def _whitened_jacobian_last(tree: KinematicTree, state: Array, cameras: Cameras, scale: Any, mask: Any) -> Array:
     """Whitened Jacobians (C, markers, 2, d, N) of a batch."""
     frames = frames_of(tree, state)
     positions = markers_of(tree, frames)
@@ -98,7 +99,7 @@ def _tail(cameras: Cameras, scale: Any, value: Any, mask: Any, x: Any, y: Any, z
     return jnp.where(first, constant - 0.5 * a * a, 0.0) + jnp.where(second, constant - 0.5 * b * b, 0.0)
 
 
-def _value_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: Any, value: Any, mask: Any) -> jax.Array:
+def _value_last(tree: KinematicTree, state: Array, cameras: Cameras, scale: Any, value: Any, mask: Any) -> Array:
     """Log-density of a batch (d, N): (N,)."""
     if state.shape[-1] < _FUSE_FROM:
         return _summed(markers_of(tree, frames_of(tree, state)), cameras, scale, value, mask)
@@ -111,7 +112,7 @@ def _value_last(tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: 
     return total
 
 
-def _summed(positions: jax.Array, cameras: Cameras, scale: jax.Array, value: jax.Array, mask: jax.Array) -> jax.Array:
+def _summed(positions: Array, cameras: Cameras, scale: Array, value: Array, mask: Array) -> Array:
     """Log-density of markers at ``positions`` (markers, 3, N): (N,)."""
     components = (positions[None, :, i] for i in range(3))
     return jnp.sum(_tail(_spread(cameras), scale, jnp.moveaxis(value, 2, 0), jnp.moveaxis(mask, 2, 0), *components), (0, 1))
@@ -124,8 +125,8 @@ def _spread(cameras: Cameras) -> Cameras:
 
 
 def _value_and_gradients_last(
-    tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: Any, value: Any, mask: Any
-) -> tuple[jax.Array, Any]:
+    tree: KinematicTree, state: Array, cameras: Cameras, scale: Any, value: Any, mask: Any
+) -> tuple[Array, Any]:
     """Log-density of a batch and its gradients with respect to tree, state, cameras, scale and value."""
     frames = frames_of(tree, state)
     positions = markers_of(tree, frames)
@@ -142,8 +143,8 @@ _value_and_gradients = batch_last(_value_and_gradients_last)
 
 @jax.custom_vjp
 def projected_log_density(
-    tree: KinematicTree, state: jax.Array, cameras: Cameras, scale: jax.Array, value: jax.Array, mask: jax.Array
-) -> jax.Array:
+    tree: KinematicTree, state: Array, cameras: Cameras, scale: Array, value: Array, mask: Array
+) -> Array:
     """Gaussian log-density of image points (Eq. 20).
 
     Args:
@@ -157,16 +158,16 @@ def projected_log_density(
     Returns:
         A scalar. Its derivative by the mask is zero by definition.
     """
-    density: jax.Array = _value(tree, state, cameras, scale, value, mask)
+    density: Array = _value(tree, state, cameras, scale, value, mask)
     return density
 
 
-def _forward(*args: Any) -> tuple[jax.Array, Any]:
+def _forward(*args: Any) -> tuple[Array, Any]:
     density, gradients = _value_and_gradients(*args)
     return density, (gradients, args[-1])
 
 
-def _backward(residuals: Any, cotangent: jax.Array) -> Any:
+def _backward(residuals: Any, cotangent: Array) -> Any:
     gradients, mask = residuals
     return (*jax.tree.map(lambda leaf: leaf * cotangent, gradients), jnp.zeros_like(mask))
 

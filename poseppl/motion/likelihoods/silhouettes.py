@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.batch_last import batch_last
@@ -61,10 +62,10 @@ class SilhouetteSeen(NamedTuple):
         edges: Distance to the nearest edge in the image (C, H, W), px of the image, cut off; None if edges do not count.
     """
 
-    contour: jax.Array
-    distance: jax.Array
-    scale: jax.Array
-    edges: jax.Array | None = None
+    contour: Array
+    distance: Array
+    scale: Array
+    edges: Array | None = None
 
 
 class Silhouettes(dist.Normal):  # type: ignore[misc]
@@ -89,9 +90,9 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         tree: KinematicTree,
         flesh: Flesh,
         cameras: Cameras,
-        state: jax.Array,
+        state: Array,
         seen: SilhouetteSeen,
-        noise: jax.Array,
+        noise: Array,
         *,
         validate_args: Any = None,
     ):
@@ -100,7 +101,7 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         distances = silhouette_distances(tree, flesh, cameras, state, seen, self.noise)
         super().__init__(distances, jnp.broadcast_to(self.noise[:, None], distances.shape), validate_args=validate_args)
 
-    def summed_log_prob(self, value: jax.Array, mask: jax.Array | None) -> jax.Array:
+    def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass; only differentiated by the state."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         fixed = (self.tree, self.flesh, self.cameras, self.seen, self.noise, value, weight)
@@ -111,24 +112,24 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         """Arguments that :meth:`whitened_jacobian` takes to be constant."""
         return self.tree, self.flesh, self.cameras, self.seen, self.noise
 
-    def whitened_jacobian(self, mask: jax.Array | None) -> jax.Array:
+    def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of location / scale by ``state``, (C * entries, d), zero where ``mask`` is false; in closed form."""
         weight = jnp.ones(self.batch_shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        rows: jax.Array = _jacobian(self.state, *self.fixed)
+        rows: Array = _jacobian(self.state, *self.fixed)
         return (rows * (weight / self.noise[:, None])[..., None]).reshape(-1, self.state.shape[0])
 
 
 def silhouette_distances(
-    tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: jax.Array, seen: SilhouetteSeen, noise: jax.Array
-) -> jax.Array:
+    tree: KinematicTree, flesh: Flesh, cameras: Cameras, state: Array, seen: SilhouetteSeen, noise: Array
+) -> Array:
     """All residuals (C, entries) of one state (d,), px, of noise (C,); only differentiated by the state, in reverse."""
-    distances: jax.Array = _distances(state, tree, flesh, cameras, seen, noise)
+    distances: Array = _distances(state, tree, flesh, cameras, seen, noise)
     return distances
 
 
 def _distances_last(
-    state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: jax.Array
-) -> jax.Array:
+    state: Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: Array
+) -> Array:
     """Residuals (C, entries, N) of states (d, N)."""
     parts = parts_of(tree, flesh, state)
     shapes = computed_once(project_parts(cameras, flesh, parts))
@@ -140,19 +141,19 @@ def _distances_last(
     return _saturated(jnp.concatenate(found, 1), noise)
 
 
-def _saturated(distance: jax.Array, noise: jax.Array) -> jax.Array:
+def _saturated(distance: Array, noise: Array) -> Array:
     """Distances (C, entries, N) of noise (C, N or 1), bounded."""
     most = _GROSS * noise[:, None]
     return most * jnp.tanh(distance / most)
 
 
-def _axis_points(parts: PartFrames) -> jax.Array:
+def _axis_points(parts: PartFrames) -> Array:
     """Points of the parts' axes (P, 4, 3, N)."""
     share = jnp.asarray(FRACTIONS)[:, None, None]
     return parts.base[:, None] + share * (parts.tip - parts.base)[:, None]
 
 
-def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteSeen, noise: jax.Array) -> jax.Array:
+def _beyond(cameras: Cameras, flesh: Flesh, points: Array, seen: SilhouetteSeen, noise: Array) -> Array:
     """How far the parts stick out of the silhouette at points (C or 1, P, 4, 3, N) of their axes, (C, parts * 4, N)."""
     share = jnp.asarray(FRACTIONS)[:, None]
     radius = flesh.radii[:, None, 0] + share * (flesh.radii[:, 1] - flesh.radii[:, 0])[:, None]
@@ -167,7 +168,7 @@ def _beyond(cameras: Cameras, flesh: Flesh, points: jax.Array, seen: SilhouetteS
     return (soft * jax.nn.softplus(outside / soft)).reshape(x.shape[0], -1, x.shape[-1])
 
 
-def _density_last(state: jax.Array, fixed: Any) -> jax.Array:
+def _density_last(state: Array, fixed: Any) -> Array:
     """Log-densities (N,)."""
     tree, flesh, cameras, seen, noise, value, weight = fixed
     offset = (_distances_last(state, tree, flesh, cameras, seen, noise) - value) / noise[:, None]
@@ -175,14 +176,14 @@ def _density_last(state: jax.Array, fixed: Any) -> jax.Array:
     return jnp.sum(jnp.where(weight > 0, terms, 0.0), (0, 1))
 
 
-def _value_and_gradient_last(state: jax.Array, fixed: Any) -> tuple[jax.Array, jax.Array]:
+def _value_and_gradient_last(state: Array, fixed: Any) -> tuple[Array, Array]:
     value, pull = jax.vjp(partial(_density_last, fixed=fixed), state)
     return value, pull(jnp.ones_like(value))[0]
 
 
 def _jacobian_last(
-    state: jax.Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: jax.Array
-) -> jax.Array:
+    state: Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, seen: SilhouetteSeen, noise: Array
+) -> Array:
     """Derivatives (C, entries, d, N): a residual depends on one part, which moves as its link does."""
     frames = frames_of(tree, state)
     parts = place_parts(flesh, frames)
@@ -202,12 +203,12 @@ def _jacobian_last(
 
 
 def _outline_wrenches(
-    cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, contour: jax.Array, nearest: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+    cameras: tuple[Cameras, Array], flesh: Flesh, parts: PartFrames, contour: Array, nearest: Array
+) -> tuple[Array, Array]:
     """Gradient of each contour point's residual by a shift and a turn of its nearest part: (C, K, 3, N) each."""
     chosen = _chosen((parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls), nearest)
 
-    def residual(part: Any, camera: Any, point: jax.Array) -> jax.Array:
+    def residual(part: Any, camera: Any, point: Array) -> Array:
         """Of one point (2, N) and one part in one camera."""
         lens, noise = camera
         return _saturated(part_distances(project_parts(lens, *_alone(flesh, part)), point[None, None]), noise)
@@ -215,9 +216,7 @@ def _outline_wrenches(
     return _wrenches(residual, chosen, cameras, contour)
 
 
-def _edge_wrenches(
-    cameras: tuple[Cameras, jax.Array, jax.Array, jax.Array], flesh: Flesh, parts: PartFrames
-) -> tuple[jax.Array, jax.Array]:
+def _edge_wrenches(cameras: tuple[Cameras, Array, Array, Array], flesh: Flesh, parts: PartFrames) -> tuple[Array, Array]:
     """Gradients (C, parts * 6, 3, N) of the distances from the parts' sides to the next edge."""
     count, cameras_too = len(flesh.links), len(cameras[0].centre)
     every = (parts.axes, parts.base, flesh.lengths, flesh.radii, flesh.scales, flesh.balls)
@@ -228,7 +227,7 @@ def _edge_wrenches(
     second = jnp.tile(jnp.arange(SAMPLES) >= len(EDGE_FRACTIONS), count)
     sample = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (cameras_too, count * SAMPLES)), (fraction, second))
 
-    def residual(part: Any, camera: Any, sample: tuple[jax.Array, jax.Array]) -> jax.Array:
+    def residual(part: Any, camera: Any, sample: tuple[Array, Array]) -> Array:
         """Of one point of one part's sides in one camera."""
         (lens, noise, edges, scale), (fraction, second) = camera, sample
         sides = edge_distances(lens, *_alone(flesh, part), edges, scale, fraction[None])
@@ -244,7 +243,7 @@ def _alone(flesh: Flesh, part: Any) -> tuple[Flesh, PartFrames]:
     return size, PartFrames(axes[None], base[None], (base + axes[:, 2] * length)[None])
 
 
-def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[jax.Array, jax.Array]:
+def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[Array, Array]:
     """Gradients of residuals (C, K, N) by a shift and a turn about the world's origin of the part of each: (C, K, 3, N) each.
 
     Args:
@@ -262,10 +261,10 @@ def _wrenches(residual: Any, parts: Any, cameras: Any, data: Any) -> tuple[jax.A
     return force, jnp.cross(base, force, axis=2) + moment
 
 
-def _chosen(leaves: Any, part: jax.Array) -> Any:
+def _chosen(leaves: Any, part: Array) -> Any:
     """Of leaves (P, ..., N or 1) those of the parts (C, K, N): (C, K, ..., N)."""
 
-    def choose(leaf: jax.Array) -> jax.Array:
+    def choose(leaf: Array) -> Array:
         number = part.reshape(*part.shape[:2], *(1,) * (leaf.ndim - 2), part.shape[2])
         found = jnp.broadcast_to(leaf[0], (*part.shape[:2], *leaf.shape[1:-1], part.shape[2]))
         for other in range(1, len(leaf)):
@@ -276,8 +275,8 @@ def _chosen(leaves: Any, part: jax.Array) -> Any:
 
 
 def _beyond_wrenches(
-    cameras: tuple[Cameras, jax.Array], flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen
-) -> tuple[jax.Array, jax.Array]:
+    cameras: tuple[Cameras, Array], flesh: Flesh, parts: PartFrames, seen: SilhouetteSeen
+) -> tuple[Array, Array]:
     """Gradients (C, parts * 4, 3, N) of how far the parts stick out; each residual has its own axis point."""
     lenses, noise = cameras
     points = jnp.broadcast_to(_axis_points(parts), (len(lenses.centre), *_axis_points(parts).shape))
@@ -294,17 +293,17 @@ _jacobian = batch_last(_jacobian_last, chunk=_CHUNK)
 
 
 @jax.custom_vjp
-def _log_density(state: jax.Array, fixed: Any) -> jax.Array:
-    density: jax.Array = _density(state, fixed)
+def _log_density(state: Array, fixed: Any) -> Array:
+    density: Array = _density(state, fixed)
     return density
 
 
-def _forward(state: jax.Array, fixed: Any) -> tuple[jax.Array, Any]:
+def _forward(state: Array, fixed: Any) -> tuple[Array, Any]:
     density, gradient = _value_and_gradient(state, fixed)
     return density, (gradient, fixed)
 
 
-def _backward(residuals: Any, cotangent: jax.Array) -> Any:
+def _backward(residuals: Any, cotangent: Array) -> Any:
     gradient, fixed = residuals
     return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_toml
-from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.io.text_parsing import finite_numbers
 
 STATURE = 1750.0
@@ -29,7 +29,7 @@ def stature_lengths(model: str, stature: float) -> dict[str, float]:
     """
     if not 500.0 <= stature <= 2500.0:
         raise InputError(f"{stature:g} mm", field="--stature", expected="500 to 2500 mm")
-    standard = load_builder(model)(None).lengths
+    standard = body_builder(model)(None).lengths
     return {name: value * stature / STATURE for name, value in standard.items()}
 
 
@@ -44,7 +44,7 @@ def read_lengths(path: FilePath, model: str) -> dict[str, float]:
         InputError: The file is no TOML, or holds another name or something that is no length.
     """
     table = read_toml(path)
-    lengths = finite_numbers(table, load_builder(model)(None).lengths, Location(path, field="--lengths"))
+    lengths = finite_numbers(table, body_builder(model)(None).lengths, Location(path, field="--lengths"))
     for name, value in lengths.items():
         if abs(value) > 3000.0:
             raise InputError(f"{value:g} mm", file=path, field=name, expected="at most 3000 mm")

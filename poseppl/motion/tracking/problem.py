@@ -17,11 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry import Cameras, marker_positions, project
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -32,6 +33,7 @@ from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import arrays_of
 from poseppl.runs.frame_sequence import rows_of_inputs
+from poseppl.runs.results import provenance
 from poseppl.runs.run import Collect, Constant, frame_inputs
 
 
@@ -43,12 +45,16 @@ class Problem(NamedTuple):
         model: Its compiled model; of the free coordinates alone, where the others are clamped.
         observations: The scene's data with a leading T.
         inputs: Cameras, noise and start, as :func:`poseppl.runs.run.run_filter` takes them.
+        pose: The body's pose (d,) of a state and the frame's inputs; None where the state is the pose.
+        follows: Of the same, whether the state is of the learned prior, 1 or 0; None without one that may fail to hold.
     """
 
     body: Body
     model: CompiledModel
     observations: Observation
     inputs: Any
+    pose: Callable[[Array, Any], Array] | None = None
+    follows: Callable[[Array, Any], Array] | None = None
 
     @property
     def num_cameras(self) -> int:
@@ -57,7 +63,9 @@ class Problem(NamedTuple):
 
     def collector(self, max_draws: int) -> Collect:
         """Collector of draws, with the markers and their projections beside them."""
-        return collect_draws(self.model, max_draws=max_draws, extras=_with_projections(self.model))
+        if self.pose is None:
+            return collect_draws(self.model, max_draws=max_draws, extras=_with_projections(self.model))
+        return _collect_poses(self.model, self.pose, self.follows, max_draws)
 
     def record(self, frames: slice = slice(None)) -> dict[str, Any]:
         """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
@@ -75,14 +83,38 @@ class Problem(NamedTuple):
 
 
 @built_once
-def _with_projections(model: CompiledModel) -> Callable[[jax.Array, Any], dict[str, jax.Array]]:
+def _with_projections(model: CompiledModel) -> Callable[[Array, Any], dict[str, Array]]:
     """The model's extras, and where its markers are seen."""
 
-    def extras(x: jax.Array, inputs: Any) -> dict[str, jax.Array]:
+    def extras(x: Array, inputs: Any) -> dict[str, Array]:
         values = model.extras(x, inputs)
         return {**values, "points": project(body_inputs(inputs).cameras, values["markers"])} if "markers" in values else values
 
     return extras
+
+
+@built_once
+def _collect_poses(
+    model: CompiledModel, pose: Callable[[Array, Any], Array], follows: Callable[[Array, Any], Array] | None, max_draws: int
+) -> Collect:
+    """The collector of states whose pose is another; ``prior_mean`` is the probability that they follow the prior."""
+    collect = collect_draws(model, max_draws=max_draws, extras=_of_pose)
+
+    def collect_poses(rng_key: Array, state: Any, info: Any, inputs: Any) -> Any:
+        poses = jax.vmap(lambda x: pose(x, inputs))(state.particles)
+        drawn = collect(rng_key, state._replace(particles=poses), info, inputs)
+        if follows is None:
+            return drawn
+        share = jax.nn.softmax(state.log_weights) @ jax.vmap(lambda x: follows(x, inputs))(state.particles)
+        return drawn._replace(summary={**drawn.summary, "prior_mean": share})
+
+    return collect_poses
+
+
+def _of_pose(pose: Array, inputs: Any) -> dict[str, Array]:
+    """Where the markers of a pose are, and are seen."""
+    markers = marker_positions(inputs.tree, pose)
+    return {"markers": markers, "points": project(inputs.cameras, markers)}
 
 
 def body_inputs(inputs: Any) -> Any:
@@ -132,6 +164,10 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     inputs, calibration = arrays_of(tree, "inputs"), arrays_of(tree, "camera")
     if "step_scale" not in inputs or not calibration:
         raise InputError("the result does not tell its inputs", expected="a result of poseppl track of this version")
+    if "prior" in provenance(tree):
+        raise InputError(
+            "the result was tracked with a learned prior, which is not in it", field="--prior", expected="one without"
+        )
     _, body, params = recorded_model(tree, model)
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params))

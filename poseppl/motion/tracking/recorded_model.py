@@ -11,7 +11,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from poseppl.errors import InputError, Location
-from poseppl.motion.bodies.body import Body, installed_builder, load_builder, source_of_model
+from poseppl.motion.bodies.body import Body, body_builder, installed_builder, source_of_model
 from poseppl.motion.io.text_parsing import finite_numbers
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
@@ -43,7 +43,7 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
     chosen = name if model is None else model
     if model is not None and source_of_model(model) != known.get("model source"):
         raise InputError(f"{model} is not, or no longer, what the result was made with", field="--model", expected=name[:80])
-    builder = installed_builder(name) if model is None else load_builder(model)
+    builder = installed_builder(name) if model is None else body_builder(model)
     standard = builder(None)
     lengths = finite_numbers(known.get("lengths"), standard.lengths, Location(field="lengths"))
     body = builder({**standard.lengths, **lengths})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
-from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io import CameraRecord, Observations, read_observations
@@ -184,7 +184,7 @@ def scene_of_observations(
     Raises:
         InputError: The file, the range or a length cannot be used, or the body has clamped joints, which want a truth.
     """
-    body = load_builder(model)(subject_lengths(model, stature, lengths))
+    body = body_builder(model)(subject_lengths(model, stature, lengths))
     if body.free is not None:
         problem = f"the body tracks {', '.join(body.free)} alone and needs the truth for the rest, which observations lack"
         raise InputError(problem, field="--model", expected="a recording, or a body without clamped joints")

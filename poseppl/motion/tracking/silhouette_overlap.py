@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, KinematicTree
@@ -63,7 +64,7 @@ def overlap(scene: Scene[SilhouetteData], states: Any) -> Floats:
     return np.where(seen.usable & (either > 0), both / np.maximum(either, 1), np.nan)
 
 
-def _covered(tree: KinematicTree, flesh: Flesh, states: jax.Array, cameras: Cameras, points: jax.Array) -> jax.Array:
+def _covered(tree: KinematicTree, flesh: Flesh, states: Array, cameras: Cameras, points: Array) -> Array:
     """Which points (C, K, 2, 1) the silhouettes of states (d, N) cover, (C, K, N)."""
     return hard_coverage(part_distances(project_parts(cameras, flesh, parts_of(tree, flesh, states)), points))
 

@@ -7,12 +7,13 @@ middles of the silhouettes point to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.optimize import least_squares
 
 from poseppl.arrays import Floats
@@ -20,7 +21,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
-from poseppl.motion.tracking.start import NUM_HEADINGS, place_of_points, scales
+from poseppl.motion.tracking.start import PoseSearch, place_of_points
 
 if TYPE_CHECKING:
     from poseppl.motion.tracking.scene import Scene
@@ -60,10 +61,7 @@ def seek_silhouette(scene: Scene[SilhouetteData], params: Mapping[str, float]) -
     first = int(usable[0])
     search = _Search(scene, params, first)
     candidates = sorted((search.solve(guess, first) for guess in search.guesses()), key=lambda found: found.cost)
-    best = _turned(search, scene, candidates, usable).state.copy()
-    rest = np.asarray(scene.body.rest, np.float64)
-    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
-    return np.asarray(best)
+    return search.poses.unwound(_turned(search, scene, candidates, usable).state)
 
 
 def _turned(search: _Search, scene: Scene[SilhouetteData], candidates: Sequence[_Found], usable: Any) -> _Found:
@@ -87,7 +85,7 @@ def _turned(search: _Search, scene: Scene[SilhouetteData], candidates: Sequence[
 
 
 def _unit(vector: Floats) -> Floats:
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+    return vector / max(float(np.linalg.norm(vector)), 1e-9)
 
 
 def _faced(scene: Scene[SilhouetteData]) -> Floats | None:
@@ -108,24 +106,15 @@ class _Search:
     """Least squares on the residuals of one frame after the other."""
 
     def __init__(self, scene: Scene[SilhouetteData], params: Mapping[str, float], first: int) -> None:
-        self._scene, body = scene, scene.body
-        self._rest = np.asarray(body.rest, np.float64)
-        root = body.tree.coordinates[0][0]
-        self._headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
-        self._x_scale = scales(body, 100.0, 0.3)
-        self._place = _middle(scene, first, self._rest)
-        free = np.array([joint != root for joint, _ in body.tree.coordinates])
-        self._evaluate, self._derive = map(jax.jit, _residuals(scene, params, self._rest, free, self._place))
+        self._scene, self.poses = scene, PoseSearch.of(scene.body)
+        self._place = _middle(scene, first, self.poses.rest)
+        self._evaluate, self._derive = map(jax.jit, _residuals(scene, params, self.poses, self._place))
 
-    def guesses(self) -> list[Floats]:
+    def guesses(self) -> Iterator[Floats]:
         """The rest pose at the place of the silhouettes, in every heading."""
-        found = []
-        for turn in 2 * np.pi * np.arange(NUM_HEADINGS if self._headings else 1) / NUM_HEADINGS:
-            guess = self._rest.copy()
-            guess[self._headings] += turn
+        for guess in self.poses.guesses():
             guess[:3] = self._place
-            found.append(guess)
-        return found
+            yield guess
 
     def solve(self, guess: Floats, frame: int) -> _Found:
         """The best pose near a guess."""
@@ -136,7 +125,7 @@ class _Search:
                 lambda x, data=data: np.asarray(self._evaluate(x, data), np.float64),
                 state,
                 jac=lambda x, data=data: np.asarray(self._derive(x, data), np.float64),
-                x_scale=self._x_scale,
+                x_scale=self.poses.x_scale,
                 ftol=1e-3,
                 xtol=1e-4,
                 gtol=None,
@@ -155,26 +144,27 @@ class _Search:
 
     def way(self, first: int, last: int) -> Floats:
         """How far the person goes between two frames on the ground (2,), mm."""
-        places = (_middle(self._scene, frame, self._rest) for frame in (last, first))
+        places = (_middle(self._scene, frame, self.poses.rest) for frame in (last, first))
         return np.asarray(next(places) - next(places))[:2]
 
     def forward(self, state: Floats) -> Floats:
         """Where a state faces (2,): along y, turned by its heading."""
-        heading = float(state[self._headings].sum())
+        heading = float(state[self.poses.headings].sum())
         return np.array([-np.sin(heading), np.cos(heading)])
 
     def faces_away(self, state: Floats, other: Floats) -> bool:
         """Whether the headings of two states differ by more than a right angle."""
-        return bool(np.any(np.cos(state[self._headings] - other[self._headings]) < 0))
+        headings = self.poses.headings
+        return bool(np.any(np.cos(state[headings] - other[headings]) < 0))
 
 
 class _Data(NamedTuple):
     """Observed silhouettes of a frame, which contour points (C, K) and cameras (C,) count, and the noise by its factor."""
 
     seen: SilhouetteSeen
-    on_outline: jax.Array
-    usable: jax.Array
-    wider: jax.Array
+    on_outline: Array
+    usable: Array
+    wider: Array
 
 
 def _data(seen: SilhouetteData, frame: int) -> _Data:
@@ -199,12 +189,11 @@ def _middle(scene: Scene[SilhouetteData], frame: int, rest: Floats) -> Floats:
 
 
 def _residuals(
-    scene: Scene[SilhouetteData], params: Mapping[str, float], rest: Floats, free: Any, place: Floats
-) -> tuple[Callable[..., jax.Array], Callable[..., jax.Array]]:
+    scene: Scene[SilhouetteData], params: Mapping[str, float], poses: PoseSearch, place: Floats
+) -> tuple[Callable[..., Array], Callable[..., Array]]:
     """Residuals of a state and the data of a frame, and their derivatives by the state."""
     body, cameras = scene.body, scene.cameras
-    guess = rest.copy()
-    guess[:3] = place
+    guess = np.concatenate([place, poses.rest[3:]])
     noise = jnp.asarray(scene.data.noise_in_pixels(cameras, guess), float)
 
     def inputs(data: _Data) -> SilhouetteInputs:
@@ -220,19 +209,19 @@ def _residuals(
 
     model = body.compile(inputs(_data(scene.data, 0)), params)
 
-    def weights(data: _Data, count: int) -> jax.Array:
+    def weights(data: _Data, count: int) -> Array:
         """Of all residuals: those of the outline first, then those of parts that stick out."""
         beyond = jnp.broadcast_to(data.usable[:, None], (len(noise), count // len(noise) - data.on_outline.shape[1]))
         return (jnp.concatenate([data.on_outline, beyond], 1) / (noise * data.wider)[:, None]).ravel()
 
-    def residuals(x: jax.Array, data: _Data) -> jax.Array:
+    def residuals(x: Array, data: _Data) -> Array:
         distances = model.observation_moments(x, inputs(data))[0]
-        return jnp.concatenate([distances * weights(data, len(distances)), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+        apart = jnp.where(poses.free, (x - poses.rest) / _REST_SPREAD, 0.0)
+        return jnp.concatenate([distances * weights(data, len(distances)), apart])
 
-    def derivatives(x: jax.Array, data: _Data) -> jax.Array:
+    def derivatives(x: Array, data: _Data) -> Array:
         jacobian = model.observation_jacobian(x, inputs(data))
-        return jnp.concatenate(
-            [jacobian * weights(data, len(jacobian))[:, None], jnp.diag(jnp.where(free, 1 / _REST_SPREAD, 0.0))]
-        )
+        apart = jnp.diag(jnp.where(poses.free, 1 / _REST_SPREAD, 0.0))
+        return jnp.concatenate([jacobian * weights(data, len(jacobian))[:, None], apart])
 
     return residuals, derivatives

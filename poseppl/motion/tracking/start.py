@@ -11,11 +11,14 @@ from the rays of several cameras, or from the apparent size in one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.optimize import least_squares
 
 from poseppl.arrays import Booleans, Floats
@@ -67,25 +70,59 @@ def seek_start(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
     return _best_pose(body, cameras, points[frame], spread)
 
 
+class PoseSearch(NamedTuple):
+    """What searches for a body's pose have in common.
+
+    Attributes:
+        rest: The rest pose (d,).
+        headings: Indices of the root's turn about the vertical, if it has one.
+        free: (d,) whether a coordinate is held near the rest pose: all but the root's.
+        x_scale: (d,) mm and radians in which steps are measured.
+    """
+
+    rest: Floats
+    headings: list[int]
+    free: Booleans
+    x_scale: Floats
+
+    @classmethod
+    def of(cls, body: Body) -> PoseSearch:
+        """The search for a pose of a body."""
+        root, coordinates = body.tree.coordinates[0][0], body.tree.coordinates
+        headings = [i for i, coordinate in enumerate(coordinates) if coordinate == (root, "Z")]
+        free = np.array([joint != root for joint, _ in coordinates])
+        return cls(np.asarray(body.rest, np.float64), headings, free, scales(body, 100.0, 0.3))
+
+    def guesses(self) -> Iterator[Floats]:
+        """Rest poses that face all around."""
+        for turn in 2 * np.pi * np.arange(NUM_HEADINGS if self.headings else 1) / NUM_HEADINGS:
+            guess = self.rest.copy()
+            guess[self.headings] += turn
+            yield guess
+
+    def unwound(self, state: Floats) -> Floats:
+        """The same pose with angles within half a turn of those at rest."""
+        turns = np.round((state - self.rest) / (2 * np.pi))
+        turns[:3] = 0
+        return state - 2 * np.pi * turns
+
+
 def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
-    rest = np.asarray(body.rest, np.float64)
-    root = body.tree.coordinates[0][0]
-    headings = [i for i, coordinate in enumerate(body.tree.coordinates) if coordinate == (root, "Z")]
-    free = np.array([joint != root for joint, _ in body.tree.coordinates])
+    search = PoseSearch.of(body)
     seen = np.isfinite(points)
     shown = np.asarray(seen.all(axis=2).any(axis=0))
     shape = np.where(seen, points, 0.0)
 
-    def residuals(x: jax.Array) -> jax.Array:
+    def residuals(x: Array) -> Array:
         offset = (project(cameras, marker_positions(body.tree, x)) - shape) * seen / noise[..., None]
-        return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+        return jnp.concatenate([offset.ravel(), jnp.where(search.free, (x - search.rest) / _REST_SPREAD, 0.0)])
 
     evaluate, derive = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
     solve = partial(
         least_squares,
         lambda x: np.asarray(evaluate(x), np.float64),
         jac=lambda x: np.asarray(derive(x), np.float64),
-        x_scale=scales(body, 100.0, 0.3),
+        x_scale=search.x_scale,
         method="trf",
         ftol=1e-4,
         xtol=1e-5,
@@ -93,15 +130,11 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
         max_nfev=60,
     )
     found = []
-    for turn in 2 * np.pi * np.arange(NUM_HEADINGS if headings else 1) / NUM_HEADINGS:
-        guess = rest.copy()
-        guess[headings] += turn
+    for guess in search.guesses():
         guess[:3] = guess[:3] + place_of_points(body, cameras, points, guess) - _centre(body, guess, shown)
         solution = solve(x0=guess)
         found.append((float(solution.cost), solution.x))
-    best = min(found, key=lambda candidate: candidate[0])[1]
-    best[3:] -= 2 * np.pi * np.round((best[3:] - rest[3:]) / (2 * np.pi))
-    return np.asarray(best, np.float64)
+    return search.unwound(np.asarray(min(found, key=lambda candidate: candidate[0])[1], np.float64))
 
 
 def _centre(body: Body, state: Floats, seen: Booleans) -> Floats:

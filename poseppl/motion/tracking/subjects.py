@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 import numpy as np
 
 from poseppl.errors import FilePath, InputError
-from poseppl.motion.bodies.body import Body, load_builder
-from poseppl.motion.bodies.subject import MovingSubject, fit_subject
+from poseppl.motion.bodies.body import body_builder, load_builder
+from poseppl.motion.bodies.circle import bend_along_circle, bend_motion
+from poseppl.motion.bodies.subject import MovingSubject, fit_subject, match_markers
 from poseppl.motion.io import FrameRange, Motion, read_motion, read_names, slice_frames
 from poseppl.motion.tracking.body_sizes import read_lengths
 
@@ -22,16 +20,19 @@ WALK_RATE = 30.0
 LONGEST_WALK = 100_000
 
 
-def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, rate: float | None = None) -> MovingSubject:
+def walking_subject(
+    model: str = DEFAULT_MODEL, *, frames: str | None = None, rate: float | None = None, turn: float | None = None
+) -> MovingSubject:
     """Let a body walk the built-in gait.
 
     Args:
         model: Its builder, ``package.module:builder``.
         frames: Range "start:stop:step" of the walk; the first 60 frames if None.
         rate: Frames a second, 30 by default.
+        turn: Radius (mm) of a circle that is walked along, positive to the left; straight on if None.
 
     Raises:
-        InputError: The model is not found, or is no body that the walk fits.
+        InputError: The model is not found, or is no body that the walk fits, or the circle is too small.
     """
     rate = WALK_RATE if rate is None else rate
     if not 0 < rate <= 10_000:
@@ -40,14 +41,17 @@ def walking_subject(model: str = DEFAULT_MODEL, *, frames: str | None = None, ra
     stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
     if stop > LONGEST_WALK:
         raise InputError(f"{frames!r} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk")
-    gait: Any = load_builder(DEFAULT_WALK)(rate, stop)
-    build = load_builder(model)
+    gait = load_builder(DEFAULT_WALK)(rate, stop)
+    build = body_builder(model)
     states, standard = np.asarray(gait.states, np.float64), build(None)
     if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):
         problem = f"the built-in walk has {states.shape[1]} coordinates and lengths of its own, which {model} does not share"
         raise InputError(problem, field="--model", expected="a body of the walk's coordinates, or a recording to track")
     body = build(dict(gait.lengths))
     markers = body.places(states)
+    if turn is not None:
+        bend = bend_along_circle(markers[:, body.tree.marker_names.index(body.root)], rate, turn)
+        states, markers = bend.states(body.tree, states), bend.places(markers)
     whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
@@ -64,6 +68,7 @@ def recorded_subject(
     up: str | None = None,
     names: FilePath | None = None,
     lengths: FilePath | None = None,
+    turn: float | None = None,
 ) -> MovingSubject:
     """Read a recording, measure its person's limbs, and find the states of the body by inverse kinematics.
 
@@ -78,21 +83,57 @@ def recorded_subject(
         names: A TOML file that says which points are which markers (`poseppl.motion.io.read_names`), where the names
             are unusual.
         lengths: A TOML file of segment lengths, mm, that are known; the others are measured.
+        turn: Radius (mm) of a circle that the chosen frames are laid along, as :func:`turned` does; as recorded if None.
 
     Raises:
-        InputError: A file, the range or the model cannot be used.
+        InputError: A file, the range or the model cannot be used, or the motion cannot be laid along the circle.
     """
-    build = load_builder(model)
-    whole, chosen = read_motion(path, skeleton, rate=rate, scale=scale, up=up), FrameRange.parse(frames)
-    motion, count = slice_frames(whole, chosen), len(whole.positions)
-    _check_markers(motion, build)
+    build = body_builder(model)
+    whole = read_motion(path, skeleton, rate=rate, scale=scale, up=up)
+    motion, chosen, count = chosen_motion(whole, model, frames, names, turn), FrameRange.parse(frames), len(whole.positions)
+    if not np.isfinite(motion.positions).all(-1).any():
+        raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
     given = None if names is None else read_names(names)
     known = None if lengths is None else read_lengths(lengths, model)
     subject = fit_subject(motion, build, known, given)
     return subject._replace(frames=np.arange(count)[chosen.within(count)], source=str(path))
 
 
-def _check_markers(motion: Motion, build: Callable[[Mapping[str, float] | None], Body]) -> None:
-    if not np.isfinite(motion.positions).all(-1).any():
-        raise InputError("no point is seen in the chosen frames", file=motion.source, field="--frames")
-    build(None)
+def chosen_motion(
+    whole: Motion, model: str, frames: str | None = None, names: FilePath | None = None, turn: float | None = None
+) -> Motion:
+    """Take frames of a motion, and lay them along a circle if one is asked for, before any in between are left out.
+
+    Args:
+        whole: The motion.
+        model: As :func:`recorded_subject` takes it, and likewise the others.
+        frames: Range "start:stop:step"; all if None.
+        names: Which points are which markers.
+        turn: Radius of the circle, mm; as recorded if None.
+
+    Raises:
+        InputError: As :func:`recorded_subject`.
+    """
+    chosen = FrameRange.parse(frames)
+    if turn is None:
+        return slice_frames(whole, chosen)
+    span = slice_frames(whole, chosen._replace(step=1))
+    return slice_frames(turned(span, turn, model, names), FrameRange(step=chosen.step))
+
+
+def turned(motion: Motion, radius: float, model: str = DEFAULT_MODEL, names: FilePath | None = None) -> Motion:
+    """Lay a walk along a circle on the floor (`poseppl.motion.bodies.circle`).
+
+    Args:
+        motion: The walk.
+        radius: Of the circle, mm; positive turns left.
+        model: Builder of the body whose root, a marker, is found among the motion's points.
+        names: Which points are which markers, where the names are unusual.
+
+    Raises:
+        InputError: The radius is too small, the motion goes nowhere, or it lacks the root.
+    """
+    body = body_builder(model)(None)
+    given = None if names is None else read_names(names)
+    markers = match_markers(motion, body.tree.marker_names, body.aliases, given)
+    return bend_motion(motion, markers[:, body.tree.marker_names.index(body.root)], radius)

@@ -16,6 +16,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
@@ -43,6 +44,8 @@ class TrackSettings(NamedTuple):
         sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
         walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
             the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`.
+        prior: File of a learned activity that takes the random walk's place; see :mod:`poseppl.motion.tracking.learned_prior`.
+        other_motion: Whether, with a prior, the motion may be another one, too.
         seed: Of the filter.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
@@ -56,6 +59,8 @@ class TrackSettings(NamedTuple):
     sigma_position: float | None = None
     sigma_angle: float | None = None
     walk: Literal["fixed", "learned"] = "fixed"
+    prior: str | None = None
+    other_motion: bool = True
     seed: int = 0
     max_draws: int | None = None
     chunk: int | None = None
@@ -102,16 +107,9 @@ def track(
         CheckpointError: The folder holds another run.
     """
     settings = settings or TrackSettings()
-    if not 0 <= settings.seed < 2**32:
-        raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
-    if settings.max_draws is not None and settings.max_draws < 1:
-        raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
-    if settings.walk not in ("fixed", "learned"):
-        raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
+    _check(settings)
     params = walk_params(scene.body, settings)
-    problem = make_problem(scene, params)
-    if settings.walk == "learned":
-        problem = learn_walk(problem)
+    problem = _problem(scene, settings, params)
     built, options = FILTERS[settings.filter].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
@@ -122,6 +120,8 @@ def track(
         "filter": settings.filter,
         "settings": {**options, **params, "walk": settings.walk, "max_draws": max_draws},
         **scene.data.provenance,
+        "prior": settings.prior,
+        "other motion": None if settings.prior is None else settings.other_motion,
         "predictive checks": f"not available: {obstacle}" if obstacle else None,
         "versions": versions(),
     }
@@ -135,7 +135,7 @@ def track(
             problem.inputs,
             num_frames=len(scene.frames),
             collect=problem.collector(max_draws),
-            predict=None if obstacle else predictive_checks(problem.model),
+            predict=None if obstacle else predictive_checks(problem.model, of_state=problem.pose is None),
             chunk=settings.chunk,
             progress=progress,
             checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
@@ -148,6 +148,27 @@ def track(
         stopped = diagnose(_result(scene, problem, error.done, {**record, "stopped": str(error)}))
         raise TrackStopped(error, stopped) from error
     return diagnose(_result(scene, problem, run, record))
+
+
+def _check(settings: TrackSettings) -> None:
+    if not 0 <= settings.seed < 2**32:
+        raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
+    if settings.max_draws is not None and settings.max_draws < 1:
+        raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
+    if settings.walk not in ("fixed", "learned"):
+        raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
+    walks = settings.walk == "learned" or settings.sigma_position is not None or settings.sigma_angle is not None
+    if settings.prior is not None and walks:
+        expected = "no --walk learned, --sigma-position or --sigma-angle with --prior"
+        raise InputError("the random walk is the prior's own", field="--prior", expected=expected)
+
+
+def _problem(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
+    """The scene's problem, with the walk or the prior that is asked for."""
+    problem = make_problem(scene, params)
+    if settings.prior is not None:
+        return with_prior(problem, scene, settings.prior, other_motion=settings.other_motion)
+    return learn_walk(problem) if settings.walk == "learned" else problem
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:

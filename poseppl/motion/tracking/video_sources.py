@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.netcdf_reading import read_netcdf
-from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.io import CameraRecord, Video, open_masks, open_video, read_cameras, read_image
 from poseppl.motion.io.text_parsing import finite_numbers, some
 from poseppl.motion.tracking.body_sizes import subject_lengths
@@ -184,7 +184,7 @@ def see_silhouettes(
     truth = sources.truth
     if facing is not None:
         check_facing(facing, [record.name for record in sources.records])
-    body = load_builder(model)(subject_lengths(model, stature, lengths, _known_lengths(model, truth)))
+    body = body_builder(model)(subject_lengths(model, stature, lengths, _known_lengths(model, truth)))
     backgrounds = {
         video.camera: _background(video, sources.plates.get(video.camera), background)
         for video in sources.videos
@@ -222,7 +222,7 @@ def _found(sources: VideoSources, background: BackgroundSettings | None, facing:
 
 def _known_lengths(model: str, truth: SceneTruth | None) -> Mapping[str, float] | None:
     return (
-        None if truth is None else finite_numbers(truth.lengths, load_builder(model)(None).lengths, Location(field="lengths"))
+        None if truth is None else finite_numbers(truth.lengths, body_builder(model)(None).lengths, Location(field="lengths"))
     )
 
 

@@ -1,10 +1,13 @@
 """The scales of a body's random walk, learned from the recording: expectation maximisation on a smoother.
 
-Under scales s_g, one for each joint that turns and one for the root's position, a smoother tells what the squared steps w^2 of
-each coordinate are expected to be; the most likely scales, those given, are their means over frames and coordinates in units of
-the body's own steps q:
+Under scales s_g, one for each joint that turns and one for each of the root's translations, a smoother tells what the squared
+steps w^2 of each coordinate are expected to be; the most likely scales, those given, are their means over frames and
+coordinates in units of the body's own steps q:
 
     s_g^2 = mean over t >= 1 and i in g of E[w_ti^2 | all data, s] / q_ti^2.
+
+Who runs goes 8 of the published steps a frame along his way and less than one across it: with one scale for all translations a
+single camera loses his distance (benchmarks/fast_motion.py).
 
 Each round makes the data more likely in a linear Gaussian model (Shumway and Stoffer 1982,
 doi:10.1111/j.1467-9892.1982.tb00349.x). Here the likelihood is expanded around the last round's trajectory, by its gradient and
@@ -20,6 +23,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.errors import InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve
@@ -41,8 +45,8 @@ NARROWEST, WIDEST = 1 / 30, 30.0
 class Expansion(NamedTuple):
     """log p(z_t | x) = y_t x - x I_t x / 2 + const.: y (T, d) and I (T, d, d)."""
 
-    vector: jax.Array
-    information: jax.Array
+    vector: Array
+    information: Array
 
 
 def learn_walk(problem: Problem, num_rounds: int = NUM_ROUNDS) -> Problem:
@@ -87,9 +91,9 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
 
 
 def _groups(body: Body) -> tuple[int, ...]:
-    """Number of the group of each free coordinate: a joint's axes share one, and the root's position has its own."""
+    """Number of the group of each free coordinate: a joint's axes share one, each of the root's translations has its own."""
     coordinates = [body.tree.coordinates[index] for index in body.free_coordinates]
-    names = [(joint, axis in ("tx", "ty", "tz")) for joint, axis in coordinates]
+    names = [(joint, axis if axis in ("tx", "ty", "tz") else "") for joint, axis in coordinates]
     return tuple(list(dict.fromkeys(names)).index(name) for name in names)
 
 
@@ -101,7 +105,7 @@ def _learn(
     num_rounds: int,
     observations: Observation,
     inputs: Any,
-) -> jax.Array:
+) -> Array:
     """Scales (d,) of all coordinates in units of the inputs' own steps; 1 where they are clamped."""
     whole = body_inputs(inputs).step_scale
     own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
@@ -109,7 +113,7 @@ def _learn(
     blank = jnp.zeros(number, own.dtype)
     members = blank.at[group].add(1.0)
 
-    def update(_: int, carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def update(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         scales, trajectory = carry
         expansion = _expand(model, trajectory, observations, inputs)
         smoothed, squares = expected_steps(first, expansion, own * scales[group])
@@ -123,10 +127,10 @@ def _learn(
     return jnp.ones_like(whole[0]).at[jnp.asarray(free)].set(scales[group])
 
 
-def _expand(model: CompiledModel, trajectory: jax.Array, observations: Observation, inputs: Any) -> Expansion:
+def _expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
     """The likelihood of each frame around a state."""
 
-    def expand(x: jax.Array, observation: Observation, inputs: Any) -> Expansion:
+    def expand(x: Array, observation: Observation, inputs: Any) -> Expansion:
         information = model.observation_information(x, observation, inputs)
         return Expansion(information @ x + jax.grad(model.log_observation)(x, observation, inputs), information)
 
@@ -134,7 +138,7 @@ def _expand(model: CompiledModel, trajectory: jax.Array, observations: Observati
     return expansion
 
 
-def expected_steps(first: Gaussian, expansion: Expansion, steps: jax.Array) -> tuple[jax.Array, jax.Array]:
+def expected_steps(first: Gaussian, expansion: Expansion, steps: Array) -> tuple[Array, Array]:
     """Smoothed means (T, d) of a random walk, and expected squares (T - 1, d) of its steps, given all data.
 
     Args:

@@ -43,7 +43,8 @@ from poseppl.motion.vision.flow import (
     flow_outliers as flow_outliers,
     foreground_flow as foreground_flow,
 )
+from poseppl.motion.vision.flow_weights import WeightSettings as WeightSettings, flow_weights as flow_weights
 from poseppl.motion.vision.maps import edge_distance as edge_distance, silhouette_distance as silhouette_distance
 from poseppl.motion.vision.masks import check_mask as check_mask, clean_mask as clean_mask, keep_together as keep_together
-from poseppl.motion.vision.picture import features_picture as features_picture, save_features_picture as save_features_picture
+from poseppl.motion.vision.picture import features_picture as features_picture
 from poseppl.motion.vision.refinement import refine_mask as refine_mask

@@ -2,10 +2,12 @@
 
 "The images are smoothed with a Gaussian kernel, contrast normalized, and a Sobel edge detector is applied": gray levels are
 divided by their standard deviation in a window, so that an edge in the shade counts as much as one in the light. The paper
-gives no widths and no normalisation: here the smoothing has 1 px, the window 12 px, a floor of 4 gray levels keeps flat
-walls flat, and the magnitude m of the gradient becomes m^2 / (m^2 + m_0^2), from 0 to 1.
+gives no widths and no normalisation: here the smoothing has 2 px, the window 20 px, a floor of 6 gray levels keeps flat
+walls flat, and the magnitude m of the gradient becomes m^2 / (m^2 + m_0^2), from 0 to 1. With less smoothing and a lower floor
+the grain of a wall has half of the energy of a silhouette, and a search along a normal finds edges wherever it looks.
 
-A motion boundary is where the flow cannot be believed (:mod:`poseppl.motion.vision.flow`), smoothed likewise.
+A motion boundary is where the flow cannot be believed (:mod:`poseppl.motion.vision.flow`), or where it changes from one pixel
+to the next, smoothed likewise: between an arm and what is behind it, both.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 from poseppl.checks import check_at_least
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.vision.edges import Map, gray
+from poseppl.motion.vision.flow import Flow
 from poseppl.motion.vision.masks import Mask
 
 
@@ -29,18 +32,25 @@ class EnergySettings(NamedTuple):
         floor: Standard deviation of gray levels below which a window counts as flat.
         half: Gradient of half energy, windows' standard deviations a px.
         boundary: Standard deviation of the Gaussian that smooths motion boundaries, px.
+        change: Change of the flow (px a px) that is half of a motion boundary.
     """
 
-    smoothing: float = 1.0
-    window: float = 12.0
-    floor: float = 4.0
+    smoothing: float = 2.0
+    window: float = 20.0
+    floor: float = 6.0
     half: float = 0.12
     boundary: float = 3.0
+    change: float = 1.0
+
+    def at_level(self, level: float) -> EnergySettings:
+        """The settings of a coarser level of a pyramid: so many times the smoothing, in wider windows."""
+        root = level**0.5
+        return self._replace(smoothing=level * self.smoothing, window=root * self.window, half=self.half / root)
 
     def check(self) -> EnergySettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
         check_at_least(0.3, smoothing=self.smoothing, window=self.window, boundary=self.boundary)
-        check_at_least(1e-3, floor=self.floor, half=self.half)
+        check_at_least(1e-3, floor=self.floor, half=self.half, change=self.change)
         return self
 
 
@@ -65,16 +75,22 @@ def edge_energy(image: Image, settings: EnergySettings | None = None) -> Map:
     return energy
 
 
-def motion_boundaries(outliers: Mask, settings: EnergySettings | None = None) -> Map:
-    """Smooth the outliers of a flow into motion boundaries.
+def motion_boundaries(outliers: Mask, flow: Flow | None = None, settings: EnergySettings | None = None) -> Map:
+    """Smooth the outliers of a flow, and where it changes, into motion boundaries.
 
     Args:
         outliers: (H, W) uint8, 1 where the flow cannot be believed.
+        flow: (H, W, 2) px; None for outliers alone.
         settings: The settings.
 
     Returns:
         (H, W) in [0, 1].
     """
     cv2, chosen = opencv(), (settings or EnergySettings()).check()
-    boundaries: Map = cv2.GaussianBlur(outliers.astype(np.float32), (0, 0), chosen.boundary)
+    boundary = outliers.astype(np.float32)
+    if flow is not None:
+        slopes = [cv2.Sobel(flow[..., i], cv2.CV_32F, *way, ksize=3, scale=0.125) for i in (0, 1) for way in ((1, 0), (0, 1))]
+        squared = np.sum(np.square(slopes), axis=0)
+        boundary = np.maximum(boundary, squared / (squared + np.float32(chosen.change**2)))
+    boundaries: Map = cv2.GaussianBlur(boundary, (0, 0), chosen.boundary)
     return boundaries

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath
-from poseppl.motion.io.opencv import Image, opencv, write_image
+from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.vision.features import FrameFeatures, scale_image
 from poseppl.motion.vision.flow import Flow
 
@@ -48,20 +47,6 @@ def features_picture(image: Image, features: FrameFeatures) -> Image:
     titled += [np.full_like(titled[0], 255)] * (-len(titled) % COLUMNS)
     rows = [np.concatenate(titled[i : i + COLUMNS], axis=1) for i in range(0, len(titled), COLUMNS)]
     return np.concatenate(rows, axis=0)
-
-
-def save_features_picture(path: FilePath, image: Image, features: FrameFeatures) -> None:
-    """Write ``features_picture`` to a file, whole or not at all.
-
-    Args:
-        path: The file, .png.
-        image: The frame.
-        features: Its features.
-
-    Raises:
-        InputError: The file cannot be written.
-    """
-    write_image(path, features_picture(image, features))
 
 
 def _gray(plane: NDArray[np.uint8]) -> Image:

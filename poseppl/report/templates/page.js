@@ -29,7 +29,7 @@
   for (const place of document.querySelectorAll("[data-chart]")) {
     const chart = charts[place.dataset.chart];
     const select = document.querySelector('[data-choose="' + place.id + '"]');
-    const show = () => draw(place, select ? chart[Number(select.value)] : chart);
+    const show = () => draw(place, select ? chart[select.value] : chart);
     show();
     if (select) select.addEventListener("change", show);
     if (poses && "frames" in place.dataset) {
@@ -60,6 +60,11 @@
       }),
     ];
     if (space.truth) data.push(trace(skeletons([space.truth[index]], 3), { name: "truth", line: { color: colors.truth, width: 4 } }));
+    const ghosts = space.ghosts && space.ghosts.masses[index].filter((mass) => mass > 0);
+    if (ghosts && ghosts.length > 1) ghosts.forEach((mass, k) => {
+      const line = { color: space.ghosts.colors[k], width: 2 + 6 * mass };
+      data.push(trace(skeletons([space.ghosts.markers[index][k]], 3), { name: "mode " + (k + 1) + ", " + Math.round(100 * mass) + " %", line }));
+    });
     const side = (k, title) => ({
       title: { text: title }, range: [space.centre[index][k] - space.reach, space.centre[index][k] + space.reach],
       gridcolor: colors.grid, backgroundcolor: "white", nticks: 5, tickfont: { size: 10 }, zeroline: false, showspikes: false,

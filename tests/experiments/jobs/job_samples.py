@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from poseppl.experiments.jobs import Job
+from poseppl.files.netcdf_writing import write_netcdf
 
 
 @dataclass(frozen=True)
@@ -74,3 +76,11 @@ def prepare() -> None:
 def wrong(job: Draw) -> dict[str, object]:
     """Results that a file cannot hold."""
     return {"thing": object()}
+
+
+def save(job: Draw) -> dict[str, np.ndarray]:
+    """Write a NetCDF file and read it, as jobs that render scenes do."""
+    path = Path(job.folder) / f"{job.run}.nc"
+    write_netcdf(xr.DataTree.from_dict({"/": xr.Dataset({"run": ("x", [job.run])})}), path)
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        return {"run": np.asarray(tree["run"])}

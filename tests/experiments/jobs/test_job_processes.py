@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from distributed import Client, Security
-from job_samples import Draw, draw, prepare, where
+from job_samples import Draw, draw, prepare, save, where
 
 from poseppl.errors import InputError
 from poseppl.experiments.jobs import JobError, Processes, run_jobs
@@ -53,6 +53,12 @@ def test_a_job_that_always_dies_is_named_and_the_others_are_done(tmp_path):
         jobs[3].key: "ArithmeticError: run 3 does not work",
     }
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_jobs_may_write_files_of_their_own(tmp_path):
+    """xarray asks who computes, and takes a lock of the scheduler's for it, if nobody says that nothing here is."""
+    results = run_jobs(save, [Draw(7, folder=str(tmp_path))], tmp_path / "jobs", executor=Processes(1))
+    assert [list(each["run"]) for each in results.values()] == [[7]]
 
 
 @linux

@@ -16,6 +16,7 @@ import xarray as xr
 from poseppl.cli import main
 from poseppl.motion.io import read_cameras, read_masks, read_places
 from poseppl.motion.rendering import Setting, packages
+from poseppl.motion.tracking.video_sources import read_scene_truth
 
 SMALL = ["simulate", "--video", "--size", "96", "72"]
 
@@ -45,6 +46,18 @@ def test_a_recording_becomes_a_scene(
         assert read_masks(scene / f"camera_{camera}_visible.npz").any(axis=(1, 2)).all()
 
 
+def test_a_recording_is_filmed_along_a_circle(drawable: Callable[..., Setting], data_dir: Path) -> None:
+    folder = data_dir / "cmu_amc"
+    recording = [str(folder / "02_01.amc"), "--skeleton", str(folder / "02.asf"), "--frames", "0:300:60", "--no-clutter"]
+    for name, turn in (("straight", []), ("circle", ["--turn", "-1000"])):
+        assert main([*SMALL, *recording, "--cameras", "1", "-q", "-o", name, *turn]) == 0
+    straight, circle = (read_scene_truth(f"{name}/truth.nc") for name in ("straight", "circle"))
+    assert np.abs(circle.states[:, 6:] - straight.states[:, 6:]).max() < 0.1
+    turn = circle.states[:, 3] - straight.states[:, 3]
+    assert np.all(np.diff(turn) < 0) and turn[-1] < -1.0
+    assert read_masks("circle/camera_1_visible.npz").any(axis=(1, 2)).all()
+
+
 def test_the_built_in_walk_without_clutter(drawable: Callable[..., Setting]) -> None:
     assert main([*SMALL, "--frames", "0:2", "--no-clutter", "--cameras", "1", "-o", "walk", "-q"]) == 0
     assert sorted(path.name for path in Path().iterdir()) == ["walk"]
@@ -61,6 +74,7 @@ def test_the_built_in_walk_without_clutter(drawable: Callable[..., Setting]) -> 
         (["--video", "--size", "95", "72", "--frames", "0:1"], "--size"),
         (["--video", "--cameras", "5", "--frames", "0:1"], "--cameras"),
         (["--video", "--seed", "-1"], "--seed"),
+        (["--video", "--turn", "10"], "--turn"),
         (["--video", "-o", "absent/scene"], "does not exist"),
         (["--video", "-o", "."], "exists"),
         (["--clutter"], "--clutter"),

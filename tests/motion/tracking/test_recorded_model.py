@@ -7,6 +7,7 @@ import inspect
 import json
 import os
 import pkgutil
+import re
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -19,7 +20,7 @@ import pytest
 import poseppl.motion.bodies.body
 from poseppl.cli import main
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import Body, load_builder
+from poseppl.motion.bodies.body import Body, body_builder, load_builder
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, place_cameras, smooth, track, walking_subject
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.runs.results import save_result
@@ -31,6 +32,17 @@ from poseppl_models.choo_fleet import arm
 Path({mark!r}).touch()
 def build(lengths=None):
     return arm(lengths)
+"""
+FAILING = """
+import numpyro
+import numpyro.distributions as dist
+from poseppl.program import StateSpaceModel
+from poseppl_models.choo_fleet import full_body
+def transition(params, pose, inputs):
+    numpyro.sample("pose", dist.Normal(0.9 * pose, inputs.step_scale))
+def build(lengths=None):
+    body = full_body(lengths)
+    return body._replace(program=StateSpaceModel(body.program.initial, transition, body.program.observation))
 """
 
 
@@ -108,7 +120,7 @@ def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, m
     monkeypatch.setattr(poseppl_models, "BODIES", ())
     assert recorded_model(result).name == ARM
     assert recorded_model(saying(result, model="arm-of-theirs")).name == "arm-of-theirs"
-    assert load_builder("arm-of-theirs") is load_builder(ARM)
+    assert body_builder("arm-of-theirs") is body_builder(ARM)
     monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [])
     with pytest.raises(InputError, match="none of the installed"):
         recorded_model(result)
@@ -143,3 +155,31 @@ def test_every_body_of_the_models_is_listed() -> None:
             ):
                 found.add(f"{module.name}:{name}")
     assert found == set(poseppl_models.BODIES)
+
+
+@pytest.mark.parametrize(
+    ("builder", "told"),
+    [
+        (
+            "poseppl_models.cone_body:cone_body",
+            "builds no body: TypeError.*missing 2 required positional arguments.*a function of seg",
+        ),
+        ("poseppl_models.joint_limits:joint_limits", "builds no body: AttributeError"),
+        ("builtins:dict.fromkeys", "has no builder 'dict.fromkeys'"),
+        ("builtins:repr", "returns a str"),
+    ],
+)
+def test_a_function_that_builds_no_body_is_told_in_one_message(builder: str, told: str, capsys: Any) -> None:
+    assert main(["track", "--model", builder, "-o", "never.nc"]) == 1
+    message = capsys.readouterr().err
+    assert re.search(f"^poseppl: --model: .*{told}", message) and "unexpected" not in message and message.count("\n") == 1
+
+
+def test_a_program_that_fails_is_told_as_the_models(capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(FAILING)
+    assert main(["track", "--model", "own.py:build", "-o", "never.nc", "--quiet"]) == 1
+    message = capsys.readouterr().err
+    assert re.search(
+        r"^poseppl: --model: The transition program fails: TypeError.*the state as a dict of its sites \['spine_", message
+    )

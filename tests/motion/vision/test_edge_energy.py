@@ -23,7 +23,7 @@ def test_an_edge_in_the_shade_counts_as_much():
         assert weak[40, near].max() > 0.5 and abs(weak[40, near].max() / strong[40, near].max() - 1) < 0.15
         faint, bright = (np.abs(gradient(steps(contrast))[0][40, near]).max() for contrast in (30, 120))
         assert bright == pytest.approx(4 * faint, rel=0.1)
-    assert weak[:, 100:].max() < 1e-6 and np.all((weak >= 0) & (weak < 1))
+    assert weak[:, 100:].max() < 1e-3 and np.all((weak >= 0) & (weak < 1))
 
 
 def test_a_floor_keeps_noise_down():

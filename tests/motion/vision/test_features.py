@@ -8,7 +8,7 @@ from damage import damaged_copies, unbalanced
 
 from poseppl.errors import InputError
 from poseppl.files.store import Store
-from poseppl.motion.io import open_video, read_image
+from poseppl.motion.io import open_video
 from poseppl.motion.vision import (
     BackgroundSettings,
     ColourSettings,
@@ -20,7 +20,6 @@ from poseppl.motion.vision import (
     extract,
     feature_key,
     features_picture,
-    save_features_picture,
     scale_image,
     scale_mask,
     video_features,
@@ -218,8 +217,6 @@ def test_the_picture(tmp_path):
     np.testing.assert_array_equal(picture[22 + 55, 160 + 40], [255, 255, 255])
     np.testing.assert_array_equal(picture[22 + 5, 160 + 5], [255, 150, 0])
     assert features_picture(frame(5), extract(frame(5), background, SETTINGS)).shape == picture.shape
-    save_features_picture(tmp_path / "features.png", frame(5), features)
-    np.testing.assert_array_equal(read_image(tmp_path / "features.png"), picture)
 
 
 def test_files_of_another_time(tmp_path):

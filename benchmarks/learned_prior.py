@@ -1,0 +1,117 @@
+"""A learned walk as the prior of people it was not learned from, in one camera; and what it does to other motion.
+
+    POSEPPL_DATA=FOLDER python benchmarks/learned_prior.py [--quick] [--recordings ...] [--runs 2] [--output learned-prior]
+
+Activities are learned from walks of cmu_walks, up to three of each person, without the person who is tracked. The first 80
+frames of a recording at 30 Hz are seen by one camera as points with noise of 0.003 focal lengths, 3 px. A case is
+
+alone      the learned activity as the prior (`--prior --prior-alone`)
+mixture    the same or other motion, as the data tell (`--prior`)
+default    the default tracker without a prior
+
+Of joints relative to the pelvis: mean distance of posterior means from the truth, mm, and the shares of their coordinates that
+central 50 % and 90 % intervals of the draws hold; besides the mean probability of the activity, and frames a second without
+compilation. Those of OUTPUT/learned_prior.csv are not made again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rendered_walks import read_runs
+from timing import arguments, show
+
+from poseppl.cli.console import start_jax
+from poseppl.diagnostics.diagnosis import root_index
+from poseppl.experiments.tables import Table, write_csv
+from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
+from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, recorded_subject, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+
+BODY, RATE, NOISE, NUM_FRAMES = "poseppl_models.darby:full_body", 30.0, 0.003, 80
+RECORDINGS = (
+    "05_01,06_01,07_03,07_08,08_03,08_06,16_47,16_58,35_12,35_33,02_01,02_03,02_04,02_05"  # the last three are no walks
+)
+LEARNED_FROM = {
+    "05": ("05_01",),
+    "06": ("06_01",),
+    "07": ("07_01", "07_02", "07_06"),
+    "08": ("08_01", "08_02", "08_04"),
+    "16": ("16_15", "16_16", "16_31"),
+    "35": ("35_01", "35_05", "35_10"),
+}
+CASES: dict[str, dict[str, Any]] = {
+    "alone": {"filter": "switching", "other_motion": False},
+    "mixture": {"filter": "switching"},
+    "default": {},
+}
+_COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
+
+
+def learn(data: Path, output: Path, person: str) -> Path:
+    """The file of the activity of all persons but one, learned if it is not there."""
+    path = output / f"without_{person}.nc"
+    if not path.exists():
+        names = [name for other, own in LEARNED_FROM.items() if other != person for name in own]
+        recordings = [pose_recording(read_recording(data / "cmu_walks" / f"{name}.amc"), BODY, RATE) for name in names]
+        write_motion_model(train_motion_model(recordings, BODY), path)
+    return path
+
+
+def watch(data: Path, name: str, num_frames: int, seed: int) -> Scene[Any]:
+    """The first frames of a recording of 120 Hz in one camera."""
+    folder = next(each for each in (data / "cmu_walks", data / "cmu_amc") if (each / f"{name}.amc").exists())
+    skeleton = folder / f"{name.partition('_')[0]}.asf"
+    subject = recorded_subject(folder / f"{name}.amc", skeleton, model=BODY, frames=f"::{round(120 / RATE)}")
+    scene = observe_motion(subject, cameras_around(subject, count=1), camera_names(1), noise=NOISE, seed=seed)
+    return scene.first_frames(num_frames)
+
+
+def judge(tree: xr.DataTree) -> tuple[float, ...]:
+    """Error, coverage of 50 % and 90 % intervals, probability of the activity, frames a second."""
+    root = root_index(tree)
+    draws = np.asarray(tree["posterior/markers"].values, np.float64)
+    draws, truth = draws.reshape(-1, *draws.shape[2:]), np.asarray(tree["truth/markers"].values)
+    apart, true = (np.delete(each - each[..., root : root + 1, :], root, -2) for each in (draws, truth))
+    error = np.linalg.norm(apart.mean(0) - true, axis=-1).mean()
+    bounds = [np.quantile(apart, [(1 - level) / 2, (1 + level) / 2], axis=0) for level in (0.5, 0.9)]
+    shares = [np.mean((low <= true) & (true <= high)) for low, high in bounds]
+    known = tree["summary"].dataset
+    probability = float(known["prior_mean"].mean()) if "prior_mean" in known else np.nan
+    return float(error), *map(float, shares), probability, len(true) / float(tree.attrs["wall_seconds"])
+
+
+def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int) -> tuple[float, ...]:
+    """What a run of a recording, a case and a seed measures."""
+    name, case, seed = key
+    prior = None if case == "default" else str(learn(data, output, name.partition("_")[0]))
+    settings = TrackSettings(model=BODY, prior=prior, seed=int(seed), **CASES[case])
+    return judge(track(watch(data, name, num_frames, int(seed)), settings))
+
+
+def main() -> None:
+    options = arguments(__doc__, recordings=RECORDINGS, runs=2, output="learned-prior")
+    start_jax()
+    data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
+    output.mkdir(parents=True, exist_ok=True)
+    num_frames, runs = (5, 1) if options.quick else (NUM_FRAMES, options.runs)
+    found = read_runs(output / "learned_prior.csv")
+    table = Table(
+        "learned_prior", _COLUMNS, found, "Runs of learned_prior.py: errors in mm, shares of the joints' coordinates."
+    )
+    done = {row[:3] for row in table.rows}
+    for key in itertools.product(options.recordings.split(","), CASES, map(str, range(runs))):
+        if key not in done:
+            table.rows.append((*key, *(f"{value:.5g}" for value in run(data, output, key, num_frames))))
+            write_csv(table, output)
+            print(*table.rows[-1], flush=True)
+    show("Runs", _COLUMNS, [[str(value) for value in row] for row in table.rows])
+
+
+if __name__ == "__main__":
+    main()

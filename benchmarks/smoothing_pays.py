@@ -1,0 +1,90 @@
+"""Does smoothing pay? Filters and smoothers that are not bound to the filter's particles, on walks in circles seen as points.
+
+    POSEPPL_DATA=FOLDER python benchmarks/smoothing_pays.py [--quick] [--cameras 1,2,4] [--seeds 3] [--output smoothing-pays]
+
+Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras, noise 0.003 focal lengths. The filter
+is the default tracker; a smoother takes its draws. Of all joints: mean distance of posterior means from the truth, mm, and
+the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers with compilation. Rows
+of OUTPUT/smoothing_pays.csv are not made again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rendered_walks import read_runs
+from timing import arguments, show
+
+from poseppl.cli.console import start_jax
+from poseppl.experiments.tables import Table, write_csv
+from poseppl.motion.tracking import Scene, SmoothSettings, TrackSettings, observe_motion, recorded_subject, smooth, track
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+
+WALKS, RADIUS, NOISE = ("05_01", "06_01", "16_16", "08_04"), 1200.0, 0.003
+FILTER = "filter"
+SMOOTHERS: dict[str, dict[str, Any]] = {
+    "rauch-tung-striebel": {},
+    "backward-simulation": {},
+    "particle-mgrad": {},
+    "trajectory": {"num_draws": 100},
+}
+_COLUMNS = ("walk", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
+
+
+def watch(data: Path, name: str, cameras: int, num_frames: int, seed: int) -> Scene[Any]:
+    """The first frames of a walk along a circle."""
+    folder = data / "cmu_walks"
+    skeleton = folder / f"{name.partition('_')[0]}.asf"
+    subject = recorded_subject(folder / f"{name}.amc", skeleton, frames="::4", turn=RADIUS)
+    placed = cameras_around(subject, count=cameras)
+    return observe_motion(subject, placed, camera_names(cameras), noise=NOISE, seed=seed).first_frames(num_frames)
+
+
+def judge(tree: xr.DataTree) -> tuple[float, float, float]:
+    """Error, and coverage of 50 % and 90 % intervals."""
+    draws = np.asarray(tree["posterior/markers"].values, np.float64)
+    draws, truth = draws.reshape(-1, *draws.shape[2:]), np.asarray(tree["truth/markers"].values)
+    error = np.linalg.norm(draws.mean(0) - truth, axis=-1).mean()
+    bounds = [np.quantile(draws, [(1 - level) / 2, (1 + level) / 2], axis=0) for level in (0.5, 0.9)]
+    shares = [float(np.mean((low <= truth) & (truth <= high))) for low, high in bounds]
+    return float(error), shares[0], shares[1]
+
+
+def runs_of(data: Path, key: tuple[str, str, str], methods: list[str], num_frames: int) -> list[tuple[Any, ...]]:
+    """Rows of a walk, cameras and a seed: the filter's and those of smoothers."""
+    name, cameras, seed = key
+    filtered = track(watch(data, name, int(cameras), num_frames, int(seed)), TrackSettings(seed=int(seed)))
+    rows = [(*key, FILTER, *judge(filtered), float(filtered.attrs["wall_seconds"]) / num_frames)]
+    for method in methods:
+        began = time.perf_counter()
+        smoothed = smooth(filtered, SmoothSettings(method, SMOOTHERS[method], seed=int(seed)))
+        rows.append((*key, method, *judge(smoothed), (time.perf_counter() - began) / num_frames))
+    return rows
+
+
+def main() -> None:
+    options = arguments(__doc__, cameras="1,2,4", methods=",".join(SMOOTHERS), seeds=3, frames=40, output="smoothing-pays")
+    start_jax()
+    data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
+    output.mkdir(parents=True, exist_ok=True)
+    num_frames, seeds = (5, 1) if options.quick else (options.frames, options.seeds)
+    about = "Runs of smoothing_pays.py: errors in mm, shares of the joints' coordinates, seconds a frame."
+    table = Table("smoothing_pays", _COLUMNS, read_runs(output / "smoothing_pays.csv"), about)
+    done = {row[:3] for row in table.rows}
+    for seed, cameras, name in itertools.product(map(str, range(seeds)), options.cameras.split(","), WALKS):
+        if (name, cameras, seed) not in done:
+            for row in runs_of(data, (name, cameras, seed), options.methods.split(","), num_frames):
+                table.rows.append(tuple(f"{value:.5g}" if isinstance(value, float) else value for value in row))
+                print(*table.rows[-1], flush=True)
+            write_csv(table, output)
+    show("Runs", _COLUMNS, [[str(value) for value in row] for row in table.rows])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Whether smoothing pays, with smoothers that are not bound to the filter's particles, for docs/measurements.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import mean
+from typing import Any
+
+from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.tables import Table, markdown
+
+Tables = Mapping[str, Table]
+FILTER = "filter"
+
+
+def smoothing_pays(tables: Tables) -> str:
+    """Errors, coverage and cost by cameras and method, and which smoothers have smaller errors than the filter."""
+    records = tables["smoothing_pays"].records()
+    rows, told = [], []
+    for cameras in sorted({row["cameras"] for row in records}, key=int):
+        seen = [row for row in records if row["cameras"] == cameras]
+        before = {_run(row): float(row["error"]) for row in seen if row["method"] == FILTER}
+        better, number = [], len({_run(row) for row in seen})
+        for method in dict.fromkeys(row["method"] for row in seen):
+            own = [row for row in seen if row["method"] == method]
+            less = [100 * (1 - float(row["error"]) / before[_run(row)]) for row in own]
+            share, low, high = mean_interval(less)
+            if method != FILTER and low > 0:
+                better.append(f"{method} by {share:.0f} % ({low:.0f} to {high:.0f})")
+            gain = "" if method == FILTER else f"{share:.0f} ({low:.0f} to {high:.0f})"
+            shares = [f"{100 * _mean(own, column):.0f}" for column in ("coverage_50", "coverage_90")]
+            rows.append([cameras, method, f"{_mean(own, 'error'):.0f}", gain, *shares, f"{_seconds(own):.2g}"])
+        verdict = f"holds: {', '.join(better)}" if better else "does not hold"
+        told.append(f"- {_plural(int(cameras))}, {number} runs: smoothing pays: {verdict}.")
+    columns = ("cameras", "", "error", "% less", "in 50 %", "in 90 %", "s a frame")
+    return f"{markdown(columns, rows)}\n\n" + "\n".join(told)
+
+
+def _run(row: Mapping[str, Any]) -> tuple[str, str]:
+    return str(row["walk"]), str(row["seed"])
+
+
+def _mean(rows: list[Mapping[str, Any]], column: str) -> float:
+    return mean(float(row[column]) for row in rows)
+
+
+def _seconds(rows: list[Mapping[str, Any]]) -> float:
+    """The median, which leaves the run that compiles out."""
+    found = sorted(float(row["seconds"]) for row in rows)
+    return found[len(found) // 2]
+
+
+def _plural(cameras: int) -> str:
+    return f"{cameras} camera{'s' * (cameras > 1)}"

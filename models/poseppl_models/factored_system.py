@@ -1,0 +1,133 @@
+"""Peursum, Venkatesh and West (2010) with the motion model of section 3.3, learned from one recorded walk: FSHHMM-PF.
+
+Body and likelihood are those of :func:`poseppl_models.image_systems.peursum_system`. The first pose is not told: it may be any
+of the walk's, facing anywhere, near the point that is closest to the rays through the middles of the foregrounds.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+from jax import Array
+
+from poseppl.arrays import Floats
+from poseppl.errors import InputError
+from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.learned import FactoredTables, read_factored_tables
+from poseppl_models.body_constraints import hard_constraints
+from poseppl_models.cone_body import ConeBody
+from poseppl_models.factored_motion import factored_motion, pose_of_bins
+from poseppl_models.image_program import camera_likelihood
+from poseppl_models.image_systems import STRIDE, limbs_of, peursum_person, published_scale, two_way_inputs
+from poseppl_models.peursum_likelihood import peursum_score
+
+FIRST_PLACE, FIRST_TURN = 150.0, 1.8
+"""Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""
+
+
+class FactoredInputs(NamedTuple):
+    """Inputs of one frame: those of :class:`poseppl_models.image_program.ImageInputs`, and what was learned.
+
+    Attributes:
+        cameras: C cameras, px.
+        camera_weight: Shape (C,): 0 for a camera that drops out.
+        evidence: What the likelihood wants to know of the images.
+        start: Of the first pose (d,), mm and radians; only position and heading are used.
+        start_scale: Standard deviations (d,), likewise.
+        step_scale: Of a step (d,), likewise.
+        motion: The learned tables.
+    """
+
+    cameras: Cameras
+    camera_weight: Array
+    evidence: Any
+    start: Array
+    start_scale: Array
+    step_scale: Array
+    motion: FactoredTables
+
+
+def peursum_factored_system(
+    person: SeenPerson,
+    *,
+    model: str,
+    views: int = 4,
+    exponent: float = 8.0,
+    stride: int = STRIDE,
+) -> ImageSystem:
+    """Build it.
+
+    Args:
+        person: Who is seen.
+        model: File of the learned tables.
+        views: How many cameras are used, the first ones.
+        exponent: lambda of Eq. 9.
+        stride: Pixels between points of the likelihood's grid.
+
+    Raises:
+        InputError: The file cannot be read, or no two cameras see the person in the first frame.
+    """
+    body, fitted = peursum_person(person.markers)
+    likelihood, limits = camera_likelihood(body, peursum_score(stride)), hard_constraints()["limits"]
+    motion = read_factored_tables(model)
+    start, start_scale = first_place(body, person, views)
+
+    def observe(params: Any, pose: Array, inputs: FactoredInputs) -> None:
+        numpyro.factor("images", likelihood(params, pose, inputs))
+        numpyro.factor("limits", limits(body, pose, params))
+
+    seen = two_way_inputs(person, views, start, published_scale(body, person.rate), stride)
+
+    def inputs_of(sight: Sight) -> FactoredInputs:
+        plain = seen(sight)._replace(start_scale=jnp.asarray(start_scale, float))
+        return FactoredInputs(*plain, motion)
+
+    program = factored_motion(body.tree.coordinates, observe)
+    poses = jax.jit(jax.vmap(pose_of_flat(body), (0, None)))
+    learned = LearnedMotion(lambda states, inputs: poses(states, inputs.motion))
+    return ImageSystem(body.tree, program, {"lambda": exponent}, inputs_of, fitted, limbs_of(body), learned)
+
+
+def pose_of_flat(body: ConeBody) -> Any:
+    """Write the pose (d,) of a flat state: phase, bins, heading, position; and of its tables."""
+    pose_of, rotations = pose_of_bins(body.tree.coordinates), body.tree.dimension - 4
+
+    def pose(state: Array, motion: FactoredTables) -> Array:
+        bins, heading, position = jnp.split(state[1:], [rotations, rotations + 1])
+        whole: Array = pose_of({"bins": bins, "heading": heading[0], "position": position}, motion)
+        return whole
+
+    return pose
+
+
+def first_place(body: ConeBody, person: SeenPerson, views: int) -> tuple[Floats, Floats]:
+    """Mean and standard deviations (d,) of the first pose, of which position and heading are known.
+
+    Raises:
+        InputError: Fewer than two cameras see the person.
+    """
+    cameras = jax.tree.map(np.asarray, person.cameras)
+    middles, used = [], []
+    for number, features in enumerate(person.first.features[:views]):
+        rows, columns = np.nonzero(features.foreground)
+        if len(rows):
+            used.append(number)
+            middles.append((columns.min() + columns.max(), rows.min() + rows.max()))
+    if len(used) < 2:
+        raise InputError("the person is not seen in the first frame", field="video", expected="two cameras that see the person")
+    sight = (np.array(middles) / 2 - cameras.principal[used]) / cameras.focal[used]
+    rays = np.einsum("cij,ci->cj", cameras.rotation[used], np.column_stack([sight, np.ones(len(used))]))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    point = np.linalg.solve(across.sum(0), np.einsum("cij,cj->i", across, cameras.centre[used]))
+    start, scale = np.array(body.rest, np.float64), np.ones(body.tree.dimension)
+    axes = [axis for _, axis in body.tree.coordinates]
+    for axis, value in zip(("tx", "ty", "tz"), point, strict=True):
+        start[axes.index(axis)], scale[axes.index(axis)] = value, FIRST_PLACE
+    scale[axes.index("Z")] = FIRST_TURN
+    return start, scale

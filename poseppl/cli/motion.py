@@ -1,0 +1,132 @@
+"""The command `poseppl fit-motion`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.errors import InputError
+
+BODY = "poseppl_models.darby:full_body"
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl fit-motion walk 07_01.amc 07_02.amc 16_15.amc 08_01.amc --rate 60
+      A walk, from four recordings of three people; their skeletons 07.asf, 16.asf and 08.asf lie beside them.
+  poseppl fit-motion run running.amc,somebody.asf jog.bvh --states 20 --plot run.png
+      A skeleton that is called otherwise stands after a comma.
+
+\b
+Files written:
+  NAME.nc   the model, with what it was trained on
+  the picture of --plot: the recordings and the states in the first three components
+Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command("fit-motion", epilog=EXAMPLES, short_help="Learn an activity from recordings of it.")
+@click.argument("name")
+@click.argument("files", nargs=-1, required=True, metavar="FILE[,SKELETON]...")
+@click.option(
+    "--model", metavar="NAME", default=BODY, show_default=True, help="The body: package.module:builder or FILE.py:builder."
+)
+@click.option(
+    "--rate",
+    metavar="HZ",
+    type=float,
+    help="Frames a second of the model: of each recording every n-th is taken. [default: the highest that all can have]",
+)
+@click.option("--components", metavar="N", type=click.IntRange(1), default=4, show_default=True, help="Principal components.")
+@click.option(
+    "--states", metavar="N", type=click.IntRange(1), default=30, show_default=True, help="States of the Markov model."
+)
+@click.option(
+    "--rounds", metavar="N", type=click.IntRange(1), default=50, show_default=True, help="Rounds of Baum-Welch, at most."
+)
+@click.option("--free", metavar="JOINT", multiple=True, help="Joints that are not learned. [default: the root, neck and head]")
+@click.option(
+    "--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of what training starts from."
+)
+@click.option("--plot", metavar="FILE.png", type=click.Path(), help="Picture of the states.")
+@common_options
+def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:
+    """Learn an activity: principal components of joint angles, and a hidden Markov model of them.
+
+    Each FILE is a recording of the activity as poseppl track takes it. Recordings with one skeleton are of one person, whose
+    mean pose is subtracted; a recording without a skeleton is of a person of its own.
+    """
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.files import check_writable
+    from poseppl.motion.learned import TrainingSettings, train_motion_model, write_motion_model
+
+    target = Path(name if name.endswith(".nc") else f"{name}.nc")
+    picture = None if options["plot"] is None else Path(options["plot"])
+    check_writable([target, *([picture] if picture else [])], [part for word in files for part in word.split(",")])
+    if picture and options["components"] < 2:
+        raise InputError("a single component makes no picture", field="--plot", expected="--components of 2 or more")
+    settings = TrainingSettings(
+        options["components"], options["states"], options["rounds"], options["seed"], options["free"] or None
+    )
+    progress = ConsoleProgress(options["quiet"], doing="fitting the body")
+    start_jax()
+    with progress.running():
+        recordings = _pose(files, options["model"], options["rate"], progress)
+    training = ConsoleProgress(options["quiet"], doing="training", unit="rounds at most")
+    with training.running():
+        training.stage("training", settings.num_rounds)
+        model = train_motion_model(recordings, options["model"], settings, advance=training.advance)
+    write_motion_model(model, target)
+    if picture is not None:
+        _draw(model, recordings, picture)
+    if not options["quiet"]:
+        print_table(
+            "poseppl fit-motion", [*_summary(model), ("model", str(target)), *([("plot", str(picture))] if picture else [])]
+        )
+
+
+def _pose(files: tuple[str, ...], model: str, rate: float | None, progress: Any) -> list[Any]:
+    """The recordings as poses, at one rate."""
+    from poseppl.motion.learned import common_rate, pose_recording, read_recording
+
+    if rate is not None and not 0 < rate < 1e6:
+        raise InputError(f"{rate:g}", field="--rate", expected="a positive number of frames a second")
+    progress.stage("reading")
+    recordings = []
+    for word in files:
+        path, _, skeleton = word.partition(",")
+        recordings.append(read_recording(path, skeleton or None))
+    rates = [recording.motion.rate for recording in recordings]
+    chosen = common_rate(rates) if rate is None else rate
+    if len({round(each, 3) for each in rates}) > 1:
+        progress.note(f"recordings of {min(rates):g} to {max(rates):g} frames a second: {chosen:g} of each are taken")
+    counts = [round(len(recording.motion.positions) * chosen / recording.motion.rate) for recording in recordings]
+    progress.stage("fitting the body", sum(counts))
+    posed = []
+    for recording, count in zip(recordings, counts, strict=True):
+        posed.append(pose_recording(recording, model, chosen))
+        progress.advance(count)
+    return posed
+
+
+def _draw(model: Any, recordings: list[Any], path: Path) -> None:
+    from poseppl.motion.learned.states_picture import plot_states
+    from poseppl.report.picture import save_picture
+
+    features = [(recording.person, model.features(recording.states, recording.person)) for recording in recordings]
+    save_picture(plot_states(model, features), path)
+
+
+def _summary(model: Any) -> list[tuple[str, str]]:
+    residual = max(model.provenance["residuals mm"])
+    return [
+        ("frames", f"{sum(model.provenance['frames'])} at {model.rate:g} Hz"),
+        ("persons", ", ".join(model.persons)),
+        ("fit of the body", f"{residual:.1f} mm at worst"),
+        ("variance kept", f"{100 * model.explained:.1f} % by {model.components.shape[1]} components"),
+        ("states", str(len(model.means))),
+        ("log-likelihood", f"{model.log_likelihoods[-1]:.1f} after {len(model.log_likelihoods)} rounds"),
+    ]

@@ -1,0 +1,36 @@
+"""All experiments by the names that the command line has for them.
+
+Nothing heavy is imported before one is wanted.
+
+>>> find_experiment("choo-fleet-2001").title
+'Choo and Fleet 2001, run again'
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from poseppl.experiments.experiment import Experiment
+
+EXPERIMENTS: Mapping[str, str] = {
+    "choo-fleet-2001": "poseppl.experiments.choo_fleet",
+    "sminchisescu-triggs-2001": "poseppl.experiments.sminchisescu_triggs",
+    "du-guan-2006": "poseppl.experiments.du_guan",
+    "darby-2008": "poseppl.experiments.darby",
+    "peursum-2010": "poseppl.experiments.peursum",
+    "bodytrack": "poseppl.experiments.bodytrack",
+}
+"""Packages, each with its `EXPERIMENT`."""
+
+
+def find_experiment(name: str) -> Experiment:
+    """The experiment of a name.
+
+    Raises:
+        KeyError: There is none.
+    """
+    found: Experiment = import_module(EXPERIMENTS[name]).EXPERIMENT
+    return found

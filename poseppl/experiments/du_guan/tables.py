@@ -1,0 +1,39 @@
+"""How the page tells the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from poseppl.experiments.du_guan.mueller import BASINS
+from poseppl.experiments.experiment import Tables
+from poseppl.experiments.images.tables import filter_rows, told_errors
+from poseppl.experiments.measured import Measured
+from poseppl.experiments.tables import markdown
+
+
+def trackers(tables: Tables) -> str:
+    """Errors and average sample weights of the filters."""
+    rows = []
+    for row in filter_rows(tables, "trackers"):
+        weight = Measured(row["weight"], row["weight_sd"], row["runs"]).told(3)
+        shown = [row["method"], f"{row['evaluations']:,}", weight, *told_errors(row), f"{row['seconds']:.2g}"]
+        rows.append([*shown, str(row["failed"]), str(row["runs"])])
+    columns = ("filter", "evaluations", "weight", "error", "relative", "best particle", "s a frame", "frames failed", "runs")
+    return markdown(columns, rows) if rows else ""
+
+
+def mueller(tables: Tables) -> str:
+    """Shares of the basins."""
+    if "mueller" not in tables:
+        return ""
+    rows = [
+        [f"{row['temperature']:g}", row["method"], ", ".join(_share(row, name) for name in BASINS)]
+        for row in tables["mueller"].records()
+    ]
+    return markdown(("temperature", "method", "share in A, B, C (%)"), rows)
+
+
+def _share(row: Mapping[str, Any], basin: str) -> str:
+    """A share, with its reach where it is a mean of runs."""
+    return f"{row[basin]:.3g}" + (f" +- {row[f'{basin}_reach']:.2g}" if row["runs"] else "")

@@ -1,0 +1,1 @@
+"""Systems that track people in images, on rendered scenes whose truth is known: what such experiments have in common."""

@@ -1,0 +1,202 @@
+"""The paper's twelve algorithms (Table 1) on walks: three filters, each alone and with three smoothers.
+
+A run is a filter's particles over a walk, and four estimates of them: the filter's, FBS (section 4.2), the variational and the
+Gibbs smoother on the mixture of section 4.3. Generic motions are in bins for the last two: one phase, whose rotations diffuse.
+Errors are those of the mean posture (:mod:`poseppl.experiments.peursum.posture`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.arrays import Floats
+from poseppl.experiments.clock import finished
+from poseppl.experiments.images.scenes import Scene
+from poseppl.experiments.images.systems import Method, Problem, System, problem_of
+from poseppl.experiments.images.tracking import compiled_step, stacked
+from poseppl.experiments.jobs import Job
+from poseppl.experiments.peursum.factored_evidence import (
+    FactoredPosterior,
+    LogTables,
+    Mixtures,
+    diffusion_tables,
+    fit_mixtures,
+    log_tables,
+)
+from poseppl.experiments.peursum.factored_fbs import RootWalk, log_transition_matrix, reweigh
+from poseppl.experiments.peursum.factored_gibbs import Draw, gibbs
+from poseppl.experiments.peursum.factored_mean_field import mean_field, start_marginals
+from poseppl.experiments.peursum.posture import posture_error
+from poseppl.experiments.peursum.tracks import Track, frames_of, posture_of, run_track
+from poseppl.experiments.peursum.training import trained_file
+from poseppl.experiments.recordings import Recording
+from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
+from poseppl.motion.learned.factored_tables import NUM_BINS
+from poseppl.smoothers import History, forward_backward_smoother
+
+ALGORITHMS = ("filter", "FBS", "variational", "Gibbs")
+MOST_PAIRED = 2_000
+"""Particles of FBS at most, whose time grows with their square."""
+
+
+@dataclass(frozen=True)
+class SmoothedWalk(Job):
+    """Runs of one filter on a walk, and the smoothers after it.
+
+    Attributes:
+        scene: What is seen.
+        system: Who sees it.
+        method: The filter.
+        num_frames: How many frames of the scene.
+        runs: Numbers of the runs, which are seeds.
+        rounds: Of the Gibbs sampler.
+        training: What the motion is learned from; None for a generic one.
+        training_rate: Frames a second at which it is learned.
+    """
+
+    scene: Scene
+    system: System
+    method: Method
+    num_frames: int
+    runs: tuple[int, ...]
+    rounds: int
+    training: Recording | None = None
+    training_rate: float = 50.0
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return f"{self.system.name}-{self.scene.name}-{self.method.name}-{self.runs[0]}"
+
+    @property
+    def cost(self) -> float:
+        """Relative to a second."""
+        return 30.0 + len(self.runs) * self.num_frames * float(dict(self.method.settings)["num_particles"]) * 1e-3
+
+
+class Motion(NamedTuple):
+    """What smoothers take of a motion: its tables, which FBS takes as they are, and their floored logarithms."""
+
+    tables: FactoredTables
+    floored: LogTables
+    walk: RootWalk
+    learned: bool
+
+
+def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
+    """Run the filter and the smoothers.
+
+    Returns:
+        ``errors`` (run, algorithm, frame), mm, by :data:`ALGORITHMS`; ``seconds`` a frame (run, algorithm), those of smoothers
+        in the first run with compilation; ``rounds`` of the variational smoother (run,); ``ess_share`` and ``survivors``
+        (run,), mean shares of N that are effective, and that have descendants three frames later, NaN where a filter has no
+        ancestors.
+    """
+    system = job.system
+    if job.training is not None:
+        system = system.with_settings(model=trained_file(job.training, job.training_rate))
+    problem = problem_of(job.scene, system, job.num_frames)
+    if job.training is None:
+        filter, step = compiled_step(job.scene, system, job.num_frames, job.method)
+    else:
+        filter = job.method.build(problem)
+        step = jax.jit(filter.step)
+    motion = motion_of(problem, system)
+    rows = []
+    for run in job.runs:
+        track = run_track(problem, filter, step, run)
+        rows.append(smooth_track(problem, track, motion, job.rounds, run))
+    return stacked(rows)
+
+
+def motion_of(problem: Problem, system: System) -> Motion:
+    """The motion of a system, or the diffusion of a generic one in bins."""
+    inputs, places = problem.frames[0], root_places(problem.system.tree.coordinates)
+    scales = np.asarray(inputs.step_scale, np.float64)
+    file = dict(system.settings).get("model")
+    tables = diffusion_tables(jnp.asarray(np.delete(scales, places), float), NUM_BINS)
+    if file is not None:
+        tables = read_factored_tables(file)
+    walk = RootWalk(jnp.asarray(scales[places], float), tables.strides, jnp.asarray(tables.stays, float))
+    return Motion(tables, log_tables(tables), walk, file is not None)
+
+
+def smooth_track(problem: Problem, track: Track, motion: Motion, rounds: int, seed: int) -> dict[str, Any]:
+    """The estimates of a run: errors (algorithm, frame), seconds (algorithm,) and the rest, as :func:`smooth_walk` has them."""
+    key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
+    weights = np.exp(np.asarray(track.log_weights, np.float64))
+    errors, seconds = [errors_of(problem, track.poses, weights)], [float(np.nanmedian(track.seconds))]
+    if weights.shape[1] <= MOST_PAIRED:
+        smoothed, spent = finished(lambda: forward_backward(problem, track, motion))
+        errors.append(errors_of(problem, track.poses, np.exp(np.asarray(smoothed, np.float64))))
+    else:
+        spent = np.nan
+        errors.append(np.full(len(weights), np.nan))
+    seconds.append(spent / len(weights))
+    mixtures, fitted = finished(lambda: _fit(key_fit, track.rotations, track.particles.roots, track.log_weights))
+    smoothers: list[Callable[[], tuple[FactoredPosterior, Any]]] = [
+        lambda: _variational(motion, mixtures, track),
+        lambda: (_gibbs(key_gibbs, motion.floored, mixtures, first_draw(mixtures, track), rounds), 0),
+    ]
+    counts = []
+    for smoother in smoothers:
+        (posterior, count), spent = finished(smoother)
+        poses = posture_of(problem.system.tree, posterior.root_mean, posterior.mean_rotations())
+        errors.append(errors_of(problem, poses[:, None], np.ones((len(poses), 1))))
+        seconds.append((fitted + spent) / len(weights))
+        counts.append(int(count))
+    told = {"errors": np.array(errors), "seconds": np.array(seconds), "rounds": counts[0]}
+    survivors = track.survivors() / weights.shape[1]
+    return told | {"ess_share": track.ess_share.mean(), "survivors": survivors.mean() if survivors.min() < 1 else np.nan}
+
+
+def forward_backward(problem: Problem, track: Track, motion: Motion) -> Array:
+    """Smoothed log-weights (T, N)."""
+    if not motion.learned:
+        smoother = forward_backward_smoother(problem.model)
+        history = History(track.states, track.log_weights, jnp.asarray(track.ancestors), jnp.zeros(len(track.states), bool))
+        inputs = jax.tree.map(lambda *leaves: jnp.stack(leaves), *problem.frames)
+        found: Array = jax.jit(smoother.smooth)(jax.random.key(0), history, None, inputs).log_weights
+        return found
+    frames, exact = frames_of(track.particles), log_tables(motion.tables, 0.0)
+    rows = [track.log_weights[-1]]
+    for t in range(len(frames) - 2, -1, -1):
+        densities = _log_matrix(exact, motion.walk, frames[t + 1], frames[t])
+        rows.append(reweigh(densities, rows[-1], track.log_weights[t]))
+    return jnp.stack(rows[::-1])
+
+
+def first_draw(mixtures: Mixtures, track: Track) -> Draw:
+    """The most likely particle of each frame, and the component next to it."""
+    rows, best = jnp.arange(len(track.log_weights)), jnp.argmax(track.log_weights, 1)
+    own = jax.tree.map(lambda leaf: leaf[rows, best], track.particles)
+    apart = jnp.square(track.rotations[rows, best][:, None] - mixtures.rotations).sum(-1)
+    chosen = jnp.argmin(jnp.where(jnp.isfinite(mixtures.log_weights), apart, jnp.inf), 1)
+    return Draw(own.phases, own.bins, chosen, own.roots)
+
+
+def errors_of(problem: Problem, poses: Any, weights: Floats) -> Floats:
+    """Error of the mean posture of each frame (T,), mm, from poses (T, N, d) and weights (T, N)."""
+    tree = problem.system.tree
+    rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
+    return np.array([posture_error(tree, pose, weight, truth) for pose, weight, truth in rows])
+
+
+_fit = jax.jit(fit_mixtures, static_argnames="max_components")
+_log_matrix = jax.jit(log_transition_matrix)
+_gibbs = jax.jit(gibbs, static_argnames="num_rounds")
+_mean_field = jax.jit(mean_field, static_argnames="max_rounds")
+
+
+def _variational(motion: Motion, mixtures: Mixtures, track: Track) -> tuple[FactoredPosterior, Array]:
+    own, sizes = track.particles, (motion.tables.phases.shape[0], NUM_BINS)
+    start = start_marginals(own.phases, own.bins, track.log_weights, sizes, mixtures)
+    posterior, _, count = _mean_field(motion.floored, mixtures, start)
+    return posterior, count

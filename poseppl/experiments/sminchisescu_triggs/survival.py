@@ -1,0 +1,45 @@
+"""When a body is lost, and what runs say of it: shares with Wilson's intervals, mean times until loss with Student's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from poseppl.arrays import Floats
+
+LOST = 150.0
+"""Mean distance (mm) of markers from the truth, both relative to the root, beyond which a body is lost."""
+LASTING = 0.2
+"""How long (s) it has to stay so."""
+
+
+def lost_at(errors: Floats, rate: float) -> float:
+    """Second at which a body is lost: errors (T,), mm, stay above :data:`LOST` from there for :data:`LASTING`; inf if never."""
+    frames = max(1, round(LASTING * rate))
+    above = np.concatenate([[0], np.cumsum(np.asarray(errors) > LOST)])
+    full = np.flatnonzero(above[frames:] - above[:-frames] == frames) if len(errors) >= frames else np.array([], int)
+    return float(full[0] / rate) if len(full) else float("inf")
+
+
+def share_interval(count: int, runs: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share."""
+    found: Any = stats.binomtest(count, runs).proportion_ci(method="wilson")
+    return float(found.low), float(found.high)
+
+
+def kept_seconds(lost: Floats, seconds: Floats | float) -> Floats:
+    """How long a body was kept, s; all of the scene where it was never lost."""
+    kept: Floats = np.minimum(np.asarray(lost, float), seconds)
+    return kept
+
+
+def mean_interval(values: Floats) -> tuple[float, float, float]:
+    """Mean of runs, and Student's 95 % interval; infinite for a single run, a point where all are alike."""
+    values = np.asarray(values, float)
+    mean = float(values.mean())
+    if len(values) < 2:
+        return mean, -np.inf, np.inf
+    half = float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
+    return mean, mean - half, mean + half

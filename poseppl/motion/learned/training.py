@@ -1,0 +1,173 @@
+"""Training a model of an activity from poses (Darby, Li and Costen 2008, sections 4, 5 and 7).
+
+The root's and the head's coordinates are taken out, each person's mean angles subtracted, principal components found of what
+is left, and a hidden Markov model of their weights is trained, each recording a sequence. Beyond the paper, the model keeps
+how far the angles stay from the components and for how long, and what each coordinate does from frame to frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.arrays import Floats, Integers
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.motion.learned.angles import mean_angle, wrapped
+from poseppl.motion.learned.baum_welch import baum_welch
+from poseppl.motion.learned.motion_model import MotionModel
+from poseppl.motion.learned.posed_recordings import PosedRecording
+from poseppl.motion.learned.principal_components import principal_components
+
+HEADS = ("neck", "head")
+"""Joints of the line of sight, which is left free as is the root."""
+_TRANSLATIONS = ("tx", "ty", "tz")
+_PACKAGES = ("poseppl", "hmmlearn", "scikit-learn", "numpy")
+
+
+class TrainingSettings(NamedTuple):
+    """How a model is trained.
+
+    Attributes:
+        num_components: eta.
+        num_states: N.
+        num_rounds: Rounds of Baum-Welch, at most.
+        seed: Of k-means and of the transition matrix that training starts from.
+        free: Joints that are not learned; the root and those of :data:`HEADS` that the body has if None.
+    """
+
+    num_components: int = 4
+    num_states: int = 30
+    num_rounds: int = 50
+    seed: int = 0
+    free: tuple[str, ...] | None = None
+
+
+def train_motion_model(
+    recordings: Sequence[PosedRecording],
+    model: str,
+    settings: TrainingSettings | None = None,
+    *,
+    advance: Callable[[int], None] = lambda _: None,
+) -> MotionModel:
+    """Train a model of an activity.
+
+    Args:
+        recordings: Of one body at one rate.
+        model: Builder of the body, for the record.
+        settings: How; the paper's if None.
+        advance: Is told of rounds of Baum-Welch that are done.
+
+    Raises:
+        ValueError: A setting is below 1.
+        InputError: The recordings differ in rate or coordinates, a joint is unknown, or there are too few frames.
+        PosepplError: hmmlearn or scikit-learn are not installed.
+    """
+    settings = settings or TrainingSettings()
+    check_at_least(1, num_components=settings.num_components, num_states=settings.num_states, num_rounds=settings.num_rounds)
+    learned = _check(recordings, settings)
+    persons = tuple(dict.fromkeys(recording.person for recording in recordings))
+    poses = [recording.states[:, learned] for recording in recordings]
+    means = np.array([mean_angle(np.concatenate(_of(person, recordings, poses))) for person in persons])
+    departures = [
+        wrapped(pose - means[persons.index(recording.person)]) for recording, pose in zip(recordings, poses, strict=True)
+    ]
+    principal = principal_components(np.concatenate(departures), settings.num_components)
+    features = [(departure - principal.centre) @ principal.components for departure in departures]
+    markov = baum_welch(features, settings.num_states, num_rounds=settings.num_rounds, seed=settings.seed, advance=advance)
+    return MotionModel(
+        model,
+        recordings[0].rate,
+        recordings[0].coordinates,
+        learned,
+        persons,
+        means,
+        *principal,
+        *markov[:-1],
+        *_residuals(departures, principal.centre, principal.components),
+        *_steps(recordings),
+        _limits(recordings),
+        markov.log_likelihoods,
+        _provenance(recordings, settings),
+    )
+
+
+def _of(person: str, recordings: Sequence[PosedRecording], values: Sequence[Floats]) -> list[Floats]:
+    return [value for recording, value in zip(recordings, values, strict=True) if recording.person == person]
+
+
+def _check(recordings: Sequence[PosedRecording], settings: TrainingSettings) -> Integers:
+    """Indices of the learned coordinates."""
+    if not recordings:
+        raise InputError("there is no recording to learn from", field="FILES", expected="at least one")
+    first = recordings[0]
+    for other in recordings:
+        if other.coordinates != first.coordinates or abs(other.rate / first.rate - 1) > 1e-3:
+            problem = (
+                f"{other.rate:g} frames a second and {len(other.coordinates)} coordinates, and those of {first.source} are "
+            )
+            raise InputError(f"{problem}{first.rate:g} and {len(first.coordinates)}", file=other.source, expected="the same")
+    joints = [name.rpartition(".")[0] for name in first.coordinates]
+    free = (first.root, *HEADS) if settings.free is None else settings.free
+    unknown = [] if settings.free is None else [joint for joint in settings.free if joint not in joints]
+    if unknown:
+        known = ", ".join(dict.fromkeys(joints))
+        raise InputError(f"the body has no joint {unknown[0]!r}", field="--free", expected=f"some of {known}")
+    if first.root not in free:
+        raise InputError(f"the root {first.root!r} is learned", field="--free", expected=f"{first.root} among the free joints")
+    learned = np.array([index for index, joint in enumerate(joints) if joint not in free], int)
+    count = settings.num_components
+    if count > len(learned):
+        raise InputError(
+            f"{count} components of {len(learned)} angles", field="--components", expected=f"at most {len(learned)}"
+        )
+    frames = sum(len(recording.states) for recording in recordings)
+    needed = settings.num_states * (count + 1)
+    if frames < needed:
+        problem = f"{frames} frames are too few for {settings.num_states} states of {count} components"
+        raise InputError(problem, field="FILES", expected=f"{needed} or more, {count + 1} a state; or fewer --states")
+    short = [recording.source for recording in recordings if len(recording.states) < 2]
+    if short:
+        raise InputError("a single frame shows no motion", file=short[0], expected="two frames or more")
+    return learned
+
+
+def _residuals(departures: Sequence[Floats], centre: Floats, components: Floats) -> tuple[Floats, Floats]:
+    """Standard deviations (L,) of the angles about the components, and their correlations from frame to frame (L,)."""
+    left = [departure - centre - (departure - centre) @ components @ components.T for departure in departures]
+    variance = np.mean(np.concatenate(left) ** 2, 0)
+    product = np.mean(np.concatenate([part[1:] * part[:-1] for part in left]), 0)
+    return np.sqrt(variance), np.clip(product / np.where(variance > 0, variance, 1.0), 0.0, 1.0)
+
+
+def _steps(recordings: Sequence[PosedRecording]) -> tuple[Floats, Floats]:
+    """Root mean square and largest change (d,) of each coordinate from frame to frame."""
+    changes = np.concatenate([np.diff(recording.states, axis=0) for recording in recordings])
+    return np.sqrt(np.mean(changes**2, 0)), np.abs(changes).max(0)
+
+
+def _limits(recordings: Sequence[PosedRecording]) -> Floats:
+    """Least and largest value of each coordinate (d, 2), whole turns apart brought together; infinite for the root."""
+    states = np.concatenate([recording.states for recording in recordings])
+    middle = mean_angle(states)
+    near = middle + wrapped(states - middle)
+    root = [name.rpartition(".")[0] == recordings[0].root for name in recordings[0].coordinates]
+    limits = np.stack([near.min(0), near.max(0)], 1)
+    limits[root] = -np.inf, np.inf
+    return limits
+
+
+def _provenance(recordings: Sequence[PosedRecording], settings: TrainingSettings) -> dict[str, Any]:
+    files: NDArray[Any] = np.array([recording.source for recording in recordings])
+    return {
+        "files": files.tolist(),
+        "frames": [len(recording.states) for recording in recordings],
+        "file persons": [recording.person for recording in recordings],
+        "residuals mm": [round(recording.residual, 3) for recording in recordings],
+        "settings": settings._asdict(),
+        "versions": {name: version(name) for name in _PACKAGES},
+    }

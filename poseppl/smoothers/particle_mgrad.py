@@ -1,0 +1,219 @@
+r"""Particle-mGRAD and Particle-aGRAD: conditional SMC along the gradient and the Gaussian dynamics.
+
+Corenflos and Finke 2024 (https://arxiv.org/abs/2401.14868). A move draws an auxiliary variable around each state of the
+reference trajectory, runs a conditional filter whose particles are proposed given it and their ancestors' transition means, and
+draws a trajectory by backward simulation. Proposals and weights are derived in :mod:`poseppl.smoothers.gradient_proposal`.
+
+A factor of mGRAD's weight at frame t + 1 holds the ancestors of all slots but the one that it weighs, so that it says nothing
+of that slot's own ancestor: backward simulation draws x_t^i with probability proportional to w_t^i p(x_(t+1) | x_t^i), as in a
+bootstrap filter. Ancestors are multinomial.
+
+Step sizes delta_t are learned frame by frame, in warmup alone and by all chains together, so that a share 1 - (1 + N)^(-1/3) of
+the moves changes the frame's state. The scale S and the noise Q of the proposals come from the filter's history and stay.
+
+Chains do not cross between modes that are much farther apart than a step: as with NUTS, each mode's share of the draws is then
+that of the chains' starts. The step sizes learned are too short for the two modes of the growth model.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.checks import check_at_least, check_choice
+from poseppl.particles.resampling import multinomial
+from poseppl.particles.stacks import split_first
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
+from poseppl.program.population import log_transitions
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.conditional_smc import Sweep, draw_back
+from poseppl.smoothers.effective import smoothed_chains
+from poseppl.smoothers.gradient_proposal import (
+    Geometry,
+    Scaling,
+    Variant,
+    geometry,
+    log_correction,
+    propose,
+    scale_of,
+    shifted,
+)
+from poseppl.smoothers.starts import draw_trajectories
+
+_MOST = 64
+"""Particles of a frame over which the transition's covariance is averaged."""
+
+
+@built_once
+def particle_mgrad_smoother(
+    model: CompiledModel,
+    *,
+    num_particles: int = 32,
+    num_chains: int = 4,
+    num_draws: int = 250,
+    num_warmup: int = 200,
+    variant: Variant = "mgrad",
+    scaling: Scaling = "covariance",
+) -> Smoother:
+    """Particle-mGRAD or aGRAD: conditional particle filters that follow gradients.
+
+    Args:
+        model: The compiled model; its initial and transition programs have Gaussian moments.
+        num_particles: N of each move, the reference included.
+        num_chains: M, chains side by side.
+        num_draws: R, draws of each chain that count.
+        num_warmup: Moves of each chain before them, in which step sizes are learned.
+        variant: "mgrad" integrates the auxiliary variable out of the weights, "agrad" keeps it.
+        scaling: Of a step, from the filter's particles: their "covariance", its diagonal ("spread"), or "none".
+
+    Returns:
+        The smoother; its particles are (T, M, R, d), and the draw of one index is a whole trajectory. `acceptance` is the share
+        of the moves that changed a frame's state.
+
+    Raises:
+        ValueError: A number out of range, an unknown word, or a model with discrete sites; when it smooths, also a site of the
+            initial or the transition program without Gaussian moments.
+    """
+    check_at_least(2, num_particles=num_particles)
+    check_at_least(1, num_chains=num_chains, num_draws=num_draws)
+    check_at_least(0, num_warmup=num_warmup)
+    check_choice(Variant, variant=variant)
+    check_choice(Scaling, scaling=scaling)
+    discrete = [name for name, site in model.sites.items() if site.discrete]
+    if discrete:
+        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+    num_moves = num_warmup + num_draws
+    target = 1 - (1 + num_particles) ** (-1 / 3)
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        key_start, key_moves = jax.random.split(rng_key)
+        starts = draw_trajectories(model, key_start, history, inputs, num_chains)
+        axes = _geometries(model, history, inputs, scaling)
+
+        def move(key: Array, xs: Array, h: Array) -> Array:
+            return gradient_move(model, key, xs, observations, inputs, axes, h, num_particles, variant)
+
+        def advance(carry: tuple[Array, Array], row: tuple[Array, Array]) -> tuple[Any, tuple[Array, Array]]:
+            (xs, log_delta), (key, rate) = carry, row
+            moved = jax.vmap(move, (0, 0, None))(jax.random.split(key, num_chains), xs, jnp.exp(log_delta) / 2)
+            changed = jnp.mean(jnp.any(moved != xs, -1), 0, dtype=xs.dtype)
+            return (moved, jnp.clip(log_delta + rate * (changed - target), -30.0, 5.0)), (moved, changed)
+
+        numbers = jnp.arange(num_moves)
+        rates = jnp.where(numbers < num_warmup, (1.0 + numbers) ** -0.4, 0.0).astype(starts.dtype)
+        rows = jax.random.split(key_moves, num_moves), rates
+        _, (draws, changed) = jax.lax.scan(advance, (starts, jnp.zeros_like(starts[0, :, 0])), rows)
+        num_evaluated = float(num_moves * num_chains * starts.shape[1] * num_particles)
+        return smoothed_chains(
+            jnp.transpose(draws[num_warmup:], (2, 1, 0, 3)),
+            acceptance=jnp.mean(changed[num_warmup:], 0),
+            num_transition=2 * num_evaluated,
+            num_gradient=num_evaluated,
+        )
+
+    return Smoother(smooth, joint=True)
+
+
+def _geometries(model: CompiledModel, history: History, inputs: Any, scaling: Scaling) -> Geometry:
+    """The coordinates of every frame, with a leading T."""
+    scales = jax.vmap(lambda *frame: scale_of(scaling, *frame))(history.particles, history.log_weights)
+    first, later = split_first(inputs)
+    before = history.particles[:-1, :_MOST]
+    noises = model.initial_moments(first)[1][None]
+    if len(before):
+
+        def noise(xs: Array, row: Any) -> Array:
+            return jnp.mean(jax.vmap(lambda x: model.transition_moments(x, row)[1])(xs), 0)
+
+        noises = jnp.concatenate([noises, jax.vmap(noise)(before, later)])
+    return jax.vmap(geometry)(scales, noises)
+
+
+class _Frame(NamedTuple):
+    """What a frame of a move is given: its number, reference (d,), axes, h, data and inputs."""
+
+    number: Array
+    kept: Array
+    axes: Geometry
+    h: Array
+    observation: Observation
+    inputs: Any
+
+
+def gradient_move(
+    model: CompiledModel,
+    rng_key: Array,
+    reference: Array,
+    observations: Observation,
+    inputs: Any,
+    axes: Geometry,
+    h: Array,
+    num_particles: int,
+    variant: Variant,
+) -> Array:
+    """Move from a trajectory (T, d) to another.
+
+    Args:
+        model: The compiled model.
+        rng_key: PRNG key.
+        reference: The trajectory x' (T, d).
+        observations: Data with a leading T.
+        inputs: Inputs with a leading T, or None.
+        axes: Coordinates of the frames, with a leading T.
+        h: Half the step sizes (T,).
+        num_particles: N, the reference included.
+        variant: "mgrad" or "agrad".
+    """
+    key_back, key_first, key_later = jax.random.split(rng_key, 3)
+    first, later = split_first(_Frame(jnp.arange(len(reference)), reference, axes, h, observations, inputs))
+    mean = jnp.broadcast_to(model.initial_moments(first.inputs)[0], (num_particles, reference.shape[1]))
+
+    def log_start(particles: Array) -> Array:
+        return jax.vmap(lambda x: model.log_initial(x, first.inputs))(particles)
+
+    def advance(carry: tuple[Array, Array], frame: _Frame) -> tuple[Any, Any]:
+        previous, log_weights = carry
+        key_resample, key_move = jax.random.split(jax.random.fold_in(key_later, frame.number))
+        chosen = multinomial(key_resample, log_weights, num_particles - 1)
+        ancestors = jnp.concatenate([jnp.zeros(1, jnp.int32), chosen])
+        before = previous[ancestors]
+        means = jax.vmap(lambda x: model.transition_moments(x, frame.inputs)[0])(before)
+
+        def log_moved(particles: Array) -> Array:
+            return log_transitions(model, particles, before, frame.inputs)
+
+        moved = _extend(model, key_move, frame, means, log_moved, variant)
+        return moved, (*moved, ancestors)
+
+    start = _extend(model, key_first, first, mean, log_start, variant)
+    _, rest = jax.lax.scan(advance, start, later)
+    told = *start, jnp.zeros(num_particles, jnp.int32)
+    sweep = Sweep(*(jnp.concatenate([one[None], many]) for one, many in zip(told, rest, strict=True)))
+    chosen = draw_back(model, key_back, sweep, inputs)
+    return jnp.take_along_axis(sweep.particles, chosen[:, None, None], 1)[:, 0]
+
+
+def _extend(
+    model: CompiledModel, rng_key: Array, frame: _Frame, means: Array, log_prior: Any, variant: Variant
+) -> tuple[Array, Array]:
+    """Particles (N, d) of a frame with the reference in slot 0, and their log-weights, given their means from before."""
+    key_auxiliary, key_move = jax.random.split(rng_key)
+    axes, h = frame.axes, frame.h
+
+    def with_gradient(x: Array) -> Any:
+        return jax.value_and_grad(model.log_observation)(x, frame.observation, frame.inputs)
+
+    value, gradient = with_gradient(frame.kept)
+    phi = shifted(axes, h, frame.kept, gradient)
+    u = phi + jnp.sqrt(h) * jax.random.normal(key_auxiliary, phi.shape, phi.dtype)
+    moved = propose(key_move, axes, h, u, means[1:])
+    particles = jnp.concatenate([frame.kept[None], moved])
+    values, gradients = jax.vmap(with_gradient)(moved)
+    phis = jnp.concatenate([phi[None], shifted(axes, h, moved, gradients)])
+    log_weights = log_prior(particles) + jnp.concatenate([value[None], values])
+    log_weights = log_weights + log_correction(variant, axes, h, u, particles, means, phis)
+    return particles, jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)

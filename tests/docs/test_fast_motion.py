@@ -1,0 +1,56 @@
+"""What the page says of fast motion follows from the runs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
+
+from verdicts import fast_motion  # noqa: E402
+
+from poseppl.experiments.tables import Table  # noqa: E402
+
+COLUMNS = ("recording", "rate", "case", "frames", "seed", "error", "coverage")
+FIXED = [98.0, 100.0, 102.0]
+
+
+def told(coverage: float = 0.9, **learned: list[float]) -> list[str]:
+    rows = [
+        (name, 30, case, 25, seed, error, coverage)
+        for name, errors in learned.items()
+        for case, values in (("fixed", FIXED), ("learned", errors))
+        for seed, error in enumerate(values)
+    ]
+    return fast_motion.fast_motion({"fast_motion": Table("", COLUMNS, rows)}).splitlines()
+
+
+def test_errors_and_differences_are_those_of_the_runs() -> None:
+    found = told(run=[58.0, 60.0, 65.0])
+    assert found[2:4] == ["| fixed | 100, 90 % |", "| learned | 61, 90 % |"]
+    # -40, -40 and -37: mean -39, deviation 1.73 over the root of 3, times 4.303
+    assert found[-4] == "| Learned scales less published ones | **-39 ± 4** |"
+
+
+@pytest.mark.parametrize(
+    ("errors", "verdict"),
+    [
+        (
+            {"a": [30.0, 31.0, 32.0], "b": [40.0, 41.0, 42.0]},
+            "holds; by 95 % intervals they do on 2 (a, b) and do not on none;",
+        ),
+        ({"a": [30.0, 31.0, 32.0], "b": [70.0, 71.0, 72.0]}, "does not hold; by 95 % intervals they do on 1 (a)"),
+        ({"a": [30.0, 31.0, 32.0], "b": [30.0, 48.0, 69.0]}, "undecided; by 95 % intervals they do on 1 (a)"),
+    ],
+)
+def test_halving_is_judged_by_intervals_of_paired_runs(errors: dict[str, list[float]], verdict: str) -> None:
+    assert told(**errors)[-2].startswith(f"- Learned scales halve the errors: {verdict}")
+
+
+@pytest.mark.parametrize(
+    ("coverage", "verdict"), [(0.9, "holds; on 1 (a)."), (0.84, "does not hold; on none."), (0.96, "does")]
+)
+def test_intervals_are_judged_by_their_coverage(coverage: float, verdict: str) -> None:
+    assert told(coverage, a=FIXED)[-1].startswith(f"- Their 90 % intervals hold 85 to 95 %: {verdict}")

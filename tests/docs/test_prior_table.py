@@ -1,0 +1,36 @@
+"""What the page says of a learned prior follows from the runs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
+
+from verdicts import learned_prior  # noqa: E402
+
+from poseppl.experiments.tables import Table  # noqa: E402
+
+COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
+
+
+def told(coverage: float, probability: float, run: float = 0.1) -> list[str]:
+    rows = [
+        (name, case, 0, error, 0.5, coverage, chance, 30.0)
+        for name, error, chance in (("05_01", 20.0, 0.9), ("07_08", 26.0, probability), ("02_03", 60.0, run))
+        for case in ("alone", "mixture", "default")
+    ]
+    return learned_prior.learned_prior({"learned_prior": Table("", COLUMNS, rows)}).splitlines()
+
+
+def test_goals_are_judged_on_walks_alone() -> None:
+    found = told(0.9, 0.8)
+    assert found[2] == "| 05_01 | 20, 90 % | 20, 90 % | 20, 90 % | 0.90 |" and found[4].startswith("| 02_03, run | 60")
+    # 20 and 26: mean 23, deviation 4.24 over the root of 2, times 12.71
+    assert "error 23.0 ± 38.1 mm, below 25: holds" in found[-3] and "90.0 ± 0.0 %, 85 to 95 asked for: holds" in found[-3]
+    assert "asked for: does not hold" in told(0.8, 0.8)[-2]
+
+
+def test_other_motion_is_noticed_or_mistaken() -> None:
+    assert told(0.9, 0.8)[-1].endswith("on 1 of 1 recordings that are no walks, and on 0 of 2 walks.")
+    assert told(0.9, 0.3, run=0.7)[-1].endswith("on 0 of 1 recordings that are no walks, and on 1 of 2 walks (07_08).")

@@ -1,0 +1,87 @@
+"""The switching Gaussian filter where it is exact, and how near it is where it is not."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from law_problems import Problem, frame, run
+from oracles.switching import switching_filter as enumerate_all
+
+from poseppl.errors import UnsuitableModelError
+from poseppl.filters import switching_filter
+from poseppl.program import StateSpaceModel
+
+FIRST, TRANSITION = np.array([0.3, 0.7]), np.array([[0.6, 0.4], [0.25, 0.75]])
+MEANS, SDS = np.array([-1.0, 0.8]), np.array([0.4, 0.7])
+DATA = np.array([0.2, 1.1, np.nan, -0.6, 0.4])
+
+
+def posed(kept):
+    """x_t ~ N(kept x_(t-1) + mu_k, sigma_k^2), seen with noise; exact where nothing is kept."""
+
+    def start(params, inputs):
+        k = numpyro.sample("k", dist.Categorical(probs=FIRST))
+        numpyro.sample("x", dist.Normal(jnp.asarray(MEANS)[k], jnp.asarray(SDS)[k]))
+
+    def move(params, state, inputs):
+        k = numpyro.sample("k", dist.Categorical(probs=jnp.asarray(TRANSITION)[state["k"]]))
+        numpyro.sample("x", dist.Normal(kept * state["x"] + jnp.asarray(MEANS)[k], jnp.asarray(SDS)[k]))
+
+    model = StateSpaceModel(
+        start, move, lambda params, state, inputs: numpyro.sample("y", dist.Normal(state["x"], 0.3))
+    ).compile()
+
+    def law(k):
+        return np.array([MEANS[k]]), np.array([[SDS[k] ** 2]])
+
+    seen = (np.eye(1), np.zeros(1), 0.09 * np.eye(1))
+    exact = enumerate_all(FIRST, TRANSITION, law, lambda _, k: (kept * np.eye(1), *law(k)), seen, DATA[:, None])
+    return Problem(None, model, model.observe({"y": DATA}), None, exact)
+
+
+def answer(kept):
+    """Probabilities of the second value (T,), means (T,) and evidence increments (T,)."""
+    problem = posed(kept)
+    built = switching_filter(problem.model, 10)
+    states, infos = jax.jit(lambda key, data: run(built, key, data, None))(jax.random.key(0), problem.observations)
+    masses = np.exp(states.log_masses)
+    return problem.exact, masses[:, 1], np.sum(masses * states.means[:, :, 0], 1), infos.log_evidence
+
+
+def test_it_is_exact_where_the_past_is_forgotten():
+    exact, chances, means, increments = answer(0.0)
+    np.testing.assert_allclose(chances, exact.means[:, 0], atol=1e-5)
+    np.testing.assert_allclose(means, exact.means[:, 1], atol=1e-5)
+    np.testing.assert_allclose(increments, exact.log_evidence, atol=1e-5)
+
+
+def test_it_is_near_where_moments_of_the_past_are_matched():
+    exact, chances, means, increments = answer(0.7)
+    np.testing.assert_allclose(means[:2], exact.means[:2, 1], atol=0.02)
+    assert np.abs(means - exact.means[:, 1]).max() < 0.05
+    assert np.abs(chances - exact.means[:, 0]).max() < 0.05
+    assert 1e-4 < np.abs(increments - exact.log_evidence).max() < 0.1
+
+
+def test_draws_are_of_the_gaussians():
+    problem = posed(0.0)
+    state, _ = switching_filter(problem.model, 20_000).init(jax.random.key(0), frame(problem.observations, 0), None)
+    mean, covariance = problem.exact.means[0], problem.exact.covariances[0]
+    errors = (np.asarray(state.particles).mean(0) - mean) / np.sqrt(np.diag(covariance) / 20_000)
+    assert np.abs(errors).max() < 5
+
+
+def test_several_finite_sites_are_refused():
+    def start(params, *rest):
+        numpyro.sample("k", dist.Bernoulli(0.5).expand((2,)).to_event(1))
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    model = StateSpaceModel(
+        start, start, lambda params, state, inputs: numpyro.sample("y", dist.Normal(state["x"], 1.0))
+    ).compile()
+    with pytest.raises(UnsuitableModelError, match=r"finite sites \['k'\]. Expected a single one"):
+        switching_filter(model)

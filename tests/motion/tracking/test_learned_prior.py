@@ -1,0 +1,108 @@
+"""A learned activity as a tracker's prior: what it is given, and what it is refused for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from poseppl.cli import main
+from poseppl.diagnostics.verdicts import verdicts
+from poseppl.errors import InputError
+from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
+from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, recorded_subject, track
+from poseppl.motion.tracking.learned_prior import with_prior
+from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.problem import problem_of_result
+from poseppl.runs.results import load_result, provenance
+
+BODY = "poseppl_models.darby:full_body"
+
+
+@pytest.fixture(scope="module")
+def learned(data_dir, tmp_path_factory):
+    """A file of five phases of one person's walk, at 20 frames a second."""
+    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), BODY, 20.0)
+    path = tmp_path_factory.mktemp("learned") / "walk.nc"
+    write_motion_model(train_motion_model([recording], BODY, TrainingSettings(num_states=5, num_rounds=5)), path)
+    return path
+
+
+def scene_of(data_dir, model=BODY, frames="0:36:12"):
+    folder = data_dir / "cmu_walks"
+    subject = recorded_subject(folder / "16_16.amc", folder / "16.asf", model=model, frames=frames)
+    return observe_motion(subject, cameras_around(subject), camera_names(1))
+
+
+def test_poses_of_states_are_the_start(data_dir, learned):
+    """At the first frame's features and residual, the pose is the one that it started from; A is squared at half the rate."""
+    scene = scene_of(data_dir)
+    problem = with_prior(make_problem(scene), scene, learned)
+    assert problem.model.finite_sites == ("phase",) and problem.model.dimension == 1 + 4 + 9 + 22
+    activity = problem.inputs.activity.value
+    np.testing.assert_allclose(activity.transition.sum(1), 1.0, atol=1e-5)
+    start = np.asarray(scene.states[0])
+    free = np.array([name.startswith(("pelvis", "neck")) for name in scene.body.tree.coordinate_names])
+    sites = {"phase": 0, "features": np.zeros(4), "residual": start[~free] - np.asarray(activity.centre)}
+    sites |= {"pelvis_position": start[:3], "pelvis": start[3:6], "neck": start[free][6:]}
+    x = problem.model.to_flat(sites)
+    inputs = type(problem.inputs)(*([None] * 6), activity)
+    np.testing.assert_allclose(problem.pose(x, inputs), start, rtol=1e-5, atol=1e-5)
+
+
+def test_frames_of_other_motion_are_told(data_dir, learned):
+    """Somebody who strikes does not walk; without other motion in the prior there is no probability of it."""
+    scene = scene_of(data_dir)
+    problem = with_prior(make_problem(scene), scene, learned)
+    assert problem.follows is not None and len(problem.inputs.activity.value.means) == 6
+    alone = with_prior(make_problem(scene), scene, learned, other_motion=False)
+    assert alone.follows is None and len(alone.inputs.activity.value.means) == 5
+    folder = data_dir / "cmu_amc"
+    subject = recorded_subject(folder / "02_05.amc", folder / "02.asf", model=BODY, frames="300:540:6")
+    punch = observe_motion(subject, cameras_around(subject), camera_names(1))
+    found = track(punch, TrackSettings(model=BODY, filter="switching", prior=str(learned)))
+    probability = found["summary/prior_mean"].values
+    assert probability.shape == (40,) and probability[20:].max() < 0.5
+    assert "explained" not in found["predictive"] and np.isfinite(found["predictive/innovation"].values).all()
+    scales = found["inputs/step_scale"].values[0]
+    assert (scales[:6] > 0).all() and (scales == 0).sum() == 22
+    assert any("What was learned does not hold in" in verdict.text for verdict in verdicts(found))
+
+
+def test_what_a_prior_is_not_for(data_dir, learned):
+    for scene, words in (
+        (
+            scene_of(data_dir, "poseppl_models.choo_fleet:full_body"),
+            "--model: it was learned with the body poseppl_models.darby",
+        ),
+        (scene_of(data_dir, frames="0:20:4"), "of 20 frames a second, the scene of 30"),
+    ):
+        with pytest.raises(InputError, match=words):
+            with_prior(make_problem(scene), scene, learned)
+    scene = scene_of(data_dir)
+    for setting in ({"walk": "learned"}, {"sigma_angle": 0.5}):
+        with pytest.raises(InputError, match="walk is the prior's own"):
+            track(scene, TrackSettings(model=BODY, filter="switching", prior=str(learned), **setting))
+    with pytest.raises(InputError, match="frames are missing"):
+        with_prior(make_problem(scene), scene._replace(frames=np.array([0, 1, 3])), learned)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("chdir_tmp")
+def test_a_walk_is_tracked_by_what_was_learned(data_dir, learned):
+    folder = data_dir / "cmu_walks"
+    arguments = ["track", str(folder / "16_16.amc"), "--skeleton", str(folder / "16.asf"), "--frames", "0:120:6", "-q"]
+    assert main([*arguments, "--prior", str(learned), "-o", "out.nc"]) == 0
+    tree = load_result("out.nc")
+    known = provenance(tree)
+    assert known["filter"] == "switching" and known["model"] == BODY and known["prior"] == str(learned)
+    error = tree["summary/markers_mean"].values - tree["truth/markers"].values
+    assert np.nanmean(np.linalg.norm(error, axis=-1)) < 60
+    with pytest.raises(InputError, match="learned prior"):
+        problem_of_result(tree)
+
+
+@pytest.fixture
+def chdir_tmp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
