@@ -5,7 +5,7 @@
 Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras, noise 0.003 focal lengths. The filter
 is the default tracker; a smoother takes its draws. Of all joints: mean distance of posterior means from the truth, mm, and
 the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers with compilation. Rows
-of OUTPUT/smoothing_pays.csv are not made again.
+of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from rendered_walks import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
+from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.tracking import Scene, SmoothSettings, TrackSettings, observe_motion, recorded_subject, smooth, track
 from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.report.picture import Picture, new_picture, save_picture
 
 WALKS, RADIUS, NOISE = ("05_01", "06_01", "16_16", "08_04"), 1200.0, 0.003
 FILTER = "filter"
@@ -68,6 +70,32 @@ def runs_of(data: Path, key: tuple[str, str, str], methods: list[str], num_frame
     return rows
 
 
+def draw(table: Table) -> Picture:
+    """What each smoother takes away of the filter's error, and what 90 % intervals hold, over the number of cameras."""
+    picture = new_picture(10.0, 3.6)
+    gain, held = picture.subplots(1, 2)
+    counts = sorted({row["cameras"] for row in table.records()}, key=int)
+    for number, method in enumerate((FILTER, *SMOOTHERS)):
+        places, gains, shares = np.arange(len(counts)) + 0.12 * (number - 2), [], []
+        for cameras in counts:
+            before, own = (table.column("error", method=each, cameras=cameras).astype(float) for each in (FILTER, method))
+            gains.append(mean_interval(100 * (1 - own / before)))
+            shares.append(mean_interval(100 * table.column("coverage_90", method=method, cameras=cameras).astype(float)))
+        for axis, found in ((gain, gains), (held, shares)):
+            if axis is held or method != FILTER:
+                mean, low, high = np.array(found).T
+                axis.errorbar(places, mean, yerr=[mean - low, high - mean], fmt="o", color=f"C{number}", label=method)
+    held.axhline(90, color="#777777", linestyle=":", linewidth=1)
+    gain.axhline(0, color="#777777", linestyle=":", linewidth=1)
+    gain.set(ylabel="less error than the filter's, %")
+    held.set(ylabel="coordinates in their 90 % intervals, %")
+    for axis in (gain, held):
+        axis.set(xlabel="cameras", xticks=np.arange(len(counts)), xticklabels=counts)
+    handles, labels = held.get_legend_handles_labels()
+    picture.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=8)
+    return picture
+
+
 def main() -> None:
     options = arguments(__doc__, cameras="1,2,4", methods=",".join(SMOOTHERS), seeds=3, frames=40, output="smoothing-pays")
     start_jax()
@@ -83,6 +111,7 @@ def main() -> None:
                 table.rows.append(tuple(f"{value:.5g}" if isinstance(value, float) else value for value in row))
                 print(*table.rows[-1], flush=True)
             write_csv(table, output)
+    save_picture(draw(table), output / "smoothing_pays.png")
     show("Runs", _COLUMNS, [[str(value) for value in row] for row in table.rows])
 
 
