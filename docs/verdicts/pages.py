@@ -20,6 +20,7 @@ from verdicts import (
     choo_fleet,
     compile_times,
     fast_motion,
+    keypoints,
     learned_prior,
     modes,
     predictions,
@@ -59,6 +60,7 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
+    "keypoints.md": {"keypoints": keypoints.keypoints},
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
         "random-walks": walks.random_walks,

@@ -9,6 +9,7 @@ from click.core import ParameterSource
 
 from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.cli.settings import settings_option
+from poseppl.cli.track_keypoints import check_keypoint_usage, keypoint_options, keypoint_scene, words_of_keypoints
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -31,6 +32,8 @@ Examples:
       The filter of Choo and Fleet 2001, with more and longer chains.
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.
+  poseppl track --keypoints cam1=pose/cam1 cam2=pose/cam2 --calibration Calib.toml --rate 60
+      A person in a detector's keypoints, with OpenPose's JSON files in one folder a camera.
   poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
@@ -50,7 +53,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 """
 
 
-@click.command(cls=ManyFiles, epilog=EXAMPLES, short_help="Track a body in 2-D markers, or in videos.")
+@click.command(cls=ManyFiles, epilog=EXAMPLES, short_help="Track a body in 2-D markers, keypoints or videos.")
 @click.argument("recording", required=False, type=click.Path())
 @click.option(
     "--observations",
@@ -62,6 +65,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @subject_options
 @camera_options
 @video_options
+@keypoint_options
 @click.option(
     "--filter",
     "filter_name",
@@ -136,8 +140,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton): its
     joints are seen through cameras with noise, as 17 markers a frame, and the result is compared with the truth. Without
-    it, a built-in walk is tracked. Observations without a truth come by --observations and --camera, videos by --video and
-    --calibration.
+    it, a built-in walk is tracked. Observations without a truth come by --observations and --camera, a detector's keypoints by
+    --keypoints and videos by --video, both with --calibration.
 
     Lengths are in mm, angles in radians, times in seconds.
     """
@@ -148,6 +152,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     _check_usage(recording, observations, options)
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
+    words += words_of_keypoints(options["keypoints"]).values()
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
     tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration")]
@@ -178,7 +183,9 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 def _check_usage(recording: str | None, observations: str | None, options: dict[str, Any]) -> None:
     if recording is not None and observations is not None:
         raise click.UsageError("give a RECORDING or --observations, not both")
-    check_video_usage(options, recording is not None or observations is not None)
+    points = recording is not None or observations is not None
+    check_video_usage(options, points or bool(options["keypoints"]))
+    check_keypoint_usage(options, points)
     if options["resume"] and options["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if observations is not None:
@@ -187,8 +194,8 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
         for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view"):
             if options[name] is not None:
                 raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
-    elif options["stature"] is not None and not options["video"]:
-        raise click.UsageError("--stature goes with --video or --observations; a recording tells its own")
+    elif options["stature"] is not None and not options["video"] and not options["keypoints"]:
+        raise click.UsageError("--stature goes with --video, --observations or --keypoints; a recording tells its own")
 
 
 def _run(
@@ -221,6 +228,8 @@ def _run(
     scene: Any
     if sources:
         scene = scene_of_options(sources, options, progress)
+    elif options["keypoints"]:
+        scene = keypoint_scene(options, model, progress)
     elif observations is not None:
         scene = scene_of_observations(
             observations,

@@ -13,7 +13,7 @@ from poseppl.cli.options import option_group
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
-MANY = ("--video", "--background", "--occlusion", "--masks")
+MANY = ("--video", "--background", "--occlusion", "--masks", "--keypoints")
 _ONLY = ("calibration", "background", "occlusion", "masks", "facing", "silhouette_noise", "refine", "edges")
 
 
@@ -45,7 +45,7 @@ video_options = option_group(
         help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
         "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
     ),
-    click.option("--calibration", metavar="TOML", type=click.Path(), help="--video: the calibrated cameras."),
+    click.option("--calibration", metavar="TOML", type=click.Path(), help="--video, --keypoints: the calibrated cameras."),
     click.option(
         "--background",
         metavar="FILE...",
@@ -73,8 +73,8 @@ video_options = option_group(
         "--stature",
         metavar="MM",
         type=float,
-        help="--video, --observations: height of the person, whose segments are in proportion. [default: 1750, or the "
-        "scene's truth]",
+        help="--video, --observations, --keypoints: height of the person, whose segments are in proportion. [default: 1750, "
+        "or the scene's truth; measured in keypoints of several cameras]",
     ),
     click.option(
         "--facing",
@@ -108,7 +108,7 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
     """
     if not options["video"]:
         for name in _ONLY:
-            if options[name]:
+            if options[name] and not (name == "calibration" and options["keypoints"]):
                 raise click.UsageError(f"--{name.replace('_', '-')} goes with --video")
         return
     if others:

@@ -1,0 +1,105 @@
+"""The options of `poseppl track` that take a detector's keypoints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from poseppl.cli.options import option_group
+from poseppl.errors import InputError
+
+_ONLY = ("layout", "person", "keep_calibration")
+_NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
+
+keypoint_options = option_group(
+    click.option(
+        "--keypoints",
+        metavar="CAMERA=FOLDER...",
+        multiple=True,
+        type=click.Path(),
+        help="Keypoints to track instead of a recording: for each camera of --calibration that is used, a folder of "
+        "OpenPose's JSON files, one a frame. Files of the same number are of one time.",
+    ),
+    click.option(
+        "--layout",
+        metavar="NAME",
+        help="--keypoints: which points they are: coco17, coco18, body25, body25b or halpe26. [default: found from them]",
+    ),
+    click.option(
+        "--person",
+        metavar="N",
+        type=click.IntRange(min=1),
+        help="--keypoints: whom to track: 1 is the person who is seen best, 2 the next. [default: 1]",
+    ),
+    click.option(
+        "--keep-calibration",
+        is_flag=True,
+        default=None,
+        help="--keypoints: take the cameras' places as they are. [default: small errors of them are found from what several "
+        "cameras see of the person, and told]",
+    ),
+)
+"""A detector's keypoints, and whom of those it found."""
+
+
+def words_of_keypoints(words: tuple[str, ...]) -> dict[str, str]:
+    """Folders by camera.
+
+    Raises:
+        InputError: A word is no CAMERA=FOLDER, or names a camera again.
+    """
+    folders: dict[str, str] = {}
+    for word in words:
+        camera, equals, folder = str(word).partition("=")
+        if not (camera and equals and folder):
+            raise InputError(f"{str(word)[:80]!r}", field="--keypoints", expected="CAMERA=FOLDER, such as cam1=pose/cam1_json")
+        if camera in folders:
+            raise InputError(f"the camera {camera!r} comes twice", field="--keypoints", expected="one folder a camera")
+        folders[camera] = folder
+    return folders
+
+
+def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
+    """Refuse options that do not go together.
+
+    Args:
+        options: All options.
+        others: Whether a recording or observations are given too.
+    """
+    if not options["keypoints"]:
+        for name in _ONLY:
+            if options[name] is not None:
+                raise click.UsageError(f"--{name.replace('_', '-')} goes with --keypoints")
+        return
+    if others:
+        raise click.UsageError("give --keypoints, a RECORDING or --observations, not two of them")
+    if options["calibration"] is None:
+        raise click.UsageError("--keypoints needs --calibration TOML")
+    for name in _NOT_WITH:
+        if options[name] is not None:
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints")
+
+
+def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
+    """The scene that the options tell of, with what the user should know of it."""
+    from poseppl.cli.subject import given_rate
+    from poseppl.motion.io import read_cameras
+    from poseppl.motion.tracking.keypoints import scene_of_keypoints
+
+    found = scene_of_keypoints(
+        words_of_keypoints(options["keypoints"]),
+        read_cameras(options["calibration"]),
+        model=model,
+        layout=options["layout"],
+        person=options["person"] or 1,
+        frames=options["frames"],
+        noise=options["noise"],
+        rate=given_rate(options),
+        stature=options["stature"],
+        lengths=options["lengths"],
+        refine=not options["keep_calibration"],
+    )
+    for note in found.notes():
+        progress.note(note)
+    return found.scene

@@ -1,0 +1,61 @@
+"""Places in space from what several cameras see: rays, the distance between two of them, and the point nearest to many."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.motion.geometry.cameras import Cameras
+
+_ROUNDS = 10
+"""Of the fixed-point iteration that takes a lens's distortion away."""
+
+
+def viewing_rays(cameras: Cameras, camera: int, points: Floats) -> Floats:
+    """Unit directions (..., 3) in the world of the rays of one camera's image points (..., 2); NaN where these are."""
+    lens = jax.tree.map(lambda leaf: np.asarray(leaf[camera], np.float64), cameras)
+    seen = (points - lens.principal) / lens.focal
+    plane = seen
+    if lens.distortion is not None:
+        for _ in range(_ROUNDS):
+            plane = plane - (_distorted(lens.distortion, plane) - seen)
+    ray = np.concatenate([plane, np.ones_like(plane[..., :1])], -1) @ lens.rotation
+    return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
+
+
+def _distorted(coefficients: Floats, plane: Floats) -> Floats:
+    k1, k2, p1, p2, k3 = coefficients
+    u, v = plane[..., 0], plane[..., 1]
+    squared, cross = u * u + v * v, u * v
+    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    bent_u = u * radial + 2 * p1 * cross + p2 * (squared + 2 * u * u)
+    return np.stack([bent_u, v * radial + p1 * (squared + 2 * v * v) + 2 * p2 * cross], -1)
+
+
+def ray_distances(first: Floats, first_rays: Floats, second: Floats, second_rays: Floats) -> Floats:
+    """Shortest distances (mm) between lines from two centres (3,) along unit directions (..., 3) each."""
+    normal = np.cross(first_rays, second_rays)
+    return np.asarray(np.abs(normal @ (second - first)) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-9))
+
+
+def nearest_points(centres: Floats, rays: Floats, weights: Floats) -> Floats:
+    """The points with the least weighted sum of squared distances to rays.
+
+    Args:
+        centres: (C, 3) mm.
+        rays: Unit directions (..., C, K, 3).
+        weights: (..., C, K), 0 where a ray does not count.
+
+    Returns:
+        (..., K, 3) mm; NaN where fewer than two rays count.
+    """
+    counts = weights > 0
+    rays = np.where(counts[..., None], rays, 0.0)
+    across = weights[..., None, None] * (np.eye(3) - rays[..., :, None] * rays[..., None, :])
+    matrix = across.sum(-4)
+    right = np.einsum("...ckij,cj->...ki", across, centres)
+    known = counts.sum(-2) >= 2
+    matrix = np.where(known[..., None, None], matrix + 1e-12 * np.eye(3), np.eye(3))
+    places = np.linalg.solve(matrix, right[..., None])[..., 0]
+    return np.asarray(np.where(known[..., None], places, np.nan))

@@ -1,0 +1,254 @@
+"""A scene of a detector's keypoints: one person of those that calibrated cameras found, with a noise that the data tell.
+
+Small errors of the cameras' poses are found first (:mod:`poseppl.motion.tracking.camera_refinement`). The noise of each camera
+is what remains between its points and the projections of the places that all cameras' rays pass by. Where only one camera sees
+the person, nothing tells it, and the body's own is taken. Segment lengths are measured in those places, too, and a person of
+1.75 m is assumed in one camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import FilePath, InputError
+from poseppl.motion.bodies.body import Body, body_builder
+from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
+from poseppl.motion.io import CameraRecord
+from poseppl.motion.io.frame_range import FrameRange
+from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.openpose import DetectedPeople, read_openpose
+from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
+from poseppl.motion.tracking.people import choose_person
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.point_data import PointData
+from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.subjects import DEFAULT_MODEL
+from poseppl.motion.tracking.walk import ASSUMED_RATE
+
+TOLD_ANGLE, TOLD_POSITION = 0.5, 20.0
+"""A camera that is turned by more degrees or moved by more mm than these is told of."""
+LEAST_AGREEMENT = 0.5
+"""A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
+LARGEST_BIAS = 0.5
+"""A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
+_LEAST_RESIDUALS = 30
+_MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
+"""Markers that are between two others where the detector has none."""
+
+
+class CameraErrors(NamedTuple):
+    """What remains of each camera's points between them and the places that all cameras' rays pass by.
+
+    Attributes:
+        scale: (C,) standard deviation of a coordinate, px, bias included; NaN where it cannot be told.
+        bias: (C, 2) median, px.
+    """
+
+    scale: Floats
+    bias: Floats
+
+
+def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
+    """A sentence for each camera that is turned or moved by much, the worst first."""
+    turns, shifts = np.rad2deg(np.linalg.norm(refined.turn, axis=-1)), np.linalg.norm(refined.shift, axis=-1)
+    return [
+        f"{names[c]}: its calibration is off by {turns[c]:.1f} degrees and {shifts[c]:.0f} mm, or another's is; this is mended "
+        "(--keep-calibration takes it as it is)"
+        for c in np.argsort(-turns)
+        if turns[c] > TOLD_ANGLE or shifts[c] > TOLD_POSITION
+    ]
+
+
+class KeypointScene(NamedTuple):
+    """A scene, and what was found on the way to it.
+
+    Attributes:
+        scene: The scene.
+        layout: Which points the detector's are.
+        errors: What remains of them.
+        refined: How the cameras differ from their calibration; None where that was not sought.
+        agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
+    """
+
+    scene: Scene[PointData]
+    layout: str
+    errors: CameraErrors
+    refined: RefinedCameras | None
+    agreement: Floats
+
+    def notes(self) -> list[str]:
+        """What the user should know, a sentence each."""
+        told = [f"keypoints are taken for {self.layout} (--layout)"]
+        for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
+            if share < LEAST_AGREEMENT:
+                told.append(
+                    f"{name}: whom it sees is the person of the others in {share:.0%} of its frames: its calibration or its "
+                    "clock is wrong, or exchanged with another's"
+                )
+        told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
+        for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
+            if np.linalg.norm(bias) > LARGEST_BIAS * scale:
+                told.append(
+                    f"{name}: points lie ({bias[0]:+.0f}, {bias[1]:+.0f}) px from where the others see them, beside a noise of "
+                    f"{scale:.0f} px: its calibration, or another's, may be off"
+                )
+        return told
+
+
+def scene_of_keypoints(
+    folders: Mapping[str, FilePath],
+    records: Sequence[CameraRecord],
+    *,
+    model: str = DEFAULT_MODEL,
+    layout: str | None = None,
+    person: int = 1,
+    frames: str | None = None,
+    noise: float | None = None,
+    rate: float | None = None,
+    stature: float | None = None,
+    lengths: FilePath | None = None,
+    refine: bool = True,
+) -> KeypointScene:
+    """Read what a detector found, and pick one person.
+
+    Args:
+        folders: Folders of OpenPose's JSON files by the names of their cameras; frames of the same number are of one time.
+        records: The calibrated cameras; those without a folder are left out.
+        model: Builder of the body.
+        layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
+        person: 1 for the person who is seen best, 2 for the next.
+        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+        noise: Standard deviation as a fraction of the focal length; what the data tell if None.
+        rate: Frames a second; None where unknown.
+        stature: Of the person, mm; lengths are measured if None.
+        lengths: A TOML file of segment lengths, mm, that are known.
+        refine: Whether small errors of the cameras' poses are sought and mended.
+
+    Raises:
+        InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
+    """
+    known = {record.name: record for record in records}
+    for name in folders:
+        if name not in known:
+            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+    cameras = cameras_of_records([known[name] for name in folders])
+    people, numbers = _common_frames([read_openpose(folder, layout) for folder in folders.values()], frames)
+    layouts = {found.layout for found in people}
+    if len(layouts) > 1:
+        raise InputError(f"cameras with {' and '.join(sorted(layouts))}", field="--keypoints", expected="one layout in all")
+    step = FrameRange.parse(frames).step
+    pace = (rate or ASSUMED_RATE) / step
+    chosen = choose_person(cameras, people, pace, person)
+    points, confidence = _points_of(people, chosen)
+    build = body_builder(model)
+    markers = build(None).tree.marker_names
+    points, confidence = _marker_points(points, confidence, layouts.copy().pop(), markers)
+    places = triangulate(cameras, points, confidence)
+    refined = None
+    if refine and np.isfinite(places).all(-1).sum() >= _LEAST_RESIDUALS:
+        raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
+        refined = refine_cameras(cameras, points, confidence, raw, pace)
+        cameras = refined.cameras
+        places = triangulate(cameras, points, confidence)
+    measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
+    body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
+    errors = camera_errors(cameras, points, places)
+    spread = noise_of(body, cameras, noise)
+    if noise is None:
+        spread = np.where(np.isfinite(errors.scale)[:, None], errors.scale[:, None], spread)
+    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)))
+    source = ", ".join(map(str, folders.values()))
+    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
+    return KeypointScene(scene, layouts.pop(), errors, refined, _agreement(people, chosen))
+
+
+def _common_frames(people: Sequence[DetectedPeople], frames: str | None) -> tuple[list[DetectedPeople], Integers]:
+    first, last = max(found.frames[0] for found in people), min(found.frames[-1] for found in people)
+    if first > last:
+        spans = ", ".join(f"{found.frames[0]} to {found.frames[-1]}" for found in people)
+        raise InputError(f"no common frame: {spans}", field="--keypoints", expected="files of the same frame numbers")
+    numbers = np.arange(first, last + 1)
+    part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
+    cut = []
+    for found in people:
+        start = int(first - found.frames[0])
+        span = slice(start, start + len(numbers))
+        cut.append(
+            found._replace(points=found.points[span][part], confidence=found.confidence[span][part], frames=numbers[part])
+        )
+    return cut, numbers[part]
+
+
+def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
+    """Of the frames in which a camera sees someone, the share in which one of its detections was chosen."""
+    sees = np.stack([np.isfinite(found.points).any((1, 2, 3)) for found in people], 1)
+    return np.asarray((sees & (chosen >= 0)).sum(0) / np.maximum(sees.sum(0), 1))
+
+
+def _points_of(people: Sequence[DetectedPeople], chosen: Integers) -> tuple[Floats, Floats]:
+    """Points (T, C, K, 2) and confidence (T, C, K) of one person."""
+    rows = np.arange(len(chosen))
+    absent = chosen < 0
+    points = np.stack([found.points[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    confidence = np.stack([found.confidence[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    return np.where(absent[..., None, None], np.nan, points), np.where(absent[..., None], 0.0, confidence)
+
+
+def _marker_points(points: Floats, confidence: Floats, layout: str, markers: Sequence[str]) -> tuple[Floats, Floats]:
+    """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
+    table = LAYOUTS[layout].markers
+    found = [name for name in markers if name in table]
+    if not found:
+        raise InputError(f"{layout} has none of the body's markers", field="--model", expected=", ".join(table))
+    into, of = [markers.index(name) for name in found], [table[name] for name in found]
+    seen = np.full((*points.shape[:2], len(markers), 2), np.nan)
+    sure = np.zeros(seen.shape[:3])
+    seen[:, :, into], sure[:, :, into] = points[:, :, of], confidence[:, :, of]
+    return np.where((sure >= LEAST_CONFIDENCE)[..., None], seen, np.nan), sure
+
+
+def triangulate(cameras: Cameras, points: Floats, confidence: Floats) -> Floats:
+    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, weighted by confidence; NaN elsewhere."""
+    rays = np.stack([viewing_rays(cameras, c, points[:, c]) for c in range(points.shape[1])], 1)
+    weights = np.where(np.isfinite(points).all(-1), confidence, 0.0)
+    return nearest_points(np.asarray(cameras.centre, np.float64), rays, weights)
+
+
+def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
+    """How far points (T, C, K, 2) are from the projections of places (T, K, 3) that were made of them.
+
+    A place takes three numbers of the two that each of n cameras has, so that the rest of a coordinate has a standard deviation
+    of sqrt(1 - 3 / 2n) of its own error's.
+    """
+    projected = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
+    count = np.isfinite(points).all(-1).sum(1)
+    left = np.sqrt(np.maximum(1 - 1.5 / np.maximum(count, 1), 0.25))
+    residual = np.where(np.isfinite(places)[:, None, :, :1], points - projected, np.nan)
+    scale, bias = np.full(points.shape[1], np.nan), np.zeros((points.shape[1], 2))
+    for c in range(points.shape[1]):
+        seen = np.isfinite(residual[:, c]).all(-1)
+        if seen.sum() >= _LEAST_RESIDUALS:
+            scale[c] = 1.4826 * np.median(np.abs(residual[:, c] / left[..., None])[seen])
+            bias[c] = np.median(residual[:, c][seen], 0)
+    return CameraErrors(scale, bias)
+
+
+def _measured(body: Body, places: Floats) -> Mapping[str, float]:
+    """Segment lengths in places (T, K, 3)."""
+    seen = {name: places[:, k] for k, name in enumerate(body.tree.marker_names) if np.isfinite(places[:, k]).all(-1).any()}
+    for name, (left, right) in _MIDDLES.items():
+        if name not in seen and left in seen and right in seen:
+            seen[name] = (seen[left] + seen[right]) / 2
+    try:
+        return body.measure(seen)
+    except ValueError as error:
+        raise InputError(
+            f"the person's segments cannot be measured: {error}", field="--stature", expected="the person's height, mm"
+        ) from error

@@ -1,0 +1,158 @@
+"""Who is who: the detections of several cameras and frames that belong to one person.
+
+Two detections in two cameras are of one person where the rays of their points pass near each other: the median of the shortest
+distances is small. Detections of a frame are joined into groups, nearest pairs first, with one of each camera in a group at
+most and all pairs near. Groups of successive frames are linked into the path that explains most confidence, along which nobody
+moves faster than people do; the next person's path is that of what remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import InputError
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
+from poseppl.motion.io.openpose import DetectedPeople
+
+LARGEST_DISTANCE = 120.0
+"""Median distance (mm) between the rays of two detections of one person, at most."""
+LARGEST_SPEED, LARGEST_JUMP = 10_000.0, 300.0
+"""A person's middle moves by at most this many mm a second, and this many mm by errors."""
+LONGEST_ABSENCE = 1.0
+"""Seconds for which a person may be found by no two cameras."""
+_CONFIDENT = 0.3
+"""Points of less confidence do not tell who is who."""
+_LEAST_COMMON = 4
+_NOMINAL_EXTENT = 1500.0
+"""Height (mm) of what a detector finds of a person, from which one camera tells a distance."""
+
+
+class Group(NamedTuple):
+    """Detections of one person in one frame.
+
+    Attributes:
+        chosen: Index of the detection in each camera, -1 where there is none.
+        place: Roughly where the person is, mm.
+        support: Confidence of all its points.
+    """
+
+    chosen: tuple[int, ...]
+    place: Floats
+    support: float
+
+
+def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: float, person: int = 1) -> Integers:
+    """Find one person's detections.
+
+    Args:
+        cameras: C cameras.
+        people: What each saw, in the same T frames.
+        rate: Frames a second.
+        person: 1 for the person who is seen best, 2 for the next.
+
+    Returns:
+        (T, C) index of the person's detection in each camera, -1 where there is none.
+
+    Raises:
+        InputError: There are fewer people.
+    """
+    rays = [viewing_rays(cameras, index, _confident(found)) for index, found in enumerate(people)]
+    frames = [_groups(cameras, people, rays, frame) for frame in range(len(people[0].points))]
+    for number in range(1, person + 1):
+        path = _best_path(frames, rate)
+        if not path:
+            seen = f"{number - 1} people are seen" if number > 1 else "nobody is seen"
+            problem = f"{seen} by two cameras whose rays agree" if len(people) > 1 else seen
+            raise InputError(problem, field="--person", expected="--person 1, cameras of one calibration, and common frames")
+        if number < person:
+            frames = [[g for i, g in enumerate(groups) if path.get(frame) != i] for frame, groups in enumerate(frames)]
+    chosen = np.full((len(frames), len(people)), -1)
+    for frame, index in path.items():
+        chosen[frame] = frames[frame][index].chosen
+    return chosen
+
+
+def _confident(found: DetectedPeople) -> Floats:
+    return np.where((found.confidence >= _CONFIDENT)[..., None], found.points, np.nan)
+
+
+def _groups(cameras: Cameras, people: Sequence[DetectedPeople], rays: Sequence[Floats], frame: int) -> list[Group]:
+    """The people of a frame."""
+    detections = [(c, p) for c, found in enumerate(rays) for p in range(found.shape[1]) if np.isfinite(found[frame, p]).any()]
+    if len(people) == 1:
+        scale = _NOMINAL_EXTENT / _extent(people[0])
+        return [_group_of_one(people[0], frame, p, scale) for _, p in detections]
+    centres = np.asarray(cameras.centre, np.float64)
+    distances: dict[frozenset[tuple[int, int]], float] = {}
+    for (c, p), (d, q) in combinations(detections, 2):
+        if c != d:
+            apart = ray_distances(centres[c], rays[c][frame, p], centres[d], rays[d][frame, q])
+            common = apart[np.isfinite(apart)]
+            near = float(np.median(common)) if common.size >= _LEAST_COMMON else np.inf
+            distances[frozenset([(c, p), (d, q)])] = near
+    member = {detection: {detection} for detection in detections}
+    for pair, near in sorted(distances.items(), key=lambda item: item[1]):
+        first, second = (member[detection] for detection in pair)
+        if near > LARGEST_DISTANCE or first is second:
+            continue
+        if all(distances.get(frozenset([a, b]), np.inf) <= LARGEST_DISTANCE for a in first for b in second):
+            first |= second
+            for detection in second:
+                member[detection] = first
+    joined = {id(group): group for group in member.values() if len(group) > 1}
+    return [_group(centres, people, rays, frame, dict(sorted(group))) for group in joined.values()]
+
+
+def _extent(found: DetectedPeople) -> float:
+    """Median height or width, whichever is larger, of all detections, px."""
+    seen = np.isfinite(found.points).all(-1).any(-1)
+    points = found.points[seen]
+    return max(float(np.median((np.nanmax(points, 1) - np.nanmin(points, 1)).max(-1))), 1.0)
+
+
+def _group_of_one(found: DetectedPeople, frame: int, index: int, scale: float) -> Group:
+    """A detection in the only camera, whose place is that in the picture at so many mm a pixel."""
+    place = np.nanmean(found.points[frame, index], 0) * scale
+    return Group((index,), np.append(place, 0.0), float(found.confidence[frame, index].sum()))
+
+
+def _group(
+    centres: Floats, people: Sequence[DetectedPeople], rays: Sequence[Floats], frame: int, chosen: dict[int, int]
+) -> Group:
+    seen = np.stack([rays[c][frame, p] for c, p in chosen.items()])
+    places = nearest_points(centres[list(chosen)], seen, np.isfinite(seen).all(-1).astype(float))
+    support = sum(float(people[c].confidence[frame, p].sum()) for c, p in chosen.items())
+    return Group(tuple(chosen.get(c, -1) for c in range(len(people))), np.nanmedian(places, 0), support)
+
+
+def _best_path(frames: Sequence[Sequence[Group]], rate: float) -> dict[int, int]:
+    """Which group of each frame lies on the path of most support."""
+    nodes = [(t, i) for t, groups in enumerate(frames) for i in range(len(groups))]
+    if not nodes:
+        return {}
+    times = np.array([t for t, _ in nodes]) / rate
+    places = np.stack([frames[t][i].place for t, i in nodes])
+    support = np.array([frames[t][i].support for t, i in nodes])
+    total, before = support.copy(), np.full(len(nodes), -1)
+    first = 0
+    for node in range(len(nodes)):
+        while times[node] - times[first] > LONGEST_ABSENCE + 1 / rate:
+            first += 1
+        gap = times[node] - times[first:node]
+        reach = LARGEST_JUMP + LARGEST_SPEED * gap
+        ratio = np.linalg.norm(places[first:node] - places[node], axis=-1) / reach
+        gains = np.where((gap > 0) & (ratio <= 1), total[first:node] - ratio, -np.inf)
+        if gains.size and gains.max() > 0:
+            before[node] = first + int(gains.argmax())
+            total[node] += gains.max()
+    path, node = {}, int(total.argmax())
+    while node >= 0:
+        path[nodes[node][0]] = nodes[node][1]
+        node = int(before[node])
+    return path

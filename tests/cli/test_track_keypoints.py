@@ -1,0 +1,72 @@
+"""`poseppl track --keypoints` on a real recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from poseppl.cli import main
+from poseppl.runs.results import load_result, provenance
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+
+
+def words(data_dir: Path, *cameras: int) -> list[str]:
+    folder = data_dir / "pose2sim_balancing"
+    found = [f"cam_0{c}={folder / 'pose' / f'cam0{c}_json'}" for c in cameras]
+    return [
+        "track",
+        "--keypoints",
+        *found,
+        "--calibration",
+        str(folder / "calibration" / "Calib_qualisys.toml"),
+        "--rate",
+        "60",
+    ]
+
+
+def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
+    assert main([*words(data_dir, 1, 2, 3, 4), *small]) == 0
+    told = "".join(capsys.readouterr())
+    assert "keypoints are taken for body25b" in told
+    assert "its calibration is off by" in told
+    tree = load_result("out.nc")
+    assert tree["posterior"].sizes["frame"] == 4
+    assert "pose/cam01_json" in provenance(tree)["input"]
+    seen, expected = (np.asarray(tree[name].to_numpy()) for name in ("observed_data/points", "summary/points_mean"))
+    assert np.nanmedian(np.linalg.norm(seen - expected, axis=-1)) < 20
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (["--camera", "x.toml"], "--camera does not go with --keypoints"),
+        (["--observations", "x.csv"], "not two of them"),
+        (["--keypoints", "pose"], "CAMERA=FOLDER"),
+        (["--person", "9"], "people are seen by two cameras"),
+        (["--layout", "body26"], "coco17"),
+    ],
+)
+def test_what_does_not_fit_is_told(
+    data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], expected: str
+) -> None:
+    assert main([*words(data_dir, 1, 2), *change, "-o", "out.nc"]) in (1, 2)
+    assert expected in capsys.readouterr().err
+    assert not Path("out.nc").exists()
+
+
+def test_options_of_keypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", "--person", "2"]) == 2
+    assert "--person goes with --keypoints" in capsys.readouterr().err
+    assert main(["track", "--keypoints", "a=b"]) == 2
+    assert "--keypoints needs --calibration" in capsys.readouterr().err
