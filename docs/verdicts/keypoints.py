@@ -34,8 +34,8 @@ def keypoints(tables: Tables) -> str:
             held = all(low <= row[name] <= high for name, (low, high) in HELD.items())
             reached.append((near, held))
     near, held = ("holds" if all(each) else "does not hold" for each in zip(*reached, strict=True))
-    goals = f"{MEDIAN['1-4']:.0f} and {MEDIAN['2-4']:.0f} mm in the median, {PERCENTILE_95['1-4']:.0f} and {PERCENTILE_95['2-4']:.0f} mm"
+    median, worst = (" and ".join(f"{limit:.0f}" for limit in goal.values()) for goal in (MEDIAN, PERCENTILE_95))
     return (
-        f"{markdown(_COLUMNS, cells)}\n\nThe goal of {goals} at the 95th percentile {near} for the filter; that of 85 to 95 % in 90 % "
-        f"intervals and 45 to 55 % in 50 % ones, with both pairs, {held}. One recording, so these are no intervals."
+        f"{markdown(_COLUMNS, cells)}\n\nThe filter's goal of {median} mm in the median and {worst} mm at the 95th percentile "
+        f"{near}; that of 85 to 95 % in 90 % intervals and 45 to 55 % in 50 % ones, with both pairs, {held}."
     )
