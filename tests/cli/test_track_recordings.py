@@ -81,7 +81,7 @@ def test_stature_of_points(capsys: pytest.CaptureFixture[str]) -> None:
     assert lengths[1] == pytest.approx({name: 0.8 * value for name, value in lengths[0].items()})
     assert lengths[2] == {**lengths[1], "thigh": 400.0}
     assert main(["track", "--stature", "1400"]) == 2
-    assert "--stature goes with --video or --observations" in capsys.readouterr().err
+    assert "--stature goes with --video, --observations or --keypoints" in capsys.readouterr().err
     assert main([*track, "--stature", "3"]) == 1
     assert "--stature: 3 mm (expected 500 to 2500 mm)" in capsys.readouterr().err
 
