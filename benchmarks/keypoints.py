@@ -92,7 +92,12 @@ def main() -> None:
         found = scene_of(folder, cameras, frames)
         rows.append(row("linear triangulation", cameras, places_of(found), reference, []))
         filtered = track(found.scene, TrackSettings())
-        for name, tree in (("filter", filtered), ("smoother", smooth(filtered, SmoothSettings()))):
+        answers = {
+            "filter": filtered,
+            "smoother, independent errors": smooth(filtered, SmoothSettings()),
+            "smoother, lasting errors": smooth(filtered, SmoothSettings("laplace", errors="lasting")),
+        }
+        for name, tree in answers.items():
             draws = np.asarray(tree["posterior/markers"].values, np.float64)
             draws = draws.reshape(-1, *draws.shape[2:])
             rng = np.random.default_rng(0)

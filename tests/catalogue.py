@@ -30,6 +30,7 @@ from poseppl.smoothers import (
     forward_backward_smoother,
     genealogy_smoother,
     gibbs_smoother,
+    laplace_smoother,
     particle_gibbs_smoother,
     particle_mgrad_smoother,
     rauch_tung_striebel_smoother,
@@ -319,6 +320,9 @@ SMOOTHERS: list[SmootherRow] = [
         rauch_tung_striebel_smoother,
         lambda model: rauch_tung_striebel_smoother(model, num_draws=500),
         multimodal=False,
+    ),
+    SmootherRow(
+        "laplace", laplace_smoother, lambda model: laplace_smoother(model, num_draws=500), consistent=False, multimodal=False
     ),
     SmootherRow(
         "trajectory-nuts",

@@ -18,6 +18,8 @@ Examples:
       NUTS on all frames at once, started from the filter's draws.
   poseppl smooth poseppl-walk.nc --method forward-backward
       The filter's particles, weighted anew.
+  poseppl smooth poseppl-cam_01.nc --method laplace --errors lasting
+      A detector's keypoints, as poseppl track --keypoints smooths them.
   poseppl smooth poseppl-walk.nc --set num_draws=500 --set num_chains=8
       More and longer chains of the default.
 
@@ -44,6 +46,14 @@ class SmoothCommand(CommandWithSettings):
     "--method", metavar="NAME", default="trajectory", show_default=True, help="Which smoother; poseppl smoothers lists them."
 )
 @settings_option
+@click.option(
+    "--errors",
+    type=click.Choice(["independent", "lasting"]),
+    default="independent",
+    show_default=True,
+    help="Errors of the points from frame to frame: independent, as the filter has them, or lasting, heavy-tailed and with "
+    "markers beside their joints, as detectors of keypoints have them; the walk is then learned, too.",
+)
 @click.option(
     "--model",
     metavar="BUILDER",
@@ -77,7 +87,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
         raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
     if not 0 <= options["seed"] < 2**32:
         raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
-    chosen = {name: options[name] for name in ("seed", "max_draws", "model")}
+    chosen = {name: options[name] for name in ("seed", "max_draws", "model", "errors")}
     tree = load_result(result)
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
     check_writable([target, target.with_suffix(".png")], [result])

@@ -9,7 +9,14 @@ from click.core import ParameterSource
 
 from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.cli.settings import settings_option
-from poseppl.cli.track_keypoints import check_keypoint_usage, keypoint_options, keypoint_scene, words_of_keypoints
+from poseppl.cli.track_keypoints import (
+    check_keypoint_usage,
+    keypoint_options,
+    keypoint_scene,
+    smoothed_target,
+    words_of_keypoints,
+    write_smoothed,
+)
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -43,6 +50,7 @@ Examples:
 Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
+  poseppl-NAME-laplace.nc  of keypoints, unless --online: smoothed, each frame given all; and its picture
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
 NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Each
 appears whole or not at all; a result for which there is no room goes into another folder, and
@@ -159,7 +167,9 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources, target) if sources else []
-    check_writable([target, picture, *overlays], inputs)
+    smoothed = smoothed_target(options, target)
+    beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
+    check_writable([target, picture, *overlays, *beside], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     try:
@@ -169,6 +179,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
             files = write_outputs(tree, target, progress.note)
             if sources:
                 files += write_overlays(tree, sources, target, progress)
+            if smoothed is not None:
+                files += write_smoothed(tree, smoothed, progress)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")

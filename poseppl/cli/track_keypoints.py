@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -9,7 +10,7 @@ import click
 from poseppl.cli.options import option_group
 from poseppl.errors import InputError
 
-_ONLY = ("layout", "person", "keep_calibration")
+_ONLY = ("layout", "person", "keep_calibration", "online")
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
 keypoint_options = option_group(
@@ -31,6 +32,13 @@ keypoint_options = option_group(
         metavar="N",
         type=click.IntRange(min=1),
         help="--keypoints: whom to track: 1 is the person who is seen best, 2 the next. [default: 1]",
+    ),
+    click.option(
+        "--online",
+        is_flag=True,
+        default=None,
+        help="--keypoints: the filter's answer alone, of each frame given those before it. [default: NAME-laplace.nc beside "
+        "it, smoothed with errors that last]",
     ),
     click.option(
         "--keep-calibration",
@@ -103,3 +111,27 @@ def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
     for note in found.notes():
         progress.note(note)
     return found.scene
+
+
+def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
+    """The file of the smoothed result; None if there is to be none."""
+    return target.with_name(f"{target.stem}-laplace.nc") if options["keypoints"] and not options["online"] else None
+
+
+def write_smoothed(tree: Any, target: Path, progress: Any) -> list[tuple[str, Path]]:
+    """Smooth a result with a detector's lasting errors; what could not be smoothed is told, and its filter's result stays.
+
+    Returns:
+        What was written, and where.
+    """
+    from poseppl.cli.outputs import write_outputs
+    from poseppl.motion.tracking import SmoothSettings, smooth
+    from poseppl.runs.smoothing import SmoothingError
+
+    progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
+    try:
+        smoothed = smooth(tree, SmoothSettings("laplace", errors="lasting"))
+    except (InputError, SmoothingError) as error:
+        progress.note(f"not smoothed (--online leaves it out): {error}")
+        return []
+    return [(f"smoothed {name}", path) for name, path in write_outputs(smoothed, target, progress.note)]

@@ -16,6 +16,7 @@ from poseppl.smoothers.fixed_lag import (
 from poseppl.smoothers.forward_backward import forward_backward_smoother as forward_backward_smoother
 from poseppl.smoothers.genealogy import genealogy_smoother as genealogy_smoother
 from poseppl.smoothers.gibbs import gibbs_smoother as gibbs_smoother
+from poseppl.smoothers.laplace import laplace_smoother as laplace_smoother
 from poseppl.smoothers.likelihood_mixture import MixtureSettings as MixtureSettings
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother as particle_gibbs_smoother
 from poseppl.smoothers.particle_marginal import pmmh as pmmh

@@ -47,6 +47,7 @@ class Problem(NamedTuple):
         inputs: Cameras, noise and start, as :func:`poseppl.runs.run.run_filter` takes them.
         pose: The body's pose (d,) of a state and the frame's inputs; None where the state is the pose.
         follows: Of the same, whether the state is of the learned prior, 1 or 0; None without one that may fail to hold.
+        markers: Of the same, the markers (K, 3); None where they are the pose's.
     """
 
     body: Body
@@ -55,6 +56,7 @@ class Problem(NamedTuple):
     inputs: Any
     pose: Callable[[Array, Any], Array] | None = None
     follows: Callable[[Array, Any], Array] | None = None
+    markers: Callable[[Array, Any], Array] | None = None
 
     @property
     def num_cameras(self) -> int:
@@ -65,7 +67,7 @@ class Problem(NamedTuple):
         """Collector of draws, with the markers and their projections beside them."""
         if self.pose is None:
             return collect_draws(self.model, max_draws=max_draws, extras=_with_projections(self.model))
-        return _collect_poses(self.model, self.pose, self.follows, max_draws)
+        return _collect_poses(self.model, self.pose, self.follows, self.markers, max_draws)
 
     def record(self, frames: slice = slice(None)) -> dict[str, Any]:
         """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
@@ -95,26 +97,31 @@ def _with_projections(model: CompiledModel) -> Callable[[Array, Any], dict[str, 
 
 @built_once
 def _collect_poses(
-    model: CompiledModel, pose: Callable[[Array, Any], Array], follows: Callable[[Array, Any], Array] | None, max_draws: int
+    model: CompiledModel,
+    pose: Callable[[Array, Any], Array],
+    follows: Callable[[Array, Any], Array] | None,
+    markers: Callable[[Array, Any], Array] | None,
+    max_draws: int,
 ) -> Collect:
     """The collector of states whose pose is another; ``prior_mean`` is the probability that they follow the prior."""
-    collect = collect_draws(model, max_draws=max_draws, extras=_of_pose)
+
+    def seen(x: Array, inputs: Any) -> dict[str, Array]:
+        places = marker_positions(inputs.tree, pose(x, inputs)) if markers is None else markers(x, inputs)
+        return {"pose": pose(x, inputs), "markers": places, "points": project(inputs.cameras, places)}
+
+    collect = collect_draws(model, max_draws=max_draws, extras=seen)
 
     def collect_poses(rng_key: Array, state: Any, info: Any, inputs: Any) -> Any:
-        poses = jax.vmap(lambda x: pose(x, inputs))(state.particles)
-        drawn = collect(rng_key, state._replace(particles=poses), info, inputs)
-        if follows is None:
-            return drawn
-        share = jax.nn.softmax(state.log_weights) @ jax.vmap(lambda x: follows(x, inputs))(state.particles)
-        return drawn._replace(summary={**drawn.summary, "prior_mean": share})
+        drawn = collect(rng_key, state, info, inputs)
+        kept = {**drawn.extras}
+        summary = {name: values for name, values in drawn.summary.items() if not name.startswith("state_")}
+        summary = {name.replace("pose_", "state_"): values for name, values in summary.items()}
+        if follows is not None:
+            share = jax.nn.softmax(state.log_weights) @ jax.vmap(lambda x: follows(x, inputs))(state.particles)
+            summary["prior_mean"] = share
+        return drawn._replace(state=kept.pop("pose"), extras=kept, summary=summary)
 
     return collect_poses
-
-
-def _of_pose(pose: Array, inputs: Any) -> dict[str, Array]:
-    """Where the markers of a pose are, and are seen."""
-    markers = marker_positions(inputs.tree, pose)
-    return {"markers": markers, "points": project(inputs.cameras, markers)}
 
 
 def body_inputs(inputs: Any) -> Any:

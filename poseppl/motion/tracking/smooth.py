@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import xarray as xr
 
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
+from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
 from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
+from poseppl.runs.contents import frame_numbers
 from poseppl.runs.outcome import history_of_result, smoothed_result
 from poseppl.runs.results import provenance
 from poseppl.runs.smoothing import run_smoother
@@ -28,6 +30,8 @@ class SmoothSettings(NamedTuple):
         seed: Of the smoother.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
         model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
+        errors: "independent" ones of the points from frame to frame, as the filter has them, or "lasting" ones, as detectors of
+            keypoints have them; see :mod:`poseppl.motion.tracking.lasting_errors`.
     """
 
     method: str = "trajectory"
@@ -35,6 +39,7 @@ class SmoothSettings(NamedTuple):
     seed: int = 0
     max_draws: int | None = None
     model: str | None = None
+    errors: Literal["independent", "lasting"] = "independent"
 
 
 def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
@@ -60,12 +65,21 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
     known = provenance(tree)
     if "smoother" in known:
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
-    problem = problem_of_result(tree, settings.model)
+    if settings.errors not in ("independent", "lasting"):
+        raise InputError(f"{settings.errors!r}", field="--errors", expected="independent or lasting")
+    lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model)
+    if lasting:
+        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"))
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
+    if lasting and smoother.follows_ancestors:
+        raise InputError(
+            f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
+        )
+    history = filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(tree)
     run = run_smoother(
         smoother,
         jax.random.key(settings.seed),
-        filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(tree),
+        with_no_errors(history, problem) if lasting else history,
         problem.observations,
         problem.inputs,
         collect=problem.collector(settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))),
@@ -74,6 +88,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         "model": settings.model or known["model"],
         "smoother": settings.method,
         "smoother settings": options,
+        "errors": settings.errors,
         "smoother seed": settings.seed,
         "versions": versions(),
     }

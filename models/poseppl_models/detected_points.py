@@ -1,0 +1,121 @@
+r"""A body seen by a detector of keypoints, whose errors last, and now and then are large.
+
+Pose p_t and what is beside it:
+
+    p_t ~ N(p_(t-1), step_scale^2)                                 the body's random walk
+    s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
+    e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
+    y_t = project(markers(p_t) + s_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
+
+Joints of people are no hinges, and a detector's idea of a hip is not the anatomist's: with s they may be some centimetres from
+where a skeleton of fixed lengths has them. A detector errs in the same way in successive frames, as long as the picture stays
+much the same; taken for independent, such errors make intervals far too narrow. Variances r^2 noise^2 and (1 - r^2) noise^2 are
+stationary, so that intervals do not depend on the frame rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpyro
+import numpyro.distributions as dist
+from jax import Array
+
+from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
+from poseppl.program import Lorentzian, StateSpaceModel
+from poseppl_models.random_walk import joint_sites, random_walk
+
+FREEDOM = 4.0
+"""Degrees of freedom of the errors that do not last; ours."""
+
+
+class DetectedInputs(NamedTuple):
+    """Inputs of the programs at one frame.
+
+    Attributes:
+        cameras: C cameras.
+        noise: Standard deviation (C, K) of the points, in image units.
+        start: Mean of the first pose (d,).
+        start_scale: Its standard deviations (d,).
+        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
+        tree: The person's own tree.
+        shift_scale: Standard deviation () of a marker's place beside its joint, mm.
+        shift_kept: a, what is left of it () from the frame before.
+        error_share: r^2 (), share of the errors that last in the variance.
+        error_kept: b, what is left of them () from the frame before.
+    """
+
+    cameras: Cameras
+    noise: Array
+    start: Array
+    start_scale: Array
+    step_scale: Array
+    tree: KinematicTree
+    shift_scale: Array
+    shift_kept: Array
+    error_share: Array
+    error_kept: Array
+
+
+class DetectedBody(NamedTuple):
+    """The programs, and what their state says of the body.
+
+    Attributes:
+        program: The programs; their data site is ``points`` (C, K, 2).
+        dimension: d; the first coordinates of a flat state are the pose, in the tree's order.
+    """
+
+    program: StateSpaceModel
+    dimension: int
+
+    def pose(self, x: Array) -> Array:
+        """Pose (d,) of a flat state."""
+        return x[: self.dimension]
+
+    def markers(self, x: Array, tree: KinematicTree) -> Array:
+        """Markers (K, 3) of a flat state, mm."""
+        joints = marker_positions(tree, self.pose(x))
+        return joints + x[self.dimension : self.dimension + joints.size].reshape(joints.shape)
+
+
+@lru_cache(maxsize=8)
+def seen_by_detector(coordinates: tuple[tuple[str, str], ...], num_markers: int, num_cameras: int) -> DetectedBody:
+    """Write the programs.
+
+    Args:
+        coordinates: Joint and axis of each coordinate of the pose.
+        num_markers: K.
+        num_cameras: C.
+    """
+    spans = joint_sites(coordinates)
+    first_pose, next_pose = random_walk(spans)
+    errors = (num_cameras, num_markers, 2)
+
+    def initial(params: Any, inputs: DetectedInputs) -> None:
+        first_pose(params, inputs)
+        numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.shift_scale))
+        numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
+
+    def transition(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
+        next_pose(params, state, inputs)
+        numpyro.sample("shift", _stationary(state["shift"], inputs.shift_kept, inputs.shift_scale))
+        numpyro.sample("error", _stationary(state["error"], inputs.error_kept, 1.0))
+
+    def observation(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
+        pose = jnp.concatenate([state[name] for name in spans])
+        markers = marker_positions(inputs.tree, pose) + state["shift"]
+        lasting, other = (jnp.sqrt(share) * inputs.noise[..., None] for share in (inputs.error_share, 1 - inputs.error_share))
+        seen = project(inputs.cameras, markers) + lasting * state["error"]
+        # a bivariate t of scale s, density (1 + r^2 / nu s^2)^(-(nu + 2) / 2), is Lorentz's of strength nu + 2 and this scale
+        scale = other * jnp.sqrt(FREEDOM / (FREEDOM + 2))
+        numpyro.sample("points", Lorentzian(dist.Normal(seen, scale).to_event(1), FREEDOM + 2))
+        numpyro.deterministic("markers", markers)
+
+    return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates))
+
+
+def _stationary(previous: Array, kept: Array, scale: Any) -> dist.Normal:
+    return dist.Normal(kept * previous, jnp.sqrt(1 - kept**2) * scale)

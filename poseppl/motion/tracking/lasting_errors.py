@@ -1,0 +1,87 @@
+"""A detector's errors that last, in place of independent ones: the problem of a result, posed with them for its smoothing.
+
+The programs are those of ``poseppl_models.detected_points``, found by name. The walk's scales are learned first
+(:mod:`poseppl.motion.tracking.walk_learning`): what the errors may explain has to be weighed against how this person moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.arrays import Integers
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
+from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.tracking.problem import Problem
+from poseppl.motion.tracking.walk import time_steps
+from poseppl.motion.tracking.walk_learning import learn_walk
+from poseppl.program.built_once import built_once
+from poseppl.runs.run import Constant, frame_inputs
+from poseppl.smoothers.base import History
+
+PROGRAMS = "poseppl_models.detected_points:seen_by_detector"
+SHIFT, SHIFTS_LAST = 20.0, 2.0
+"""How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
+ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
+"""Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
+
+
+class DetectedInputs(NamedTuple):
+    """Inputs of the programs at one frame, as ``poseppl_models.detected_points`` has them."""
+
+    cameras: Cameras
+    noise: Any
+    start: Array
+    start_scale: Array
+    step_scale: Array
+    tree: KinematicTree
+    shift_scale: Any
+    shift_kept: Array
+    error_share: Any
+    error_kept: Array
+
+
+def with_lasting_errors(problem: Problem, frames: Integers, rate: float | None) -> Problem:
+    """Give a problem of points errors that last, and markers that may be beside their joints.
+
+    Args:
+        problem: The problem.
+        frames: Its frames' numbers (T,).
+        rate: Frames a second; 30 if None.
+
+    Raises:
+        InputError: The problem is not one of points of a whole body that walks at random.
+    """
+    if not isinstance(problem.inputs, BodyInputs) or problem.pose is not None:
+        raise InputError("errors that last are for points of a whole body", field="--errors", expected="independent")
+    problem = learn_walk(problem)
+    own, tree = problem.inputs, problem.body.tree
+    seconds = time_steps(frames, rate)
+    noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
+    inputs = DetectedInputs(
+        **{**own._asdict(), "noise": jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:]))},
+        shift_scale=Constant(jnp.asarray(SHIFT, float)),
+        shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
+        error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
+        error_kept=jnp.asarray(np.exp(-seconds / ERRORS_LAST), float),
+    )
+    seen: Any = load_builder(PROGRAMS)(tree.coordinates, len(tree.marker_names), problem.num_cameras)
+    model = compile_once(seen.program, frame_inputs(inputs, 0))
+    pose, markers = _of_states(seen)
+    return Problem(problem.body, model, problem.observations, inputs, pose, markers=markers)
+
+
+def with_no_errors(history: History, problem: Problem) -> History:
+    """The history of a filter that knew poses alone, as one of the problem's states: nothing is beside its place."""
+    beside = problem.model.dimension - history.particles.shape[-1]
+    return history._replace(particles=jnp.pad(jnp.asarray(history.particles), ((0, 0), (0, 0), (0, beside))))
+
+
+@built_once
+def _of_states(seen: Any) -> tuple[Callable[[Array, Any], Array], Callable[[Array, Any], Array]]:
+    return lambda x, inputs: seen.pose(x), lambda x, inputs: seen.markers(x, inputs.tree)

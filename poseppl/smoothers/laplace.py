@@ -1,0 +1,62 @@
+r"""Laplace's approximation of a whole trajectory: its mode, and a Gaussian of the curvature there.
+
+From the mean of the filter's states damped Gauss-Newton steps over all frames climb to a mode m of p(x_0, ..., x_(T-1) | z);
+each is a pass of an iterated Kalman smoother (:mod:`poseppl.smoothers.curvature`), with outliers of robust sites weighed down
+anew in each. Draws are m + L^(-T) e with e standard normal and L L^T the block-tridiagonal curvature at m. It takes seconds
+where a Markov chain takes minutes.
+
+It is exact for linear Gaussian models. Elsewhere it is an approximation that no number of draws mends: one mode alone, and
+symmetric tails; :mod:`poseppl.smoothers.trajectory` samples the same density. Sites must be continuous.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.checks import check_at_least
+from poseppl.gaussians.block_tridiagonal import solve_upper
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+
+_TOGETHER = 50
+"""Trajectories that are drawn side by side."""
+
+
+@built_once
+def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_steps: int = 20) -> Smoother:
+    """The mode of the whole trajectory with the Gaussian of its curvature: fast, and exact for linear Gaussian models.
+
+    Args:
+        model: The compiled model; all its sites are continuous.
+        num_draws: N, independent trajectories that are drawn.
+        num_mode_steps: Gauss-Newton steps to the mode.
+
+    Returns:
+        The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
+
+    Raises:
+        ValueError: A number out of range, or a model with discrete sites.
+    """
+    check_at_least(1, num_draws=num_draws, num_mode_steps=num_mode_steps)
+    discrete = [name for name, site in model.sites.items() if site.discrete]
+    if discrete:
+        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
+        start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
+        mode = climb(model, start, observations, inputs, num_mode_steps)
+        factor = safe_cholesky(trajectory_precision(model, mode, observations, inputs))
+        noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
+        draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
+        num_frames = len(mode)
+        return Smoothed(
+            jnp.moveaxis(draws, 0, 1),
+            jnp.full((num_frames, num_draws), -jnp.log(num_draws), mode.dtype),
+            smoothing_info(num_frames, jnp.asarray(num_draws), num_gradient=num_frames * num_mode_steps),
+        )
+
+    return Smoother(smooth, joint=True)

@@ -1,0 +1,88 @@
+"""Errors of a detector that last: what intervals that know of them hold, and that those of independent errors do not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from poseppl_models.detected_points import FREEDOM
+
+from poseppl.arrays import Floats
+from poseppl.errors import InputError
+from poseppl.motion.geometry import join_cameras, look_at, project
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST, with_lasting_errors
+from poseppl.motion.tracking.point_data import PointData
+from poseppl.motion.tracking.problem import make_problem
+from poseppl.motion.tracking.scene import Scene
+from poseppl.motion.tracking.subjects import walking_subject
+
+RATE, FRAMES, NOISE = 30.0, 40, 0.004
+
+
+def stationary(rng: np.random.Generator, shape: tuple[int, ...], lasts: float) -> Floats:
+    """An autoregressive sequence of variance 1."""
+    kept = np.exp(-1 / RATE / lasts)
+    values = [rng.standard_normal(shape)]
+    for _ in range(1, FRAMES):
+        values.append(kept * values[-1] + np.sqrt(1 - kept**2) * rng.standard_normal(shape))
+    return np.stack(values)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene[PointData]:
+    """A walk in three cameras, with a detector's errors."""
+    rng, subject = np.random.default_rng(1), walking_subject(frames=f"0:{FRAMES}", rate=RATE)
+    middle = subject.markers.reshape(-1, 3).mean(0)
+    centres = middle + np.array([[4000.0, 0, 400], [0, 4000, 800], [-3000, -3000, 200]])
+    cameras = join_cameras([look_at(tuple(centre), tuple(middle)) for centre in centres])
+    places = subject.markers + SHIFT * stationary(rng, subject.markers.shape[1:], SHIFTS_LAST)
+    clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places, float)), np.float64), 0, 1)
+    lasting = stationary(rng, clean.shape[1:], ERRORS_LAST)
+    other = rng.standard_normal(clean.shape) / np.sqrt(rng.chisquare(FREEDOM, clean.shape[:-1]) / FREEDOM)[..., None]
+    points = clean + NOISE * (np.sqrt(ERROR_SHARE) * lasting + np.sqrt(1 - ERROR_SHARE) * other)
+    data = PointData(points, np.full(clean.shape[1:3], NOISE))
+    return Scene(subject.body, cameras, ("a", "b", "c"), data, np.arange(FRAMES), RATE, "", subject.states, places)
+
+
+@pytest.fixture(scope="module")
+def filtered(scene: Scene[PointData]) -> xr.DataTree:
+    return track(scene, TrackSettings(filter="kalman"))
+
+
+def excess(tree: xr.DataTree, scene: Scene[PointData]) -> tuple[float, float]:
+    """Coverage of true places by 90 % intervals, and how many standard errors it is above 0.9; coordinates of markers count."""
+    draws: Any = tree["posterior/markers"].values
+    low, high = np.quantile(draws.reshape(-1, *draws.shape[2:]), [0.05, 0.95], axis=0)
+    held = ((scene.markers >= low) & (scene.markers <= high)).mean(0).ravel()
+    return float(held.mean()), float((held.mean() - 0.9) / (held.std() / np.sqrt(held.size)))
+
+
+def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], filtered: xr.DataTree) -> None:
+    lasting, error = excess(smooth(filtered, SmoothSettings("laplace", errors="lasting")), scene)
+    independent, other = excess(smooth(filtered, SmoothSettings("laplace")), scene)
+    assert abs(error) < 4, lasting
+    assert other < -4, independent
+
+
+def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.DataTree) -> None:
+    tree = smooth(filtered, SmoothSettings("laplace", {"num_draws": "60"}, errors="lasting"))
+    assert tree["posterior"].dataset["state"].sizes["dof"] == scene.body.tree.dimension
+    assert tree["posterior"].sizes["draw"] == 60
+    drawn: dict[str, Any] = {name: np.asarray(tree[f"posterior/{name}"].to_numpy())[0, 0] for name in ("markers", "points")}
+    images = jax.vmap(lambda markers: project(scene.cameras, markers))(jnp.asarray(drawn["markers"]))
+    assert np.allclose(images, drawn["points"], atol=1e-4)
+    error, before = (np.linalg.norm(of["summary/markers_mean"].to_numpy() - scene.markers, axis=-1) for of in (tree, filtered))
+    assert np.median(error) < np.median(before)
+
+
+def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], filtered: xr.DataTree) -> None:
+    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
+    with pytest.raises(InputError, match="whole body"):
+        with_lasting_errors(problem, scene.frames, scene.rate)
+    with pytest.raises(InputError, match="--errors"):
+        smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]

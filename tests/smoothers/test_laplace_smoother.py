@@ -1,0 +1,83 @@
+"""Laplace's approximation of a whole trajectory: robust sites, and where it stops being right. Exactness: the laws."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from poseppl_models.finite_hmm import finite_hmm
+from scipy.optimize import minimize
+
+from poseppl.program import Lorentzian, StateSpaceModel
+from poseppl.smoothers import History, laplace_smoother
+
+STEP, NOISE, STRENGTH = 0.3, 0.5, 4.0
+DATA = np.array([0.1, 0.3, 6.0, 0.2, 0.4, np.nan, 0.9])
+
+
+def robust_walk() -> StateSpaceModel:
+    def initial(params: Any, inputs: Any) -> None:
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def transition(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("x", dist.Normal(state["x"], STEP))
+
+    def observation(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("y", Lorentzian(dist.Normal(state["x"], NOISE), STRENGTH))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+def energy(x: Any) -> float:
+    squared = np.square((DATA - x) / NOISE)[np.isfinite(DATA)]
+    steps = np.sum(np.diff(x) ** 2) / STEP**2 + x[0] ** 2
+    return float(0.5 * steps + 0.5 * STRENGTH * np.sum(np.log1p(squared / STRENGTH)))
+
+
+def smoothed(num_draws: int, num_mode_steps: int = 20) -> Any:
+    model = robust_walk().compile()
+    blank = jnp.zeros((len(DATA), 1, 1))
+    history = History(blank, blank[..., 0], jnp.zeros((len(DATA), 0), jnp.int32), jnp.zeros(len(DATA), bool))
+    smoother = laplace_smoother(model, num_draws=num_draws, num_mode_steps=num_mode_steps)
+    return smoother.smooth(jax.random.key(0), history, model.observe({"y": DATA}), None)
+
+
+def test_the_mode_of_a_robust_model_is_found() -> None:
+    """The mean of n draws is within 4 standard errors of the mode that a general optimiser finds; after one step it is not."""
+    mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x
+    assert mode[2] < 1.0  # the outlier counts little
+    for num_mode_steps, near in ((20, True), (1, False)):
+        draws = np.asarray(smoothed(4000, num_mode_steps).particles[..., 0], np.float64)
+        error = np.abs(draws.mean(1) - mode) / (draws.std(1) / np.sqrt(draws.shape[1]))
+        assert (error.max() < 4.0) == near
+
+
+def test_draws_have_the_spread_of_the_curvature() -> None:
+    """Gauss-Newton's curvature of a robust site has no negative part: the exact Hessian's where residuals are small."""
+    draws = np.asarray(smoothed(4000).particles[..., 0], np.float64)
+    mode = draws.mean(1)
+    squared = np.square((DATA - mode) / NOISE) / STRENGTH
+    weight = np.where(np.isfinite(DATA), np.maximum((1 - squared) / (1 + squared) ** 2, 0.0), 0.0) / NOISE**2
+    precision = (
+        np.diag(weight + 2 / STEP**2)
+        - np.diag(np.full(len(DATA) - 1, STEP**-2), 1)
+        - np.diag(np.full(len(DATA) - 1, STEP**-2), -1)
+    )
+    precision[0, 0] += 1.0 - 1 / STEP**2
+    precision[-1, -1] -= 1 / STEP**2
+    expected = np.sqrt(np.diag(np.linalg.inv(precision)))
+    assert np.abs(draws.std(1) / expected - 1).max() < 4 / np.sqrt(2 * 4000) + 0.01
+
+
+def test_settings_and_discrete_sites_are_refused() -> None:
+    model = robust_walk().compile()
+    for settings in ({"num_draws": 0}, {"num_mode_steps": 0}):
+        with pytest.raises(ValueError, match="at least 1"):
+            laplace_smoother(model, **settings)
+    with pytest.raises(ValueError, match="is discrete"):
+        laplace_smoother(finite_hmm().compile())
