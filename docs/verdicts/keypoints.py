@@ -38,6 +38,6 @@ def keypoints(tables: Tables) -> str:
     near, held = ("holds" if all(each) else "does not hold" for each in zip(*reached, strict=True))
     median, worst = (" and ".join(f"{limit:.0f}" for limit in goal.values()) for goal in (MEDIAN, PERCENTILE_95))
     return (
-        f"{markdown(_COLUMNS, cells)}\n\nOf the last, the default, the goal of {median} mm in the median and {worst} mm at the 95th percentile "
-        f"{near}; that of 85 to 95 % in 90 % intervals and 45 to 55 % in 50 % ones, with both pairs, {held}."
+        f"{markdown(_COLUMNS, cells)}\n\nOf the last, the default, the goal of {median} mm in the median and {worst} mm at the "
+        f"95th percentile {near}; that of 85 to 95 % in 90 % intervals and 45 to 55 % in 50 % ones, with both pairs, {held}."
     )
