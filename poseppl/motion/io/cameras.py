@@ -13,7 +13,8 @@ Written by us, one table a camera; lengths in mm, ``rotation`` and ``translation
     translation = [0.0, 1000.0, 5000.0]
 
 Read besides: the tables that anipose and Pose2Sim write, ``[cam_01]`` with ``name``, ``distortions`` and ``rotation`` as a
-rotation vector, whose lengths are metres unless ``units`` says otherwise. Distortion coefficients are (k1, k2, p1, p2, k3) of
+rotation vector, and those of Caliscope, ``[cameras.0]``, whose ``rotation`` may be a matrix, both in metres unless ``units``
+says otherwise. Distortion coefficients are (k1, k2, p1, p2, k3) of
 Brown's model, as in OpenCV.
 """
 
@@ -70,19 +71,32 @@ def read_cameras(path: FilePath) -> tuple[CameraRecord, ...]:
     """
     document, at = read_toml(path), Location(path)
     ours = document.get("camera")
-    if ours is not None:
-        tables = ours if isinstance(ours, dict) else {}
-    else:
-        tables = {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+    prefix, tables = _tables(document)
     if not tables or len(tables) > MAX_CAMERAS:
-        raise at.error("the file holds no camera", "a table [camera.NAME], or anipose's [cam_0]")
+        raise at.error("the file holds no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
     scale = _scale(at, document, "m" if ours is None else "mm")
-    prefix = "" if ours is None else "camera."
     cameras = tuple(
         _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
     )
     check_distinct([camera.name for camera in cameras], "cameras", at.in_field("name"))
     return cameras
+
+
+def _tables(document: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The tables of the cameras by name, and what stands before their names."""
+    for key in ("camera", "cameras"):
+        group = document.get(key)
+        if group is not None and not (isinstance(group, dict) and "matrix" in group):
+            known = group if isinstance(group, dict) else {}
+            # Caliscope keeps those that it was told to leave out, without a place.
+            return f"{key}.", known if key == "camera" else {
+                name: table for name, table in known.items() if not _ignored(table)
+            }
+    return "", {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+
+
+def _ignored(table: object) -> bool:
+    return isinstance(table, dict) and table.get("ignore") is True
 
 
 def write_cameras(path: FilePath, cameras: Sequence[CameraRecord]) -> None:

@@ -1,4 +1,8 @@
-"""Which keypoint of a detector is which marker of a body, by the number of the point in the detector's list."""
+"""Names of the points of people's detectors, by the number of the point in the detector's list.
+
+Where a body has a marker of the same name, the keypoint is of that marker. Names end in ``_l`` and ``_r`` for the person's left
+and right.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +10,57 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_MARKERS = frozenset({"neck", "pelvis", "skull", "crown", *(f"{limb}_{side}" for limb in _LIMBS for side in "lr")})
 
 
 class Layout(NamedTuple):
     """The points of a detector.
 
     Attributes:
-        num_points: K.
-        markers: The points' numbers by the names of a body's markers; other points are not used.
+        names: K names.
     """
 
-    num_points: int
-    markers: Mapping[str, int]
+    names: tuple[str, ...]
+
+    @property
+    def num_points(self) -> int:
+        """K."""
+        return len(self.names)
+
+    @property
+    def markers(self) -> dict[str, int]:
+        """The points' numbers by the names of a body's markers; other points are not used."""
+        return {name: number for number, name in enumerate(self.names) if name in _MARKERS}
 
 
-def _sides(left: tuple[int, ...], right: tuple[int, ...]) -> dict[str, int]:
-    pairs = zip(_LIMBS, left, right, strict=True)
-    return {name: place for limb, *ends in pairs for name, place in zip((f"{limb}_l", f"{limb}_r"), ends, strict=True)}
+def _layout(text: str) -> Layout:
+    return Layout(tuple(text.split()))
 
 
-_COCO = _sides((5, 7, 9, 11, 13, 15), (6, 8, 10, 12, 14, 16))
+def _pairs(*parts: str) -> str:
+    return " ".join(f"{part}_l {part}_r" for part in parts)
+
+
+def _side(side: str, *parts: str) -> str:
+    return " ".join(f"{part}_{side}" for part in parts)
+
+
+_ARM, _LEG, _FOOT = _LIMBS[:3], _LIMBS[3:], ("big_toe", "small_toe", "heel")
+_COCO = f"nose {_pairs('eye', 'ear', *_LIMBS)}"
+_FACE = "eye_r eye_l ear_r ear_l"
+_MEDIAPIPE_FACE = f"nose {_side('l', 'eye_inner', 'eye', 'eye_outer')} {_side('r', 'eye_inner', 'eye', 'eye_outer')}"
+_FEET = f"{_side('l', *_FOOT)} {_side('r', *_FOOT)}"
 
 LAYOUTS: Mapping[str, Layout] = {
-    "coco17": Layout(17, _COCO),
-    "coco18": Layout(18, {"neck": 1} | _sides((5, 6, 7, 11, 12, 13), (2, 3, 4, 8, 9, 10))),
-    "body25": Layout(25, {"neck": 1, "pelvis": 8} | _sides((5, 6, 7, 12, 13, 14), (2, 3, 4, 9, 10, 11))),
-    "body25b": Layout(25, {"skull": 17, "crown": 18} | _COCO),
-    "halpe26": Layout(26, {"crown": 17, "neck": 18, "pelvis": 19} | _COCO),
+    "coco17": _layout(_COCO),
+    "coco18": _layout(f"nose neck {_side('r', *_ARM)} {_side('l', *_ARM)} {_side('r', *_LEG)} {_side('l', *_LEG)} {_FACE}"),
+    "body25": _layout(
+        f"nose neck {_side('r', *_ARM)} {_side('l', *_ARM)} pelvis {_side('r', *_LEG)} {_side('l', *_LEG)} {_FACE} {_FEET}"
+    ),
+    "body25b": _layout(f"{_COCO} skull crown {_FEET}"),
+    "halpe26": _layout(f"{_COCO} crown neck pelvis {_pairs('big_toe', 'small_toe', 'heel')}"),
+    "mediapipe33": _layout(
+        f"{_MEDIAPIPE_FACE} {_pairs('ear', 'mouth', *_ARM)} {_pairs('pinky', 'index', 'thumb', *_LEG, 'heel', 'foot_index')}"
+    ),
 }
-"""MS COCO's 17 points; OpenPose's COCO, BODY_25 and BODY_25B; Halpe's 26, of AlphaPose and RTMPose."""
+"""MS COCO's 17 points; OpenPose's COCO, BODY_25 and BODY_25B; Halpe's 26, of AlphaPose and RTMPose; MediaPipe's 33."""

@@ -11,37 +11,20 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from poseppl.arrays import Floats, Integers
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.detections import MAX_FRAMES, MAX_PEOPLE, DetectedPeople, detected_people
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
 from poseppl.motion.io.text_parsing import LARGEST
 
-MAX_FRAMES = 1_000_000
-MAX_PEOPLE = 100
 _EYE, _NOSE, _TOE = 15, 0, 19
 _NEAR = 0.3
 """Point 15 is an eye if it is nearer to the nose than this share of the nose's distance from a toe."""
-
-
-class DetectedPeople(NamedTuple):
-    """What a detector found in one camera's pictures.
-
-    Attributes:
-        points: (T, P, K, 2) pixels; P is the largest number of people in a frame; NaN where a point was not found.
-        confidence: (T, P, K), as the detector has it; 0 where a point was not found.
-        frames: (T,) consecutive frame numbers.
-        layout: Which points these are, a key of :data:`~poseppl.motion.io.keypoint_layouts.LAYOUTS`.
-    """
-
-    points: Floats
-    confidence: Floats
-    frames: Integers
-    layout: str
 
 
 def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople:
@@ -62,15 +45,9 @@ def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople
         raise at.error(f"nobody was found in any of {len(files)} files", "at least one person in one frame")
     if len(counts) > 1:
         raise at.error(f"people with {sorted(counts)} points", "one number of points in all files")
-    first, last = min(files), max(files)
-    table = np.zeros((last - first + 1, max(map(len, people.values())), counts.pop(), 3))
-    for number, found in people.items():
-        for index, person in enumerate(found):
-            table[number - first, index] = person
-    missing = ~np.isfinite(table).all(-1) | (table[..., :2] == 0).all(-1)
-    points = np.where(missing[..., None], np.nan, table[..., :2])
-    chosen = layout_of(points, at) if layout is None else _given(layout, table.shape[2], at)
-    return DetectedPeople(points, np.where(missing, 0.0, table[..., 2]), np.arange(first, last + 1), chosen)
+    found = detected_people(people, [str(number) for number in range(counts.pop())], at)
+    chosen = layout_of(found.points, at) if layout is None else check_layout(layout, len(found.names), at)
+    return found._replace(layout=chosen, names=LAYOUTS[chosen].names)
 
 
 def layout_of(points: Floats, at: Location) -> str:
@@ -93,7 +70,12 @@ def layout_of(points: Floats, at: Location) -> str:
     return "body25" if known.size and np.median(known) < _NEAR else "body25b"
 
 
-def _given(layout: str, count: int, at: Location) -> str:
+def check_layout(layout: str, count: int, at: Location) -> str:
+    """Check that a layout is known and has as many points.
+
+    Raises:
+        InputError: It is not, or has not.
+    """
     if layout not in LAYOUTS:
         raise InputError(f"{layout!r}", field="--layout", expected=", ".join(LAYOUTS))
     if LAYOUTS[layout].num_points != count:

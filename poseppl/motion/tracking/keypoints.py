@@ -19,10 +19,10 @@ from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
-from poseppl.motion.io import CameraRecord
+from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
-from poseppl.motion.io.openpose import DetectedPeople, read_openpose
+from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
 from poseppl.motion.tracking.people import choose_person

@@ -18,7 +18,7 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
-from poseppl.motion.io.openpose import DetectedPeople
+from poseppl.motion.io import DetectedPeople
 
 LARGEST_DISTANCE = 120.0
 """Median distance (mm) between the rays of two detections of one person, at most."""

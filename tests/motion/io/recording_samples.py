@@ -185,3 +185,18 @@ CLIP = """{"Loop": "wrap", "Frames": [
  [0.5, 1, 1, 0, 0.70710678, 0, 0.70710678, 0, 0.70710678, 0, 0, 0.70710678, -1.57079633],
  [0, 2, 1, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0]
 ]}"""
+
+DEEPLABCUT = """scorer,net,net,net,net,net,net
+bodyparts,knee,knee,knee,foot,foot,foot
+coords,x,y,likelihood,x,y,likelihood
+0,1.5,2.5,0.9,3.5,4.5,0.8
+1,,,1.0,nan,NaN,1.0
+2,1.5,2.25,0.5,5,6,0.25
+"""
+
+CALISCOPE = """sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y,frame_time
+3,0,0,0,577.25,305.5,0.5
+3,0,0,1,563.5,227.75,0.5
+3,1,0,0,549.75,151.0,0.5
+4,1,0,1,643.125,295.5,0.75
+"""

@@ -58,6 +58,25 @@ def test_recorded_rig(data_dir):
         np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-12)
 
 
+def test_rigs_of_long_lenses_and_of_caliscope(data_dir):
+    flies = read_cameras(data_dir / "fly_legs" / "calibration.toml")
+    assert [camera.name for camera in flies] == ["Cam-A", "Cam-B", "Cam-C"]
+    assert flies[2].matrix[0, 0] == 136330.25013473458 and flies[2].distortion[0] == -6468.60716369641
+    board = read_cameras(data_dir / "charuco_board" / "camera_array.toml")
+    assert [camera.name for camera in board] == ["0", "1", "2", "3"]
+    np.testing.assert_allclose(board[0].translation, [171.25994082321383, -32.34536459937444, 1208.386461814154])
+    for camera in board:
+        np.testing.assert_allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-9)
+
+
+def test_caliscope_leaves_cameras_out(tmp_path):
+    table = ANIPOSE.split("[metadata]")[0].replace("[cam_0]", "[cameras.3]").replace('name = "front"', "cam_id = 3")
+    (camera,) = read(tmp_path, table + "\n[cameras.4]\nignore = true\n")
+    assert camera.name == "3"
+    with pytest.raises(InputError, match=r"cameras\.4\.size: the field is missing"):
+        read(tmp_path, table + "\n[cameras.4]\nignore = false\n")
+
+
 def test_round_trip(tmp_path):
     rng = np.random.default_rng(0)
     cameras = [

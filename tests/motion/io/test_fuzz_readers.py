@@ -9,9 +9,11 @@ from recording_samples import (
     AMC,
     ASF,
     BVH,
+    CALISCOPE,
     CHARACTER,
     CLIP,
     CSV,
+    DEEPLABCUT,
     EXPONENTIAL_MAPS,
     EXPONENTIAL_SKELETON,
     TOML,
@@ -23,7 +25,9 @@ from poseppl.errors import PosepplError
 from poseppl.motion.io.bvh import read_bvh
 from poseppl.motion.io.c3d import read_c3d
 from poseppl.motion.io.c3d_layout import check_layout
+from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras import read_cameras
+from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
 from poseppl.motion.io.observations import read_observations
 from poseppl.motion.io.recording import read_motion
 
@@ -164,6 +168,23 @@ def test_skeleton_of_exponential_maps(write, skeleton):
 def test_csv(write, table):
     observations = accept(read_observations, write("points.csv", table), ("hip", "knee"), ("left", "right"))
     assert observations is None or not np.isinf(observations.points).any()
+
+
+@fuzz(150)
+@given(table=damaged(DEEPLABCUT), several=st.booleans())
+def test_deeplabcut(write, table, several):
+    owners = "individuals" + ",mouse" * 6 + "\n"
+    found = accept(read_deeplabcut_csv, write("dlc.csv", owners + table if several else table))
+    if found is not None:
+        assert (found.confidence[~np.isfinite(found.points).all(-1)] == 0).all()
+        assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
+
+
+@fuzz(150)
+@given(table=damaged(CALISCOPE))
+def test_caliscope_points(write, table):
+    for found in (accept(read_caliscope_points, write("xy.csv", table)) or {}).values():
+        assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
 
 
 @fuzz(150)

@@ -1,0 +1,153 @@
+"""Points as DeepLabCut and Lightning Pose write them: a CSV file with header rows, one row a frame.
+
+    scorer,network,network,network,...
+    individuals,first,first,first,...      several animals alone
+    bodyparts,knee,knee,knee,...
+    coords,x,y,likelihood,...
+    0,194.6980,161.2993,0.9946,...
+
+Columns of other coordinates (variances of ensembles) are passed over. Without a likelihood, as in labels by hand, what is
+there has a confidence of 1. An empty field and NaN are points that were not found, whatever their likelihood. The first
+columns tell the frame: a number, or the number in the name of a picture.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, Location
+from poseppl.motion.io.detections import DetectedPeople, check_names, detected_people
+from poseppl.motion.io.text_parsing import Line, parse_number, rows_of_csv, some
+
+MAX_COLUMNS = 30_000
+_HEADERS = ("scorer", "individuals", "bodyparts", "coords")
+_NOT_A_NUMBER = frozenset({"", "nan", "na", "null", "none"})
+_COORDINATES = ("x", "y", "likelihood")
+
+
+class PointColumns(NamedTuple):
+    """Which columns hold which coordinates.
+
+    Attributes:
+        individuals: P names; () where the file names none.
+        names: K names of points.
+        columns: Numbers of columns.
+        places: Of each of these columns, the individual, the point, and 0, 1 or 2 for x, y, likelihood.
+        graded: Whether there are likelihoods.
+    """
+
+    individuals: tuple[str, ...]
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    places: tuple[tuple[int, int, int], ...]
+    graded: bool
+
+    def people(self, values: Sequence[float]) -> list[Floats]:
+        """The points (K, 3) of each individual, from the values of the columns."""
+        table = np.full((max(len(self.individuals), 1), len(self.names), 3), np.nan)
+        if not self.graded:
+            table[..., 2] = 1.0
+        table[tuple(np.array(self.places).T)] = values
+        return list(table)
+
+
+def read_deeplabcut_csv(path: FilePath) -> DetectedPeople:
+    """Read a CSV file of DeepLabCut or Lightning Pose, of one animal or several.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The points under the file's own names, with ``individuals`` where it has several.
+
+    Raises:
+        InputError: The file is none of these, is malformed, or holds no point; the message tells the line.
+    """
+    lines = rows_of_csv(path)
+    header: dict[str, list[str]] = {}
+    at: Location = Location(path)
+    while "coords" not in header:
+        at, row = next(lines, (Location(path), [""]))
+        level = row[0].lower()
+        if level not in _HEADERS or level in header:
+            raise at.error(f"{row[0][:40]!r} where a header row begins", "rows that begin with scorer, bodyparts, coords")
+        if len(row) > MAX_COLUMNS or any(len(row) != len(other) for other in header.values()):
+            raise at.error(f"{len(row)} columns", f"as many as in the row before, at most {MAX_COLUMNS}")
+        header[level] = row
+    for level in ("scorer", "bodyparts"):
+        if level not in header:
+            raise at.error(f"no header row {level}", "rows that begin with scorer, bodyparts, coords")
+    index = _index_columns(header["coords"])
+    columns = point_columns({level: row[index:] for level, row in header.items()}, at)
+    people: dict[int, Sequence[Floats]] = {}
+    for line in lines:
+        number, values = _row(line, index, len(header["coords"]), columns)
+        if number in people:
+            raise line[0].error(f"frame {number} comes twice", "one row a frame")
+        people[number] = columns.people(values)
+    return detected_people(people, columns.names, Location(path), individuals=columns.individuals)
+
+
+def point_columns(header: Mapping[str, Sequence[str]], at: Location) -> PointColumns:
+    """Find the coordinates of points among columns.
+
+    Args:
+        header: The words of each column by level: "bodyparts", "coords", and "individuals" where there are several.
+        at: Where it stands, for the message.
+
+    Raises:
+        InputError: A point has no x or no y, or one twice.
+    """
+    parts, coords = header["bodyparts"], [word.lower() for word in header["coords"]]
+    owners = header.get("individuals", [""] * len(parts))
+    kept = [column for column, word in enumerate(coords) if word in _COORDINATES]
+    individuals = tuple(dict.fromkeys(owners[column] for column in kept))
+    names = tuple(dict.fromkeys(parts[column] for column in kept))
+    check_names(names, "bodyparts", at)
+    if "individuals" in header:
+        check_names(individuals, "individuals", at)
+    person = {name: number for number, name in enumerate(individuals)}
+    point = {name: number for number, name in enumerate(names)}
+    places = tuple((person[owners[c]], point[parts[c]], _COORDINATES.index(coords[c])) for c in kept)
+    known = set(places)
+    graded = any(place[2] == 2 for place in places)
+    for p, k in {place[:2] for place in places}:
+        if {(p, k, 0), (p, k, 1)} - known or (graded and (p, k, 2) not in known):
+            problem = f"{' '.join([individuals[p], names[k]]).strip()[:80]!r} lacks a coordinate"
+            raise at.error(problem, "x, y and likelihood of each point")
+    if len(known) < len(places):
+        raise at.error(f"a coordinate comes twice among {some(names)}", "x, y and likelihood of each point once")
+    return PointColumns(individuals if "individuals" in header else (), names, tuple(kept), places, graded)
+
+
+def frame_of_index(words: Sequence[str], at: Location) -> int:
+    """The number of a frame: the last word of its index, or the last number in the name of a picture."""
+    numbers = re.findall("[0-9]+", words[-1].rsplit(".", 1)[0] if not words[-1].isdigit() else words[-1])
+    if not numbers or len(numbers[-1]) > 9:
+        raise at.error(f"{words[-1][:40]!r} is no frame", "a number, or a picture's name such as img0012.png")
+    return int(numbers[-1])
+
+
+def _index_columns(coords: Sequence[str]) -> int:
+    """How many columns at the left tell the frame: the first, and those after it that are empty in the header."""
+    count = 1
+    while count < len(coords) and not coords[count]:
+        count += 1
+    return count
+
+
+def _row(line: Line, index: int, width: int, columns: PointColumns) -> tuple[int, list[float]]:
+    at, row = line
+    if len(row) != width:
+        raise at.error(f"{len(row)} values", f"{width}, one a column; the file may have been cut off")
+    values = []
+    for column in columns.columns:
+        token = row[index + column]
+        missing = token.lower() in _NOT_A_NUMBER
+        values.append(float("nan") if missing else parse_number(token, at))
+    return frame_of_index(row[:index], at), values

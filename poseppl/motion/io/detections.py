@@ -1,0 +1,121 @@
+"""Points that a detector found in one camera's pictures, whatever it is and whatever file they come from.
+
+A detector has a list of points, and in each frame finds them for some people, or animals. Readers hand over a table of x, y and
+confidence. A point is missing where x, y or the confidence is no number (DeepLabCut writes NaN beside a likelihood of 1.0), and
+where x and y are both 0, as OpenPose has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import Location
+from poseppl.motion.io.text_parsing import LARGEST, LONGEST, check_distinct
+
+MAX_FRAMES = 1_000_000
+MAX_PEOPLE = 100
+MAX_POINTS = 1_000
+"""Of one person."""
+MAX_VALUES = 40_000_000
+"""Numbers in a camera's table: frames x people x points x 3."""
+
+
+class DetectedPeople(NamedTuple):
+    """What a detector found in one camera's pictures.
+
+    Attributes:
+        points: (T, P, K, 2) pixels; P is the largest number of people in a frame; NaN where a point was not found.
+        confidence: (T, P, K), as the detector has it; 0 where a point was not found.
+        frames: (T,) consecutive frame numbers.
+        layout: Which points these are, a key of :data:`~poseppl.motion.io.keypoint_layouts.LAYOUTS`; "" where they have
+            names of their own.
+        names: K names of the points.
+        individuals: P names, where the detector says who is who in all frames; () where P is an order within a frame alone.
+        times: (T,) seconds, NaN where unknown; None where the file has none.
+    """
+
+    points: Floats
+    confidence: Floats
+    frames: Integers
+    layout: str
+    names: tuple[str, ...]
+    individuals: tuple[str, ...] = ()
+    times: Floats | None = None
+
+
+def detected_people(
+    people: Mapping[int, Sequence[Floats]],
+    names: Sequence[str],
+    at: Location,
+    *,
+    layout: str = "",
+    individuals: Sequence[str] = (),
+    times: Mapping[int, float] | None = None,
+) -> DetectedPeople:
+    """Lay out what was found in each frame.
+
+    Args:
+        people: By frame number, the people, each (K, 3): x, y, confidence.
+        names: K names of the points.
+        at: The file, for messages.
+        layout: See :class:`DetectedPeople`, as the two below.
+        individuals: Names of the people, in the order of each frame's.
+        times: Seconds by frame number.
+
+    Returns:
+        The detections, from the first to the last frame number; frames between that are not there have nobody.
+
+    Raises:
+        InputError: There is no frame or nobody in any, too many of something, a number is too large, or a name comes twice.
+    """
+    if not people:
+        raise at.error("the file holds no frame", "at least one")
+    first, last = min(people), max(people)
+    count = max(map(len, people.values()))
+    if last - first >= MAX_FRAMES:
+        raise at.error(f"frames {first} to {last}", f"at most {MAX_FRAMES} frames")
+    if count > MAX_PEOPLE or len(names) > MAX_POINTS:
+        expected = f"at most {MAX_PEOPLE} and {MAX_POINTS}"
+        raise at.error(f"{count} people of {len(names)} points in a frame", expected)
+    if (last - first + 1) * count * len(names) * 3 > MAX_VALUES:
+        raise at.error(f"{last - first + 1} frames of {count} x {len(names)} points", f"at most {MAX_VALUES} numbers")
+    check_names(names, "points", at)
+    table = np.full((last - first + 1, count, len(names), 3), np.nan)
+    for number, found in people.items():
+        for index, person in enumerate(found):
+            table[number - first, index] = person
+    numbers = np.arange(first, last + 1)
+    clock = None if times is None else np.array([times.get(int(number), np.nan) for number in numbers])
+    return people_of_table(table, numbers, names, at)._replace(layout=layout, individuals=tuple(individuals), times=clock)
+
+
+def people_of_table(table: Floats, frames: Integers, names: Sequence[str], at: Location) -> DetectedPeople:
+    """Split a table (T, P, K, 3) of x, y, confidence into points and confidence.
+
+    Raises:
+        InputError: Nobody is in any frame, or a number is too large.
+    """
+    large = np.argwhere(np.abs(np.where(np.isnan(table), 0.0, table)) > LARGEST)
+    if len(large):
+        t, p, k, field = large[0]
+        where = at.in_field(f"frame {frames[t]}, person {p + 1}, {names[k]}, {('x', 'y', 'confidence')[field]}")
+        raise where.error(f"the number {table[t, p, k, field]:g} is too large", "pixels, at most 1e9")
+    missing = ~np.isfinite(table).all(-1) | (table[..., :2] == 0).all(-1)
+    if missing.all():
+        raise at.error(f"nothing was found in any of {len(frames)} frames", "at least one point in one frame")
+    points = np.where(missing[..., None], np.nan, table[..., :2])
+    return DetectedPeople(points, np.where(missing, 0.0, table[..., 2]), frames, "", tuple(names))
+
+
+def check_names(names: Sequence[str], kind: str, at: Location) -> None:
+    """Check names of points or individuals: there is one, none is empty or very long, and no two are equal."""
+    if not names:
+        raise at.error(f"no {kind}", "at least one")
+    for name in names:
+        if not 0 < len(name) <= LONGEST:
+            raise at.error(f"{name[:40]!r} as a name of {kind}", f"1 to {LONGEST} characters")
+    check_distinct(names, kind, at)
