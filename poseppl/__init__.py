@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from poseppl.report import write_report as write_report
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
+    from poseppl.runs.forecasting import forecast as forecast
     from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.online import Online as Online
     from poseppl.runs.outcome import result_of_run as result_of_run
@@ -95,6 +96,7 @@ _HOMES = {
     "tempered_filter": "filters",
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
+    "forecast": "runs.forecasting",
     "infer": "runs.infer",
     "smooth": "runs.infer",
     "Clamped": "program",

@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Integers
+from poseppl.program import CompiledModel
 
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
@@ -41,3 +42,17 @@ def names_of(tree: xr.DataTree, dim: str, group: str = "posterior") -> list[str]
 def frame_numbers(tree: xr.DataTree) -> Integers:
     """Frame numbers of a result, (frame,)."""
     return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
+
+
+def check_coordinates(tree: xr.DataTree, model: CompiledModel) -> None:
+    """Refuse a result that is not one of a model.
+
+    Raises:
+        ValueError: Its coordinates are others.
+    """
+    names = tuple(names_of(tree, "dof"))
+    if names != model.coordinate_names:
+        raise ValueError(
+            f"The result is one of the coordinates {list(names)}, the model of {list(model.coordinate_names)}. Expected the "
+            "same model."
+        )

@@ -67,6 +67,31 @@ def rows_of_inputs(inputs: Any, frames: slice) -> Any:
     return layout.join([leaf[frames] for leaf in varying], constant)
 
 
+def stacked_inputs(inputs: Any, num_frames: int) -> Any:
+    """Inputs of T frames as JAX arrays, each with a leading T, what is wrapped in :class:`Constant` repeated.
+
+    Raises:
+        ValueError: An array does not have T rows.
+    """
+    layout, varying, constant = _split_inputs(inputs)
+    _check_rows(jax.tree.map(np.asarray, varying), num_frames)
+    return _stacked(layout, varying, constant, num_frames)
+
+
+def _stacked(layout: Layout, varying: list[Any], constant: list[Any], num_frames: int) -> Any:
+    repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *jnp.shape(leaf))), constant)
+    return layout.join([jax.tree.map(jnp.asarray, leaf) for leaf in varying], repeated)
+
+
+def _check_rows(arrays: Any, num_frames: int) -> None:
+    for leaf in jax.tree.leaves(arrays):
+        if leaf.ndim == 0 or leaf.shape[0] != num_frames:
+            raise ValueError(
+                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
+                "frames (wrap inputs that do not change in Constant)"
+            )
+
+
 class FrameSequence(NamedTuple):
     """Data and inputs of a sequence on the host."""
 
@@ -78,8 +103,7 @@ class FrameSequence(NamedTuple):
 
     def stacked_inputs(self) -> Any:
         """The inputs of all frames as JAX arrays, each with a leading T, what is constant repeated."""
-        repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.num_frames, *jnp.shape(leaf))), self.constant)
-        return self.layout.join([jnp.asarray(leaf) for leaf in self.varying], repeated)
+        return _stacked(self.layout, self.varying, self.constant, self.num_frames)
 
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
@@ -108,10 +132,5 @@ def frame_sequence(observations: Observation, inputs: Any, num_frames: int | Non
         num_frames = len(leaves[0])
     check_at_least(1, num_frames=num_frames)
     seen, varying = jax.tree.map(np.asarray, (observations, varying))
-    for leaf in jax.tree.leaves((seen, varying)):
-        if leaf.ndim == 0 or leaf.shape[0] != num_frames:
-            raise ValueError(
-                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
-                "frames (wrap inputs that do not change in Constant)"
-            )
+    _check_rows((seen, varying), num_frames)
     return FrameSequence(seen, layout, varying, constant, num_frames)

@@ -21,7 +21,7 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import arrays_of, names_of
+from poseppl.runs.contents import arrays_of, check_coordinates
 from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -174,12 +174,7 @@ def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    names = tuple(names_of(result, "dof"))
-    if names != model.coordinate_names:
-        raise ValueError(
-            f"The result is one of the coordinates {list(names)}, the smoother of {list(model.coordinate_names)}. Expected the "
-            "same model."
-        )
+    check_coordinates(result, model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
     return history_of_result(result), arrays_of(result, "observed_data")

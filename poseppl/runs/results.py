@@ -43,32 +43,13 @@ from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import group_of
+from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, dims_of, labelled
 
 VERSION = 1
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
-QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
-"""The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
-
-_AXES = ("x", "y", "z")
-_DIMS = {
-    "state": ("dof",),
-    "markers": ("marker", "axis"),
-    "points": ("camera", "marker", "xy"),
-    "overlap": ("camera",),
-    "silhouette_area": ("camera",),
-    "silhouette_centre": ("camera", "xy"),
-}
 _STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained")
 """Predictive checks of the coordinates of the state, rather than of the data's entries."""
-
-
-class Names(NamedTuple):
-    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty."""
-
-    dof: Sequence[str]
-    marker: Sequence[str] = ()
-    camera: Sequence[str] = ()
 
 
 class Truth(NamedTuple):
@@ -129,22 +110,22 @@ def build_result(
     draws = np.asarray(state)
     if draws.ndim != 4:
         raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
-    known = _coordinates(names, draws.shape, frames, quantiles)
+    known = coordinates(names, draws.shape, frames, quantiles)
     posterior = {"state": draws} | {name: np.asarray(values) for name, values in (extras or {}).items()}
     groups = {
-        "posterior": _dataset(posterior, ("chain", "draw", "frame"), known),
-        "sample_stats": _dataset(sample_stats or {}, ("frame",), known),
+        "posterior": labelled(posterior, ("chain", "draw", "frame"), known),
+        "sample_stats": labelled(sample_stats or {}, ("frame",), known),
         "summary": _summary(posterior, summary or {}, known),
     }
     if observed is not None:
         data = observed if isinstance(observed, Mapping) else {"points": observed}
-        groups["observed_data"] = _dataset(data, ("frame",), known)
+        groups["observed_data"] = labelled(data, ("frame",), known)
     if truth is not None and any(part is not None for part in truth):
         parts = {name: values for name, values in truth._asdict().items() if values is not None}
-        groups["truth"] = _dataset(parts, ("frame",), known)
+        groups["truth"] = labelled(parts, ("frame",), known)
     if cameras is not None:
         parts = {name: values for name, values in cameras.items() if values is not None}
-        groups["camera"] = _dataset(parts, ("camera",), known)
+        groups["camera"] = labelled(parts, ("camera",), known)
     if edges is not None:
         skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
         groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
@@ -153,7 +134,7 @@ def build_result(
     if predictive is not None:
         checks = {name: np.asarray(values) for name, values in predictive.items()}
         axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
-        groups["predictive"] = _checked({name: (axes[name], values) for name, values in checks.items()}, known)
+        groups["predictive"] = checked({name: (axes[name], values) for name, values in checks.items()}, known)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
@@ -213,6 +194,11 @@ def provenance(tree: xr.DataTree) -> dict[str, Any]:
     return {str(name): _decode(value) for name, value in tree.attrs.items() if name not in _RESERVED}
 
 
+def encoded(attrs: Mapping[str, Any]) -> dict[str, str]:
+    """Provenance as a result's attributes hold it."""
+    return {name: json.dumps(value) for name, value in attrs.items()}
+
+
 def is_weighted(tree: xr.DataTree) -> bool:
     """Whether the draws of a result were resampled from weighted particles, rather than made by Markov chains."""
     return "num_particles" in tree.attrs
@@ -230,7 +216,7 @@ def _root_attrs(rate: float | None, num_particles: int | None, attrs: Mapping[st
         root["rate"] = float(rate)
     if num_particles is not None:
         root["num_particles"] = int(num_particles)
-    return root | {name: json.dumps(value) for name, value in attrs.items()}
+    return root | encoded(attrs)
 
 
 def _decode(value: Any) -> Any:
@@ -251,49 +237,11 @@ def _printable(value: Any) -> Any:
     return value
 
 
-def _coordinates(
-    names: Names, shape: tuple[int, ...], frames: ArrayLike | None, quantiles: Sequence[float]
-) -> dict[str, NDArray[Any]]:
-    markers_and_cameras = {"marker": names.marker, "camera": names.camera}
-    return {
-        "chain": np.arange(shape[0]),
-        "draw": np.arange(shape[1]),
-        "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
-        "dof": np.array(names.dof, dtype=str),
-        **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
-        "axis": np.array(_AXES),
-        "xy": np.array(_AXES[:2]),
-        "quantile": np.array(quantiles, float),
-    }
-
-
-def _dataset(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
-    """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
-    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
-    for name, given in variables.items():
-        values = np.asarray(given)
-        rest = values.ndim - len(leading)
-        dims = _DIMS.get(name, ())
-        if len(dims) != rest:
-            dims = tuple(f"{name}_dim_{i}" for i in range(rest))
-        data[name] = (leading + dims, values)
-    return _checked(data, known)
-
-
-def _checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
-    for name, (dims, values) in data.items():
-        wanted = tuple(len(known[dim]) if dim in known else size for dim, size in zip(dims, values.shape, strict=False))
-        if values.ndim != len(dims) or values.shape != wanted:
-            raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
-    used = {dim for dims, _ in data.values() for dim in dims if dim in known}
-    return xr.Dataset(dict(data), coords={dim: known[dim] for dim in known if dim in used})
-
-
 def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     arrays = {name: np.asarray(values) for name, values in inputs.items()}
     steps = {name: (("frame", "dof"), arrays.pop(name)) for name in ("step_scale",) if name in arrays}
     rest = {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
-    return _checked(steps, known).assign(rest)
+    return checked(steps, known).assign(rest)
 
 
 def _summary(
@@ -308,11 +256,8 @@ def _summary(
         site, _, statistic = name.rpartition("_")
         middle = ("quantile",) if statistic == "quantile" else ()
         array = np.asarray(values)
-        dims = _DIMS.get(site, ())
-        if len(dims) != array.ndim - 1 - len(middle):
-            dims = tuple(f"{site}_dim_{i}" for i in range(array.ndim - 1 - len(middle)))
-        data[name] = (("frame", *middle, *dims), array)
-    return _checked(data, known)
+        data[name] = (("frame", *middle, *dims_of(site, array.ndim - 1 - len(middle))), array)
+    return checked(data, known)
 
 
 def _moments(name: str, draws: NDArray[Any], levels: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -1,0 +1,99 @@
+"""Forecasts against the data that came: the continuous ranked probability score, ranks, and coverage of intervals.
+
+The score of draws X of a forecast and a datum y is CRPS = E|X - y| - E|X - X'| / 2, in the units of the datum: the absolute
+error of a forecast without spread, smaller for one that knows its own error, and least on average for the true predictive
+distribution (Gneiting and Raftery 2007, doi:10.1198/016214506000001437). Of S draws the second term is the mean over their
+pairs, so that few draws are not punished for being few (Ferro 2014, doi:10.1002/qj.2270).
+
+>>> draws = np.random.default_rng(0).normal(size=(20_000, 1))
+>>> bool(abs(crps(draws, [0.0])[0] - (np.sqrt(2) - 1) / np.sqrt(np.pi)) < 0.01)
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from poseppl.arrays import Floats
+from poseppl.diagnostics.calibration import LEVELS, Coverage, coverage, inside_interval, probability_transform
+from poseppl.errors import InputError
+from poseppl.runs.contents import group_of
+
+
+class ForecastScore(NamedTuple):
+    """How well a forecast foretold one data site.
+
+    Attributes:
+        crps: Continuous ranked probability score, of the site's shape with a leading H, in its units; NaN where
+            data are missing.
+        transform: Ranks of the data among the draws, in (0, 1), of the same shape.
+        coverage: Coverage of the central intervals, over all entries that were seen.
+    """
+
+    crps: Floats
+    transform: Floats
+    coverage: tuple[Coverage, ...]
+
+    @property
+    def mean_crps(self) -> float:
+        """Mean over all entries that were seen; NaN where none was."""
+        seen = self.crps[np.isfinite(self.crps)]
+        return float(seen.mean()) if seen.size else float("nan")
+
+
+def score_forecast(
+    forecast: xr.DataTree, data: Mapping[str, ArrayLike], levels: tuple[float, ...] = LEVELS
+) -> dict[str, ForecastScore]:
+    """Score a forecast by the data that came.
+
+    Args:
+        forecast: What :func:`poseppl.forecast` returned.
+        data: Data by site, with a leading H; NaN where nothing was seen. Sites may be left out.
+        levels: Nominal probabilities of the intervals.
+
+    Returns:
+        The score of each site.
+
+    Raises:
+        InputError: The forecast predicts no data, has no such site, or another shape.
+    """
+    drawn = group_of(forecast, "predictions")
+    if not drawn.data_vars:
+        raise InputError("the forecast predicts no data", expected="the result of poseppl.forecast, of a model with data sites")
+    scores = {}
+    for name, given in data.items():
+        if name not in drawn:
+            raise InputError("no site of the forecast", field=name, expected=f"some of {sorted(map(str, drawn.data_vars))}")
+        draws, true = drawn[name].values, np.asarray(given, float)
+        if true.shape != draws.shape[2:]:
+            raise InputError(
+                f"data of shape {true.shape}", field=name, expected=f"{draws.shape[2:]}, the frames of the forecast"
+            )
+        seen = np.isfinite(true)
+        covered = (coverage(inside_interval(draws, true, level), level, valid=seen) for level in levels)
+        ranks = np.where(seen, probability_transform(draws, true), np.nan)
+        scores[name] = ForecastScore(crps(draws.reshape(-1, *true.shape), true), ranks, tuple(covered))
+    return scores
+
+
+def crps(draws: ArrayLike, data: ArrayLike) -> Floats:
+    """Continuous ranked probability score.
+
+    Args:
+        draws: (S, ...), at least two.
+        data: (...), NaN where missing.
+
+    Returns:
+        (...), in the units of the data; NaN where they are missing.
+    """
+    ordered, true = np.sort(np.asarray(draws, float), axis=0), np.asarray(data, float)
+    number = len(ordered)
+    # the sum of all |X_i - X_j| of i < j, where the i-th of the ordered draws counts 2 i - S + 1 times
+    counts = (2.0 * np.arange(number) - number + 1).reshape(-1, *(1,) * true.ndim)
+    spread = 2 * (counts * ordered).sum(0) / (number * max(number - 1, 1))
+    return np.asarray(np.abs(ordered - true).mean(0) - spread / 2)

@@ -1,0 +1,126 @@
+"""Forecasts: states and data beyond the frames of a result, under inputs that are or might have been.
+
+Each draw of the posterior at the last frame T goes on by itself, x_(T+h) ~ p(x | x_(T+h-1)), and draws its data z_(T+h) ~
+p(z | x_(T+h)). So the draws of frame T + h are ones of p(x_(T+h), z_(T+h) | z_(1:T)), with the uncertainty of the present state
+and of the future alike.
+
+    ahead = forecast(result, model, 20, rng_key, inputs=inputs_of_the_20_frames)
+    ahead["predictions/height"].quantile([0.05, 0.95], ("chain", "draw"))
+
+Other inputs from an earlier frame on tell what would have come of them: ``forecast(..., start=100, inputs=others)``. Against
+the data that came, :func:`poseppl.diagnostics.forecasts.score_forecast` counts errors and coverage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jax import Array
+from numpy.typing import NDArray
+
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.program import CompiledModel
+from poseppl.program.population import propagate
+from poseppl.runs.contents import check_coordinates, frame_numbers, names_of
+from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.runs.labels import Names, coordinates, labelled
+from poseppl.runs.results import encoded, provenance
+
+
+def forecast(
+    result: xr.DataTree,
+    model: CompiledModel,
+    horizon: int,
+    rng_key: Array,
+    inputs: Any = None,
+    *,
+    start: int | None = None,
+    num_draws: int | None = None,
+    attrs: Mapping[str, Any] | None = None,
+) -> xr.DataTree:
+    """Draw states and data of the frames after a result's last one.
+
+    Args:
+        result: The result of :func:`poseppl.infer`, or, from its last frame on, of :func:`poseppl.smooth`.
+        model: The model that the result is one of; or another one of the same sites, to ask what it would have expected.
+        horizon: How many frames H, at least 1.
+        rng_key: PRNG key; the same key gives the same forecast.
+        inputs: Inputs of the new frames with a leading H, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None
+            where the model takes none.
+        start: Number of the frame that the forecast starts after; the last one if None.
+        num_draws: Draws of each chain, evenly chosen or repeated; as many as the result holds if None.
+        attrs: Provenance: anything that JSON can hold; that of the result is kept.
+
+    Returns:
+        Groups ``forecast``, the state's sites and the model's extras, and ``predictions``, the data, as ArviZ calls them; each
+        (chain, draw, frame, ...). Frame numbers go on at the distance of the last two.
+
+    Raises:
+        ValueError: The result is one of other coordinates, or an array of the inputs does not have H rows.
+        InputError: `start` is no frame of the result, or is not its last one and the result is smoothed.
+    """
+    check_at_least(1, horizon=horizon)
+    check_coordinates(result, model)
+    numbers = frame_numbers(result)
+    last = _position(result, numbers, start)
+    draws = result["posterior"].dataset["state"].transpose("chain", "draw", "frame", "dof").values[:, :, last]
+    if num_draws is not None:
+        check_at_least(1, num_draws=num_draws)
+        draws = draws[:, np.arange(num_draws) * draws.shape[1] // num_draws]
+    keys = jax.random.split(rng_key, horizon)
+    sites, data = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
+    step = int(numbers[last] - numbers[last - 1]) if last else 1
+    frames = numbers[last] + step * np.arange(1, horizon + 1)
+    names = Names((), names_of(result, "marker"), names_of(result, "camera", "camera"))
+    known = coordinates(names, (*draws.shape[:2], horizon), frames)
+    groups = {"forecast": _by_chain(sites, draws.shape[0])}
+    if data:
+        groups["predictions"] = _by_chain(data, draws.shape[0])
+    tree = xr.DataTree.from_dict({name: labelled(group, ("chain", "draw", "frame"), known) for name, group in groups.items()})
+    tree.attrs = dict(result.attrs) | encoded({"forecast from frame": int(numbers[last]), **(attrs or {})})
+    return tree
+
+
+def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None) -> int:
+    """The index of the frame to start after."""
+    if start is None:
+        return len(numbers) - 1
+    found = np.flatnonzero(numbers == start)
+    if not len(found):
+        expected = f"one of {numbers[0]} to {numbers[-1]}"
+        raise InputError(f"the result has no frame {start}", field="start", expected=expected)
+    if "smoother" in provenance(result) and found[0] < len(numbers) - 1:
+        raise InputError(
+            f"the result is smoothed: its draws at frame {start} know the data after it",
+            field="start",
+            expected="the filter's result, or the last frame",
+        )
+    return int(found[0])
+
+
+@partial(jax.jit, static_argnums=0)
+def _go_on(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Sites with extras, and data, each (H, N, ...), after states (N, d)."""
+    number = draws.shape[0]
+
+    def advance(states: Array, row: Any) -> tuple[Array, Any]:
+        key, frame = row
+        key_move, key_data = jax.random.split(key)
+        states = propagate(model, jax.random.split(key_move, number), states, frame)
+        data = jax.vmap(lambda key, x: model.sample_observation(key, x, frame))(jax.random.split(key_data, number), states)
+        return states, (jax.vmap(lambda x: {**model.extras(x, frame), **model.to_sites(x, frame)})(states), data)
+
+    _, (sites, data) = jax.lax.scan(advance, draws, (keys, inputs))
+    return sites, data
+
+
+def _by_chain(values: Mapping[str, Array], chains: int) -> dict[str, NDArray[Any]]:
+    """(frame, chain times draw, ...) to (chain, draw, frame, ...)."""
+    moved = {name: np.moveaxis(np.asarray(value), 0, 1) for name, value in values.items()}
+    return {name: value.reshape(chains, -1, *value.shape[1:]) for name, value in moved.items()}

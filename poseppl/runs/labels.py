@@ -1,0 +1,86 @@
+"""Names of the dimensions of a result's arrays, and their coordinates.
+
+A variable of a known name (``state``, ``markers``, ``points``) has dimensions of its own; those of any other are called
+``NAME_dim_0``, ``NAME_dim_1``, ..., as ArviZ calls them.
+
+>>> known = coordinates(Names(("level",)), (1, 2, 3))
+>>> labelled({"state": np.zeros((1, 2, 3, 1)), "rate": np.ones((1, 2, 3, 4))}, ("chain", "draw", "frame"), known)["rate"].dims
+('chain', 'draw', 'frame', 'rate_dim_0')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
+"""The quantiles of ``summary``: the central 90, 80 and 50 % intervals and the median."""
+
+_AXES = ("x", "y", "z")
+_DIMS = {
+    "state": ("dof",),
+    "markers": ("marker", "axis"),
+    "points": ("camera", "marker", "xy"),
+    "overlap": ("camera",),
+    "silhouette_area": ("camera",),
+    "silhouette_centre": ("camera", "xy"),
+}
+
+
+class Names(NamedTuple):
+    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty."""
+
+    dof: Sequence[str]
+    marker: Sequence[str] = ()
+    camera: Sequence[str] = ()
+
+
+def coordinates(
+    names: Names, shape: tuple[int, ...], frames: ArrayLike | None = None, quantiles: Sequence[float] = QUANTILES
+) -> dict[str, NDArray[Any]]:
+    """Coordinates by dimension, of draws that begin with (chain, draw, frame)."""
+    markers_and_cameras = {"marker": names.marker, "camera": names.camera}
+    return {
+        "chain": np.arange(shape[0]),
+        "draw": np.arange(shape[1]),
+        "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
+        "dof": np.array(names.dof, dtype=str),
+        **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
+        "axis": np.array(_AXES),
+        "xy": np.array(_AXES[:2]),
+        "quantile": np.array(quantiles, float),
+    }
+
+
+def dims_of(name: str, number: int) -> tuple[str, ...]:
+    """Names of the last dimensions of a variable."""
+    dims = _DIMS.get(name, ())
+    return dims if len(dims) == number else tuple(f"{name}_dim_{i}" for i in range(number))
+
+
+def labelled(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    """Name the axes of each variable: the leading ones, then those of its name, else ``NAME_dim_0``, ..."""
+    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
+    for name, given in variables.items():
+        values = np.asarray(given)
+        rest = values.ndim - len(leading)
+        data[name] = (leading + dims_of(name, rest), values)
+    return checked(data, known)
+
+
+def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    """A dataset of variables with named dimensions.
+
+    Raises:
+        ValueError: A shape does not agree with the coordinates.
+    """
+    for name, (dims, values) in data.items():
+        wanted = tuple(len(known[dim]) if dim in known else size for dim, size in zip(dims, values.shape, strict=False))
+        if values.ndim != len(dims) or values.shape != wanted:
+            raise ValueError(f"{name} has shape {values.shape}; expected {dims} of {wanted}")
+    used = {dim for dims, _ in data.values() for dim in dims if dim in known}
+    return xr.Dataset(dict(data), coords={dim: known[dim] for dim in known if dim in used})

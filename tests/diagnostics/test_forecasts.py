@@ -1,0 +1,57 @@
+"""Scores of forecasts against formulas of normal predictive distributions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import norm
+
+from poseppl.diagnostics.forecasts import crps, score_forecast
+from poseppl.errors import InputError
+
+
+def test_scores_are_those_of_the_exact_predictive_distribution():
+    """Over many futures the mean score is that of Gneiting and Raftery's formula, ranks and coverage are as they say."""
+    rng = np.random.default_rng(0)
+    scale, number = 2.0, 400
+    truth = scale * rng.normal(size=number)
+    draws = scale * rng.normal(size=(1, 500, number))
+    ahead = tree_of(draws)
+    score = score_forecast(ahead, {"y": np.where(np.arange(number) < 390, truth, np.nan)})["y"]
+    z = truth[:390] / scale
+    # the CRPS of a normal forecast at z standard deviations
+    exact = scale * (z * (2 * norm.cdf(z) - 1) + 2 * norm.pdf(z) - 1 / np.sqrt(np.pi))
+    assert np.isnan(score.crps[390:]).all() and np.isnan(score.transform[390:]).all()
+    error = (score.crps[:390] - exact).std() / np.sqrt(390)
+    assert abs(score.mean_crps - exact.mean()) < 5 * error + 5 * scale / np.sqrt(500 * 390)
+    assert [abs(found.estimate - found.level) < 4 * found.standard_error for found in score.coverage] == [True] * 3
+    # a forecast of half the spread scores worse, and does not cover
+    narrow = score_forecast(tree_of(0.3 * draws), {"y": truth})["y"]
+    assert narrow.mean_crps > score.mean_crps
+    assert all(found.estimate < found.level - 4 * found.standard_error for found in narrow.coverage)
+
+
+def test_few_draws_have_the_score_of_many():
+    """The unbiased form; dividing by S^2 would add E|X - X'| / (2 S)."""
+    rng = np.random.default_rng(1)
+    few = crps(rng.normal(size=(4, 40_000)), np.zeros(40_000))
+    exact = (np.sqrt(2) - 1) / np.sqrt(np.pi)
+    error = few.std() / np.sqrt(40_000)
+    assert (
+        abs(few.mean() - exact)
+        < 5 * error
+        < 2 / np.sqrt(np.pi) / 8
+        < abs(few.mean() + 2 / np.sqrt(np.pi) / 8 - exact) + 5 * error
+    )
+
+
+def test_data_that_do_not_fit_are_said():
+    with pytest.raises(InputError, match="z: no site"):
+        score_forecast(tree_of(np.zeros((1, 2, 3))), {"z": np.zeros(3)})
+    with pytest.raises(InputError, match=r"y: data of shape \(4,\)"):
+        score_forecast(tree_of(np.zeros((1, 2, 3))), {"y": np.zeros(4)})
+
+
+def tree_of(draws):
+    return xr.DataTree.from_dict({"predictions": xr.Dataset({"y": (("chain", "draw", "frame"), draws)})})
