@@ -1,4 +1,4 @@
-"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait, fit-motion.
+"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait, fit-motion, doctor.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -13,6 +13,7 @@ from io import TextIOWrapper
 import click
 
 from poseppl.cli.compare import compare as compare_command
+from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.report import report as report_command
@@ -46,6 +47,7 @@ Examples:
   poseppl report poseppl-02_01.nc            its report, one HTML file
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track --help                       every option
+  poseppl doctor                             what is installed, and what is missing
 """,
 )
 @click.version_option(package_name="poseppl", message="poseppl %(version)s")
@@ -65,6 +67,7 @@ for command in (
     reproduce_command,
     gait_command,
     motion_command,
+    doctor_command,
 ):
     cli.add_command(command)
 

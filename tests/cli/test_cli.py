@@ -235,10 +235,13 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
     "command",
     [
         [],
-        *([name] for name in ("track", "smooth", "filters", "smoothers", "simulate", "report", "compare", "reproduce")),
+        *(
+            [name]
+            for name in ("track", "smooth", "filters", "smoothers", "simulate", "report", "compare", "reproduce")
+        ),
         ["fit-gait"],
     ]
-    + [["fit-motion"]],
+    + [["fit-motion"], ["doctor"]],
 )
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
