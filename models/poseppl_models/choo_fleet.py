@@ -28,7 +28,7 @@ from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
-from poseppl_models.joint_names import ALIASES
+from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.random_walk import walking_body
 
 NOISE = 0.003
@@ -145,7 +145,8 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
     tree = choo_fleet_tree(sizes)
     params = {"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE}
     programs, rest = choo_fleet_programs(tree), _rest(tree, sizes)
-    return Body(programs, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, params, NOISE)
+    turned = segments("spine")
+    return Body(programs, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, params, NOISE, segments=turned)
 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:

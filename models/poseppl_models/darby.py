@@ -23,7 +23,7 @@ from poseppl_models.anthropometry import STATURE, segment_lengths
 from poseppl_models.body_fit import fitted_stature, measured_lengths
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.darby_body import darby_body
-from poseppl_models.joint_names import ALIASES
+from poseppl_models.joint_names import ALIASES, segments
 
 _LIMBS = (("neck", "shoulder", "elbow", "wrist"), ("pelvis", "hip", "knee", "ankle"))
 EDGES = (
@@ -63,7 +63,9 @@ def seen_as_points(cones: ConeBody, sizes: Mapping[str, float]) -> Body:
     program = choo_fleet.choo_fleet_programs(tree)
     params = {"sigma_position": choo_fleet.SIGMA_POSITION, "sigma_angle": choo_fleet.SIGMA_ANGLE}
     aliases = {name: _ALIASES[name] for name in tree.marker_names}
-    return Body(program, tree, EDGES, "pelvis", aliases, dict(sizes), measure, None, cones.rest, params, choo_fleet.NOISE)
+    lengths, noise = dict(sizes), choo_fleet.NOISE
+    turned = segments("thorax")
+    return Body(program, tree, EDGES, "pelvis", aliases, lengths, measure, None, cones.rest, params, noise, segments=turned)
 
 
 def measure(markers: Mapping[str, Any]) -> dict[str, float]:

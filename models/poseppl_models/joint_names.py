@@ -66,3 +66,14 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     **{f"{marker}_{side}": _sided(marker, side, left) for side, left in (("l", "left"), ("r", "right")) for marker in _OF_SIDE},
 }
 """The names of each of the 17 markers."""
+
+
+def segments(torso: str) -> dict[str, str]:
+    """Joints by the segments of OpenSim's bodies, as :attr:`poseppl.motion.bodies.body.Body.segments` has them.
+
+    Args:
+        torso: The joint that turns the trunk.
+    """
+    limbs = {"femur": "hip", "tibia": "knee", "humerus": "shoulder", "ulna": "elbow"}
+    sided = {f"{segment}_{side}": f"{joint}_{side}" for segment, joint in limbs.items() for side in "lr"}
+    return {"pelvis": "pelvis", "torso": torso, **sided}

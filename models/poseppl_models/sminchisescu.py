@@ -27,7 +27,7 @@ from poseppl_models import choo_fleet
 from poseppl_models.body_constraints import LIMIT_WIDTH
 from poseppl_models.humanoid import LENGTHS
 from poseppl_models.joint_limits import smooth_limits
-from poseppl_models.joint_names import ALIASES
+from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.random_walk import Observe, walking_body
 from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
@@ -80,7 +80,8 @@ def _body(kind: Kind, known: Mapping[str, float] | None, limits: Limits) -> Body
         return Body(
             program, body.tree, edges, "shoulder_r", aliases, sizes, measure_arm, None, body.rest, params, choo_fleet.NOISE
         )
-    return Body(program, body.tree, EDGES, "pelvis", _ALIASES, sizes, measure, None, body.rest, params, choo_fleet.NOISE)
+    noise, turned = choo_fleet.NOISE, segments("thorax")
+    return Body(program, body.tree, EDGES, "pelvis", _ALIASES, sizes, measure, None, body.rest, params, noise, segments=turned)
 
 
 @lru_cache(maxsize=8)

@@ -1,4 +1,4 @@
-"""The command line: track, smooth, filters, smoothers, simulate, report, compare, reproduce, fit-gait, fit-motion, doctor.
+"""The command line: track, smooth, filters, smoothers, simulate, report, export, compare, reproduce, fit-gait, fit-motion, doctor.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -14,6 +14,7 @@ import click
 
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.doctor import doctor as doctor_command
+from poseppl.cli.export import export as export_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.report import report as report_command
@@ -45,6 +46,7 @@ Examples:
   poseppl smooth poseppl-02_01.nc            every frame given all frames
   poseppl filters                            the algorithms of track --filter, and their settings
   poseppl report poseppl-02_01.nc            its report, one HTML file
+  poseppl export poseppl-02_01.nc            joints and angles for OpenSim, with intervals
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track --help                       every option
   poseppl doctor                             what is installed, and what is missing
@@ -63,6 +65,7 @@ for command in (
     smoothers_command,
     simulate_command,
     report_command,
+    export_command,
     compare_command,
     reproduce_command,
     gait_command,

@@ -11,11 +11,12 @@ from poseppl.cli.options import camera_options, common_options, subject_options
 from poseppl.cli.settings import settings_option
 from poseppl.cli.track_keypoints import (
     check_keypoint_usage,
+    exported_targets,
     keypoint_options,
     keypoint_scene,
     smoothed_target,
     words_of_keypoints,
-    write_smoothed,
+    write_beside,
 )
 from poseppl.cli.track_video import (
     ManyFiles,
@@ -51,6 +52,8 @@ Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
   poseppl-NAME-laplace.nc  of keypoints, unless --online: smoothed, each frame given all; and its picture
+  poseppl-NAME-laplace.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
+                    poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
 NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Each
 appears whole or not at all; a result for which there is no room goes into another folder, and
@@ -169,7 +172,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     overlays = overlay_paths(sources, target) if sources else []
     smoothed = smoothed_target(options, target)
     beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
-    check_writable([target, picture, *overlays, *beside], inputs)
+    check_writable([target, picture, *overlays, *beside, *exported_targets(options, target)], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     try:
@@ -179,8 +182,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
             files = write_outputs(tree, target, progress.note)
             if sources:
                 files += write_overlays(tree, sources, target, progress)
-            if smoothed is not None:
-                files += write_smoothed(tree, smoothed, progress)
+            if options["keypoints"]:
+                files += write_beside(tree, target, options, progress)
     except KeyboardInterrupt:
         if options["checkpoint"]:
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from poseppl.cli.options import option_group
-from poseppl.errors import InputError
+from poseppl.errors import InputError, PosepplError
 
-_ONLY = ("layout", "person", "keep_calibration", "online")
+_ONLY = ("layout", "person", "keep_calibration", "online", "no_export")
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
 keypoint_options = option_group(
@@ -39,6 +39,12 @@ keypoint_options = option_group(
         default=None,
         help="--keypoints: the filter's answer alone, of each frame given those before it. [default: NAME-laplace.nc beside "
         "it, smoothed with errors that last]",
+    ),
+    click.option(
+        "--no-export",
+        is_flag=True,
+        default=None,
+        help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
     ),
     click.option(
         "--keep-calibration",
@@ -118,20 +124,51 @@ def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
     return target.with_name(f"{target.stem}-laplace.nc") if options["keypoints"] and not options["online"] else None
 
 
-def write_smoothed(tree: Any, target: Path, progress: Any) -> list[tuple[str, Path]]:
-    """Smooth a result with a detector's lasting errors; what could not be smoothed is told, and its filter's result stays.
+def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:
+    """The files for other programs: of the smoothed result, where there is to be one."""
+    from poseppl.cli.export import BY_DEFAULT
+    from poseppl.motion.io.exchange_formats import files_of
+
+    if not options["keypoints"] or options["no_export"]:
+        return []
+    place = smoothed_target(options, target) or target
+    return [path for paths in files_of(place.parent, place.stem, BY_DEFAULT).values() for path in paths]
+
+
+def write_beside(tree: Any, target: Path, options: dict[str, Any], progress: Any) -> list[tuple[str, Path]]:
+    """Write the smoothed result, and the files for other programs of the best one; what fails is told, and costs no result.
 
     Returns:
         What was written, and where.
     """
+    from poseppl.cli.export import write_exports
     from poseppl.cli.outputs import write_outputs
+
+    files: list[tuple[str, Path]] = []
+    place = smoothed_target(options, target)
+    smoothed = None if place is None else _smoothed(tree, progress)
+    if place is not None and smoothed is not None:
+        files += [(f"smoothed {name}", path) for name, path in write_outputs(smoothed, place, progress.note)]
+        tree, target = smoothed, place
+    if options["no_export"]:
+        return files
+    progress.stage("exporting")
+    try:
+        found = write_exports(tree, target, progress.note, model=options["model"])
+    except PosepplError as error:
+        progress.note(f"not exported for other programs, but the result is written (--no-export leaves it out): {error}")
+        return files
+    return [*files, *(("for OpenSim", path) for path in found)]
+
+
+def _smoothed(tree: Any, progress: Any) -> Any:
+    """A result smoothed with a detector's lasting errors; None where it could not be, which is told."""
     from poseppl.motion.tracking import SmoothSettings, smooth
     from poseppl.runs.smoothing import SmoothingError
 
     progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
     try:
-        smoothed = smooth(tree, SmoothSettings("laplace", errors="lasting"))
+        return smooth(tree, SmoothSettings("laplace", errors="lasting"))
     except (InputError, SmoothingError) as error:
         progress.note(f"not smoothed (--online leaves it out): {error}")
-        return []
-    return [(f"smoothed {name}", path) for name, path in write_outputs(smoothed, target, progress.note)]
+        return None

@@ -237,7 +237,7 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
         [],
         *(
             [name]
-            for name in ("track", "smooth", "filters", "smoothers", "simulate", "report", "compare", "reproduce")
+            for name in ("track", "smooth", "filters", "smoothers", "simulate", "report", "export", "compare", "reproduce")
         ),
         ["fit-gait"],
     ]

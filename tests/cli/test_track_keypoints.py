@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
+from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -45,6 +46,20 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     assert "pose/cam01_json" in provenance(tree)["input"]
     seen, expected = (np.asarray(tree[name].to_numpy()) for name in ("observed_data/points", "summary/points_mean"))
     assert np.nanmedian(np.linalg.norm(seen - expected, axis=-1)) < 20
+    for name in ("out-laplace.trc", "out-laplace_lower.trc", "out-laplace_upper.trc", "out-laplace.mot"):
+        assert name in told and Path(name).is_file()
+    smoothed = read_trc("out-laplace.trc")
+    np.testing.assert_allclose(smoothed.positions, load_result("out-laplace.nc")["summary/markers_mean"], atol=0.01)
+    assert smoothed.rate == 20.0
+    assert not list(Path().glob("out.[tm]*"))
+
+
+def test_without_export(data_dir: Path) -> None:
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
+    assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
+    assert [path.name for path in Path().iterdir()] == ["out.nc"]
+    assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "-q"]) == 0
+    assert read_trc("out.trc").positions.shape == (4, 17, 3)
 
 
 @pytest.mark.parametrize(

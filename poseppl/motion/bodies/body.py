@@ -54,6 +54,8 @@ class Body(NamedTuple):
             scales that ``step_scale`` of the inputs is made of; the command line may override them.
         noise: Standard deviation of the image noise at focal length 1.
         flesh: The parts that its silhouette consists of; None for a body of points alone.
+        segments: Joints by the segments of OpenSim's bodies that turn with them (:mod:`poseppl.motion.bodies.opensim`), where a
+            joint's frame is the segment's: x to the right, y forward, z up in a person who stands with straight limbs.
     """
 
     program: StateSpaceModel
@@ -68,6 +70,7 @@ class Body(NamedTuple):
     params: Mapping[str, float]
     noise: float
     flesh: Flesh | None = None
+    segments: Mapping[str, str] = {}
 
     def compile(self, inputs: Any, params: Mapping[str, float]) -> CompiledModel:
         """Compile the programs.

@@ -66,6 +66,12 @@ def to_z_up(motion: Motion) -> Motion:
     return replace(motion, positions=np.stack(turned, axis=-1), up="z")
 
 
+def y_up(positions: Floats) -> Floats:
+    """Positions (..., 3) with Y up of those with Z up, the inverse of :func:`to_z_up`."""
+    x, y, z = np.moveaxis(positions, -1, 0)
+    return np.stack([x, z, -y], axis=-1)
+
+
 def joint_positions(
     parents: Sequence[int],
     offsets: Sequence[Floats] | Floats,

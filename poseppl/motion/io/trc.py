@@ -1,4 +1,4 @@
-"""Marker trajectories as TRC text (Motion Analysis, OpenSim, OpenCap): a header of five lines, then a row a frame.
+"""Marker trajectories as TRC text (Motion Analysis, OpenSim, OpenCap), read and written: a header, then a row a frame.
 
     PathFileType  4  (X/Y/Z)  walk.trc
     DataRate  CameraRate  NumFrames  NumMarkers  Units  OrigDataRate  OrigDataStartFrame  OrigNumFrames
@@ -13,12 +13,15 @@ header: names, rate and unit. Empty fields are markers that were not seen. Y is 
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import FilePath, InputError, Location
+from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.motion import Motion, to_z_up
+from poseppl.motion.io.motion import Motion, to_z_up, y_up
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
 
 MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -52,6 +55,54 @@ def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
         raise at.error("no frame shows a marker")
     kept = tuple(names[index] for index in seen)
     return to_z_up(Motion(kept, places[:, seen], (), rate, up or "y", str(path)))
+
+
+def write_trc(path: FilePath, motion: Motion, times: Floats, frames: Integers) -> None:
+    """Write the points of a motion, Y up, in mm, as OpenSim reads them.
+
+    Args:
+        path: The .trc file, overwritten if it exists.
+        motion: The motion, Z up, in mm, every point known in every frame: OpenSim stops at what is no number.
+        times: (T,) seconds.
+        frames: (T,) frame numbers.
+
+    Raises:
+        InputError: A position is not finite, a name cannot stand in the file, or the file cannot be written.
+        PosepplError: The disk is full.
+    """
+    unknown = np.argwhere(~np.isfinite(motion.positions).all(-1))
+    if unknown.size:
+        frame, point = unknown[0]
+        problem = f"frame {frames[frame]}: {motion.names[point]!r} has no finite place"
+        raise InputError(problem, file=path, expected="every point in every frame; leave the frame or the point out")
+    names = [column_name(name, path) for name in motion.names]
+    rate, count = f"{motion.rate:.10g}", len(times)
+    header = {"DataRate": rate, "CameraRate": rate, "NumFrames": count, "NumMarkers": len(names), "Units": "mm"}
+    header |= {"OrigDataRate": rate, "OrigDataStartFrame": frames[0], "OrigNumFrames": count}
+    axes = [f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"]
+    lines: list[list[object]] = [
+        ["PathFileType", 4, "(X/Y/Z)", Path(path).name],
+        [*header],
+        [*header.values()],
+        ["Frame#", "Time", *(field for name in names for field in (name, "", ""))],
+        ["", "", *axes],
+        [],
+    ]
+    places = y_up(motion.positions).reshape(len(times), -1)
+    for frame, time, row in zip(frames, times, places.tolist(), strict=True):
+        lines.append([frame, f"{time:.9g}", *(f"{value:.4f}" for value in row)])
+    write_atomically(path, "".join("\t".join(map(str, line)) + "\n" for line in lines))
+
+
+def column_name(name: str, path: FilePath) -> str:
+    """The name of a column of text that tabs separate, as it is.
+
+    Raises:
+        InputError: It is empty or holds a space, a tab or the end of a line, which OpenSim takes for the column's end.
+    """
+    if not name or any(letter.isspace() or not letter.isprintable() for letter in name):
+        raise InputError(f"a column cannot be named {name[:40]!r}", file=path, expected="letters without spaces")
+    return name
 
 
 def _header(at: Location, rows: list[list[str]]) -> tuple[float, str]:

@@ -1,0 +1,20 @@
+"""The page of OpenSim's coordinates lists those that are written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from poseppl_models.choo_fleet import full_body
+
+from poseppl.motion.bodies.opensim import opensim_coordinates
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "opensim.md"
+
+
+def test_the_table_of_coordinates() -> None:
+    rows = [line for line in PAGE.read_text().splitlines() if line.startswith("| `") and line.count("|") == 5]
+    expected = [
+        f"| `{each.name}` | {each.meaning} | {each.unit} | {', '.join(f'`{joint}`' for joint in each.joints)} |"
+        for each in opensim_coordinates(full_body())
+    ]
+    assert rows == expected

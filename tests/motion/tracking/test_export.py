@@ -1,0 +1,129 @@
+"""A result in the files of other programs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from drawn_bodies import drawn_result
+from poseppl_models.choo_fleet import full_body
+
+from poseppl.errors import InputError
+from poseppl.motion.io.c3d import read_c3d
+from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.trc import read_trc
+from poseppl.motion.tracking.estimates import angle_estimates, clock_of
+from poseppl.motion.tracking.export import export
+from poseppl.runs.results import Names, build_result
+
+FRAMES = np.arange(6, 18, 3)
+
+
+def result(body_name: str = "full_body", rate: float | None = 20.0) -> xr.DataTree:
+    """200 draws around a pose that walks, of four frames of every third."""
+    rest = np.asarray(full_body().rest)
+    poses = rest + np.outer(np.arange(4), np.eye(len(rest))[0] * 50.0)
+    return drawn_result(poses, np.where(np.arange(len(rest)) < 3, 12.0, 0.05), FRAMES, rate, body_name=body_name)
+
+
+@pytest.fixture(scope="module")
+def tree() -> xr.DataTree:
+    return result()
+
+
+@pytest.fixture(scope="module")
+def folder(tree: xr.DataTree, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("export")
+    files = export(tree, place, "walk", ("trc", "mot", "c3d", "csv"))
+    assert sorted(place.iterdir()) == sorted(files)
+    assert [path.name for path in files] == ["walk.trc", "walk_lower.trc", "walk_upper.trc", "walk.mot", "walk.c3d", "walk.csv"]
+    return place
+
+
+def test_places_and_their_intervals(tree: xr.DataTree, folder: Path) -> None:
+    summary = tree["summary"].dataset
+    mean = read_trc(folder / "walk.trc")
+    np.testing.assert_allclose(mean.positions, summary["markers_mean"], atol=1e-3)
+    assert (mean.names, mean.rate) == (tuple(full_body().tree.marker_names), 20.0)
+    text = {part: np.loadtxt(folder / f"walk{part}.trc", skiprows=6) for part in ("_lower", "", "_upper")}
+    for values in text.values():
+        np.testing.assert_allclose(values[:, :2], np.stack([FRAMES, FRAMES / 60.0], 1), atol=1e-6)
+    assert (text["_lower"][:, 2:] < text[""][:, 2:]).all() and (text[""][:, 2:] < text["_upper"][:, 2:]).all()
+    # y up: the third coordinate is the second one of ours turned round, and so are its ends
+    ends = summary["markers_quantile"].sel(quantile=[0.05, 0.95]).values
+    np.testing.assert_allclose(text["_lower"][:, 4], -ends[:, 1, 0, 1], atol=1e-3)
+    np.testing.assert_allclose(text["_upper"][:, 3], ends[:, 1, 0, 2], atol=1e-3)
+
+
+def test_angles(folder: Path) -> None:
+    found = read_mot(folder / "walk.mot")
+    assert found.in_degrees and not any(np.isnan(values).any() for values in found.columns.values())
+    np.testing.assert_allclose(found.times, FRAMES / 60.0)
+    five_errors = 5 * np.rad2deg(0.05) / 200**0.5
+    np.testing.assert_allclose(found.columns["knee_angle_r"], np.rad2deg(0.2), atol=five_errors)
+    np.testing.assert_allclose(np.diff(found.columns["pelvis_tx"]), 0.05, atol=5 * 0.012 * 2**0.5 / 200**0.5)
+
+
+def test_residuals_are_the_spread(tree: xr.DataTree, folder: Path) -> None:
+    import ezc3d
+
+    assert read_c3d(folder / "walk.c3d").names == tuple(full_body().tree.marker_names)
+    spread = np.linalg.norm(tree["summary/markers_sd"].values, axis=-1)
+    residuals = ezc3d.c3d(str(folder / "walk.c3d"))["data"]["meta_points"]["residuals"][0].T
+    np.testing.assert_allclose(residuals, spread, atol=spread.max() / 250)
+
+
+def test_rows(folder: Path) -> None:
+    with (folder / "walk.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 4 * (17 * 3 + 29)
+    for row in rows:
+        numbers = [float(row[name]) for name in ("lower", "mean", "upper", "sd", "time")]
+        assert numbers[0] <= numbers[1] <= numbers[2] and numbers[3] >= 0 and np.isfinite(numbers).all()
+    first = rows[0]
+    assert [first[name] for name in ("frame", "time", "joint", "coordinate", "unit")] == ["6", "0.1", "pelvis", "x", "mm"]
+    knee = next(row for row in rows if row["coordinate"] == "knee_angle_r")
+    assert (knee["joint"], knee["unit"]) == ("knee_r", "degrees")
+    assert abs(float(knee["upper"]) - float(knee["lower"]) - 2 * 1.645 * np.rad2deg(0.05)) < 5 * np.rad2deg(0.05) * 3 / 200**0.5
+
+
+def test_other_levels(tree: xr.DataTree, tmp_path: Path) -> None:
+    export(tree, tmp_path, "half", ("trc",), level=0.6)
+    draws = tree["posterior/markers"].values[0]
+    lower = np.loadtxt(tmp_path / "half_lower.trc", skiprows=6)[:, 2]
+    np.testing.assert_allclose(lower, np.quantile(draws[:, :, 0, 0], 0.2, axis=0), atol=1e-3)
+    with pytest.raises(InputError, match="--level: 1.5"):
+        export(tree, tmp_path, "half", level=1.5)
+    with pytest.raises(InputError, match="'osim' .expected trc, mot, c3d, csv"):
+        export(tree, tmp_path, "half", ("osim",))
+
+
+def test_clamped_joints_have_no_width(tmp_path: Path) -> None:
+    coordinates, angles = angle_estimates(result("arm"))
+    width = dict(zip([each.name for each in coordinates], (angles.upper - angles.lower).max(0), strict=True))
+    assert width["elbow_flex_r"] > 5.0 and width["knee_angle_r"] < 1e-3 and width["elbow_flex_l"] < 1e-3
+
+
+def test_a_rate_that_nobody_said(tree: xr.DataTree) -> None:
+    unknown = clock_of(result(rate=None))
+    assert unknown.assumed and unknown.rate == 30.0
+    np.testing.assert_allclose(unknown.times, FRAMES / 90.0)
+    assert not clock_of(tree).assumed
+
+
+def test_a_model_that_is_not_installed_is_not_run(tree: xr.DataTree, tmp_path: Path) -> None:
+    other = tree.copy()
+    other.attrs = {**tree.attrs, "model": json.dumps("somebody.elses:body")}
+    with pytest.raises(InputError, match="none of the installed ones"):
+        export(other, tmp_path, "walk", ("mot",))
+    assert len(export(other, tmp_path, "walk", ("trc",))) == 3
+
+
+def test_a_result_without_joints(tmp_path: Path) -> None:
+    bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
+    with pytest.raises(InputError, match="no joints in space"):
+        export(bare, tmp_path, "walk")
