@@ -1,4 +1,4 @@
-"""The command line: track, smooth, filters, smoothers, simulate, report, export, compare, reproduce, fit-gait, fit-motion, doctor.
+"""The command line: track, smooth, simulate, report, export, compare, reproduce, fit-gait, fit-motion, doctor, and lists.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
