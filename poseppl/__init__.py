@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         Filter as Filter,
         Info as Info,
         assumed_density_filter as assumed_density_filter,
+        ensemble_kalman_filter as ensemble_kalman_filter,
         guided_filter as guided_filter,
         hmc_filter as hmc_filter,
         kalman_filter as kalman_filter,
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from poseppl.smoothers import (
         backward_simulation_smoother as backward_simulation_smoother,
         collect_history as collect_history,
+        ensemble_kalman_smoother as ensemble_kalman_smoother,
         forward_backward_smoother as forward_backward_smoother,
         trajectory_smoother as trajectory_smoother,
     )
@@ -90,6 +92,7 @@ _HOMES = {
     "Filter": "filters",
     "Info": "filters",
     "assumed_density_filter": "filters",
+    "ensemble_kalman_filter": "filters",
     "guided_filter": "filters",
     "hmc_filter": "filters",
     "kalman_filter": "filters",
@@ -115,6 +118,7 @@ _HOMES = {
     "simulate": "runs.simulation",
     "backward_simulation_smoother": "smoothers",
     "collect_history": "smoothers",
+    "ensemble_kalman_smoother": "smoothers",
     "forward_backward_smoother": "smoothers",
     "trajectory_smoother": "smoothers",
     "run_smoother": "runs.smoothing",

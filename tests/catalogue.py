@@ -12,6 +12,7 @@ from poseppl.filters import (
     assumed_density_filter,
     covariance_scaled_filter,
     demc_filter,
+    ensemble_kalman_filter,
     guided_filter,
     hmc_filter,
     kalman_filter,
@@ -26,6 +27,7 @@ from poseppl.smoothers import (
     MixtureSettings,
     Smoother,
     backward_simulation_smoother,
+    ensemble_kalman_smoother,
     fixed_lag_smoother,
     forward_backward_smoother,
     genealogy_smoother,
@@ -104,6 +106,13 @@ FILTERS: list[FilterRow] = [
     FilterRow("switching", switching_filter, lambda model: switching_filter(model, 500), equal_weights=True),
     FilterRow(
         "unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented"), equal_weights=True
+    ),
+    FilterRow("ensemble-kalman", ensemble_kalman_filter, lambda model: ensemble_kalman_filter(model, 1000), equal_weights=True),
+    FilterRow(
+        "ensemble-kalman-stochastic",
+        ensemble_kalman_filter,
+        lambda model: ensemble_kalman_filter(model, 1000, form="stochastic"),
+        equal_weights=True,
     ),
     FilterRow(
         "hmc",
@@ -319,6 +328,18 @@ SMOOTHERS: list[SmootherRow] = [
         "rauch-tung-striebel",
         rauch_tung_striebel_smoother,
         lambda model: rauch_tung_striebel_smoother(model, num_draws=500),
+        multimodal=False,
+    ),
+    SmootherRow(
+        "ensemble-kalman",
+        ensemble_kalman_smoother,
+        lambda model: ensemble_kalman_smoother(model, num_particles=1000),
+        multimodal=False,
+    ),
+    SmootherRow(
+        "ensemble-kalman-stochastic",
+        ensemble_kalman_smoother,
+        lambda model: ensemble_kalman_smoother(model, num_particles=1000, lag=40, form="stochastic"),
         multimodal=False,
     ),
     SmootherRow(

@@ -7,6 +7,10 @@ from poseppl.filters.base import Filter as Filter, FilterState as FilterState, I
 from poseppl.filters.chains import ChainState as ChainState
 from poseppl.filters.covariance_scaled import ModeState as ModeState, covariance_scaled_filter as covariance_scaled_filter
 from poseppl.filters.demc import DEMCState as DEMCState, demc_filter as demc_filter
+from poseppl.filters.ensemble_kalman import (
+    EnsembleState as EnsembleState,
+    ensemble_kalman_filter as ensemble_kalman_filter,
+)
 from poseppl.filters.guided import guided_filter as guided_filter
 from poseppl.filters.hidden_markov import hidden_markov_filter as hidden_markov_filter
 from poseppl.filters.hmc import hmc_filter as hmc_filter

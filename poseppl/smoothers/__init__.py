@@ -8,6 +8,7 @@ from poseppl.smoothers.base import (
     SmoothingInfo as SmoothingInfo,
     collect_history as collect_history,
 )
+from poseppl.smoothers.ensemble_kalman import ensemble_kalman_smoother as ensemble_kalman_smoother
 from poseppl.smoothers.fixed_lag import (
     FixedLagState as FixedLagState,
     fixed_lag as fixed_lag,

@@ -82,6 +82,7 @@ EVALUATIONS = {
     "auxiliary": (500, 500),
     "kalman": (1, 1),
     "unscented": (1, 1),
+    "ensemble-kalman": (1000, 0),
     "hmc": (20, 20 * (1 + 40 * 8)),  # proposals; for each chain its start, and 40 updates of 8 leapfrog steps
     "assumed-density": (4 * (5 * 5 + 1) + 60 * 4, None),  # 4 starts try 5 damped steps 5 times; 4 candidates a chain
     "annealed": (200 * 5, 0),

@@ -16,7 +16,15 @@ from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, 
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
 QUICK_FILTERS = ("kalman", "particle")
-GAUSSIAN = ("rauch-tung-striebel", "variational", "gibbs-model", "particle-mgrad", "particle-agrad")
+GAUSSIAN = (
+    "rauch-tung-striebel",
+    "ensemble-kalman",
+    "ensemble-kalman-stochastic",
+    "variational",
+    "gibbs-model",
+    "particle-mgrad",
+    "particle-agrad",
+)
 """Exact for states on the real line alone, or for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
 

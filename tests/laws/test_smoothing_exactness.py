@@ -32,7 +32,15 @@ FRAMES_OF_ONE_COMPONENT = ROWS["variational-frames"]._replace(
     moments=("means",),
 )
 LINEAR = [*(row for row in SMOOTHERS if row.moments), FRAMES_OF_ONE_COMPONENT]
-CHEAP = ("backward-simulation-metropolis", "two-filter-linear", "genealogy", "fixed-lag", "rauch-tung-striebel", "variational")
+CHEAP = (
+    "backward-simulation-metropolis",
+    "two-filter-linear",
+    "genealogy",
+    "fixed-lag",
+    "rauch-tung-striebel",
+    "ensemble-kalman",
+    "variational",
+)
 """Smoothers that make their replicates in a tenth of a second."""
 consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
 discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
@@ -98,6 +106,7 @@ CHAINS = (
 )
 REWEIGHED = ("forward-backward", "backward-simulation", "backward-simulation-metropolis")
 ANCESTRAL = ("genealogy", "fixed-lag")
+OF_THEIR_OWN = ("rauch-tung-striebel", "ensemble-kalman", "ensemble-kalman-stochastic")
 TWO_FILTER = ("two-filter", "two-filter-linear")
 
 
@@ -112,7 +121,7 @@ class Excuse(NamedTuple):
 EXCUSES = [
     Excuse(("weights ignored",), CHAINS, "chains start at the filter's particles, and forget them"),
     Excuse(("weights ignored",), ("viterbi",), "the best path looks at the particles' places alone"),
-    Excuse(("weights ignored",), ("rauch-tung-striebel",), "it makes a Kalman filter of its own"),
+    Excuse(("weights ignored",), OF_THEIR_OWN, "they make a Kalman filter of their own"),
     Excuse(
         ("inputs of the frame before", "initial density twice", "transitions twice", "no transitions"),
         ANCESTRAL,
