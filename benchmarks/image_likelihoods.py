@@ -29,7 +29,7 @@ from poseppl.motion.geometry import Cameras, join_cameras, look_at
 from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.geometry.silhouette_bits import body_bits, unpack_bits
 
-PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "colour_scale": 0.3, "boundary_scale": 0.3}
+PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "overlap_scale": 1.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 STRIDE = 4
 
 

@@ -8,7 +8,7 @@ S being silhouettes, C colour histograms with their weighted Bhattacharyya dista
 (:func:`poseppl.motion.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
 overlap, and takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and
 exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and
-``params["boundary_scale"]``; p_1 stands as it is, at temperature 1.
+``params["boundary_scale"]``; p_1 is taken to the power 1 / s_1, ``params["overlap_scale"]``, as it stands at 1.
 
 Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
 overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part
@@ -47,7 +47,7 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body, max_corners)
         exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
-        value: Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) - exponent
+        value: Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) / seen.params["overlap_scale"] - exponent
         return value
 
     return score

@@ -1,7 +1,8 @@
 """Peursum, Venkatesh and West (2010) with the motion model of section 3.3, learned from one recorded walk: FSHHMM-PF.
 
 Body and likelihood are those of :func:`poseppl_models.image_systems.peursum_system`. The first pose is not told: it may be any
-of the walk's, facing anywhere, near the point that is closest to the rays through the middles of the foregrounds.
+of the walk's, facing anywhere, near the point that is closest to the rays through the middles of the foregrounds. One camera
+tells no such point, nor whether somebody comes or goes: the first position and heading are then told, and no rotations.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from poseppl_models.peursum_likelihood import peursum_score
 
 FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 """Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""
+TOLD_TURN = 0.3
+"""Of a heading that is told, radians."""
 
 
 class FactoredInputs(NamedTuple):
@@ -75,7 +78,7 @@ def peursum_factored_system(
     body, fitted = peursum_person(person.markers)
     likelihood, limits = camera_likelihood(body, peursum_score(stride)), hard_constraints()["limits"]
     motion = read_factored_tables(model)
-    start, start_scale = first_place(body, person, views)
+    start, start_scale = first_place(body, person, views, fitted[0])
 
     def observe(params: Any, pose: Array, inputs: FactoredInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
@@ -105,12 +108,31 @@ def pose_of_flat(body: ConeBody) -> Any:
     return pose
 
 
-def first_place(body: ConeBody, person: SeenPerson, views: int) -> tuple[Floats, Floats]:
+def first_place(body: ConeBody, person: SeenPerson, views: int, told: Floats) -> tuple[Floats, Floats]:
     """Mean and standard deviations (d,) of the first pose, of which position and heading are known.
+
+    Args:
+        body: The body.
+        person: Who is seen.
+        views: How many cameras are used.
+        told: The first pose (d,), whose position and heading are taken for one camera.
 
     Raises:
         InputError: Fewer than two cameras see the person.
     """
+    axes = [axis for _, axis in body.tree.coordinates]
+    point = np.asarray(told)[[axes.index(axis) for axis in ("tx", "ty", "tz")]] if views == 1 else _seen_place(person, views)
+    start, scale = np.array(body.rest, np.float64), np.ones(body.tree.dimension)
+    for axis, value in zip(("tx", "ty", "tz"), point, strict=True):
+        start[axes.index(axis)], scale[axes.index(axis)] = value, FIRST_PLACE
+    scale[axes.index("Z")] = FIRST_TURN
+    if views == 1:
+        start[axes.index("Z")], scale[axes.index("Z")] = told[axes.index("Z")], TOLD_TURN
+    return start, scale
+
+
+def _seen_place(person: SeenPerson, views: int) -> Floats:
+    """The point (3,), mm, that is closest to the rays through the middles of the first frame's foregrounds."""
     cameras = jax.tree.map(np.asarray, person.cameras)
     middles, used = [], []
     for number, features in enumerate(person.first.features[:views]):
@@ -124,10 +146,5 @@ def first_place(body: ConeBody, person: SeenPerson, views: int) -> tuple[Floats,
     rays = np.einsum("cij,ci->cj", cameras.rotation[used], np.column_stack([sight, np.ones(len(used))]))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    point = np.linalg.solve(across.sum(0), np.einsum("cij,cj->i", across, cameras.centre[used]))
-    start, scale = np.array(body.rest, np.float64), np.ones(body.tree.dimension)
-    axes = [axis for _, axis in body.tree.coordinates]
-    for axis, value in zip(("tx", "ty", "tz"), point, strict=True):
-        start[axes.index(axis)], scale[axes.index(axis)] = value, FIRST_PLACE
-    scale[axes.index("Z")] = FIRST_TURN
-    return start, scale
+    point: Floats = np.linalg.solve(across.sum(0), np.einsum("cij,cj->i", across, cameras.centre[used]))
+    return point

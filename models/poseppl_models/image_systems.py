@@ -81,13 +81,20 @@ def darby_system(person: SeenPerson, *, views: int = 4, equation: int = 8, strid
 
 
 def du_guan_system(
-    person: SeenPerson, *, views: int = 1, colour_scale: float = 0.3, boundary_scale: float = 0.3, stride: int = STRIDE
+    person: SeenPerson,
+    *,
+    views: int = 1,
+    overlap_scale: float = 1.0,
+    colour_scale: float = 0.3,
+    boundary_scale: float = 0.3,
+    stride: int = STRIDE,
 ) -> ImageSystem:
     """Du and Guan (2006); the colours of the parts are learned in the first frame.
 
     Args:
         person: Who is seen.
         views: How many cameras are used, the first ones.
+        overlap_scale: Of the logarithm of the overlap of silhouettes.
         colour_scale: Scale of the distance of colours.
         boundary_scale: Scale of the distance of boundaries.
         stride: Pixels between points of the likelihood's grid.
@@ -100,7 +107,7 @@ def du_guan_system(
         return du_guan_of_features(sight.features, sight.images, colours, stride=stride)
 
     program = image_program(body, du_guan_score(stride), {"limits": hard_constraints()["limits"]})
-    params = {"colour_scale": colour_scale, "boundary_scale": boundary_scale}
+    params = {"overlap_scale": overlap_scale, "colour_scale": colour_scale, "boundary_scale": boundary_scale}
     return ImageSystem(body.tree, program, params, _inputs(person, views, evidence, fitted[0], scale), fitted, limbs_of(body))
 
 

@@ -43,8 +43,8 @@ UNTIL_OTHER, OTHER_LASTS = 10.0, 1.0
 """Mean seconds of an activity before other motion begins, and of that; ours."""
 OTHER_MEMORY = 0.3
 """Seconds in which the angles of other motion come back to their mean, by a factor of e; ours."""
-_STILL = 1e-3
-"""Standard deviation of a step of the features in other motion."""
+_STILL = 5.5e-3
+"""Standard deviation of the features' walk in other motion, over the square root of a second: 0.001 in a frame at 30 Hz."""
 
 
 class OtherMotion(NamedTuple):
@@ -144,7 +144,7 @@ class Activity(NamedTuple):
         share = lasting / (until + lasting)
         back = jnp.append(ends * self.initial, 1 - ends)
         transition = jnp.vstack([jnp.column_stack([(1 - begins) * self.transition, jnp.full(len(self.means), begins)]), back])
-        still = _STILL * jnp.eye(self.means.shape[1])
+        still = _STILL * jnp.sqrt(seconds) * jnp.eye(self.means.shape[1])
         return self._replace(
             initial=jnp.append((1 - share) * self.initial, share),
             transition=transition,

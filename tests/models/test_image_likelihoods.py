@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter
 from poseppl.motion.geometry.silhouette_bits import pack_mask
 from poseppl.motion.vision import colour_histogram, weighted_distance
 
-PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "colour_scale": 0.3, "boundary_scale": 0.3}
+PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "overlap_scale": 2.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 TOLERANCE = 3.0
 BATCH = 64
 EXACT = 1e-9
@@ -149,7 +149,9 @@ def plain_du_guan(body, state, evidence, known):
         weights = np.where(seen, np.asarray(evidence.part_weights[c]), 0.0)
         colour = weighted_distance(np.array(histograms), np.asarray(evidence.colours[c]), weights)
         overlap = np.sum(claimed[c] & shown[c]) / np.sum(claimed[c] | shown[c])
-        total += np.log(overlap) - colour / PARAMS["colour_scale"] - boundary[c] / PARAMS["boundary_scale"]
+        total += (
+            np.log(overlap) / PARAMS["overlap_scale"] - colour / PARAMS["colour_scale"] - boundary[c] / PARAMS["boundary_scale"]
+        )
     return total
 
 

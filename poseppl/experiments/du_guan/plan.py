@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from poseppl.experiments.du_guan.mueller import SAMPLERS, MuellerRuns, sample_mueller
@@ -16,6 +17,10 @@ SYSTEM = System("du-guan", "poseppl_models.image_systems:du_guan_system", 1)
 EVALUATIONS = 5_000, 3_500
 """Of CONDENSATION and the annealed filter, and of DE-MC, a frame."""
 PREDICTIONS = ("velocity", "transition")
+SEQUENCES = ((7, 500), (9, 600))
+"""Layers and particles of a layer, of the first sequence and of the others."""
+CUES = {"overlap_scale": 1.0, "colour_scale": 0.3, "boundary_scale": 0.3}
+"""Scales of the three cues as the other parts have them."""
 
 
 class Scale(NamedTuple):
@@ -32,6 +37,8 @@ class Scale(NamedTuple):
         iterations: Of each.
         surface_runs: Runs of each sampler.
         temperatures: Of the surface.
+        sequence_frames: Of each sequence.
+        factors: Of the scale of one cue after the other.
     """
 
     runs: int = 10
@@ -44,10 +51,23 @@ class Scale(NamedTuple):
     iterations: int = 30
     surface_runs: int = 20
     temperatures: tuple[float, ...] = (5.0, 15.0, 50.0)
+    sequence_frames: int = 40
+    factors: tuple[float, ...] = (1 / 3, 3.0)
 
 
 FULL = Scale()
-QUICK = Scale(runs=2, num_frames=5, scene_frames=5, size=(320, 240), share=0.02, layers=(2, 7), members=40, surface_runs=4)
+QUICK = Scale(
+    runs=2,
+    num_frames=5,
+    scene_frames=5,
+    size=(320, 240),
+    share=0.02,
+    layers=(2, 7),
+    members=40,
+    surface_runs=4,
+    sequence_frames=5,
+    factors=(3.0,),
+)
 
 
 def methods(scale: Scale) -> list[Method]:
@@ -61,8 +81,7 @@ def methods(scale: Scale) -> list[Method]:
     for prediction in PREDICTIONS:
         for layers in scale.layers:
             count = shorter // (layers + 1)
-            settings = (("num_layers", layers), ("num_particles", count), ("prediction", prediction))
-            found.append(Method(f"DE-MC ({prediction}), {layers} layers of {count:,}", "demc", settings))
+            found.append(layered(layers, count, prediction))
     return found
 
 
@@ -71,6 +90,34 @@ def plan_trackers(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
     scene = Scene(recordings[0], False, scale.scene_frames, width=scale.size[0], height=scale.size[1])
     rivals = [(SYSTEM, method) for method in methods(scale)]
     return tracking_tasks([scene], rivals, scale.num_frames, scale.runs, weighs=True)
+
+
+def layered(layers: int, members: int, prediction: str) -> Method:
+    """DE-MC of so many layers, of so many particles each."""
+    settings = (("num_layers", layers), ("num_particles", members), ("prediction", prediction))
+    return Method(f"DE-MC ({prediction}), {layers} layers of {members:,}", "demc", settings)
+
+
+def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Fig. 3: the first recording is sequence 1, tracked by 7 layers of 500, the others are tracked by 9 layers of 600."""
+    tasks: dict[str, Task] = {}
+    for number, recording in enumerate(recordings):
+        scene = Scene(recording, False, scale.sequence_frames, width=scale.size[0], height=scale.size[1])
+        layers, members = SEQUENCES[min(number, 1)]
+        method = layered(layers, round(scale.share * members), PREDICTIONS[0])
+        own = tracking_tasks([scene], [(SYSTEM, method)], scale.sequence_frames, scale.runs, weighs=True)
+        tasks = {name: Task(task.function, [*(tasks[name].jobs if tasks else ()), *task.jobs]) for name, task in own.items()}
+    return tasks
+
+
+def plan_scales(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Sequence 1 with the scale of one cue after the other changed."""
+    scene = Scene(recordings[0], False, scale.scene_frames, width=scale.size[0], height=scale.size[1])
+    layers, members = SEQUENCES[0]
+    method = layered(layers, round(scale.share * members), PREDICTIONS[0])
+    changed = [(cue, factor * value) for cue, value in CUES.items() for factor in scale.factors]
+    systems = [SYSTEM, *(replace(SYSTEM, name=f"{cue} {value:.2g}", settings=((cue, value),)) for cue, value in changed)]
+    return tracking_tasks([scene], [(system, method) for system in systems], scale.num_frames, scale.runs, weighs=True)
 
 
 def plan_mueller(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from poseppl.experiments.du_guan.mueller import BASINS
+from poseppl.experiments.du_guan.plan import SYSTEM
 from poseppl.experiments.experiment import Tables
 from poseppl.experiments.images.tables import filter_rows, told_errors
+from poseppl.experiments.images.tracking import HOLDING
 from poseppl.experiments.measured import Measured
 from poseppl.experiments.tables import markdown
 
@@ -21,6 +23,39 @@ def trackers(tables: Tables) -> str:
         rows.append([*shown, str(row["failed"]), str(row["runs"])])
     columns = ("filter", "evaluations", "weight", "error", "relative", "best particle", "s a frame", "frames failed", "runs")
     return markdown(columns, rows) if rows else ""
+
+
+def sequences(tables: Tables) -> str:
+    """Errors on each sequence beside those of a tracker that holds the first pose."""
+    if "sequences" not in tables:
+        return ""
+    held = {row["scene"]: row for row in tables["sequences"].records(method=HOLDING)}
+    rows = []
+    for row in filter_rows(tables, "sequences"):
+        blind = " and ".join(f"{held[row['scene']][name]:.0f}" for name in ("absolute", "relative"))
+        shown = [row["scene"], row["method"], *told_errors(row), blind, f"{row['seconds']:.2g}"]
+        rows.append([*shown, str(row["failed"]), str(row["runs"])])
+    columns = (
+        "sequence",
+        "filter",
+        "error",
+        "relative",
+        "best particle",
+        "first pose held",
+        "s a frame",
+        "frames failed",
+        "runs",
+    )
+    return markdown(columns, rows)
+
+
+def scales(tables: Tables) -> str:
+    """Errors of sequence 1 over the scales of cues."""
+    rows = [
+        ["as above" if row["system"] == SYSTEM.name else row["system"].replace("_", " "), *told_errors(row), str(row["runs"])]
+        for row in filter_rows(tables, "scales")
+    ]
+    return markdown(("scales", "error", "relative", "best particle", "runs"), rows) if rows else ""
 
 
 def mueller(tables: Tables) -> str:

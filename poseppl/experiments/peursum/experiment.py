@@ -11,15 +11,19 @@ from poseppl.experiments.peursum.claims import claims
 from poseppl.experiments.peursum.dimensionality import dimensionality_tables
 from poseppl.experiments.peursum.figures import draw_dimensionality, draw_exponents
 from poseppl.experiments.peursum.mixtures import mixture_table
+from poseppl.experiments.peursum.monocular import monocular, monocular_claims, monocular_table
 from poseppl.experiments.peursum.plan import (
     FULL,
     QUICK,
     plan_dimensionality,
     plan_exponents,
     plan_mixtures,
+    plan_monocular,
+    plan_runtimes,
     plan_trackers,
     plan_walks,
 )
+from poseppl.experiments.peursum.runtimes import runtime_claims, runtime_table, runtimes
 from poseppl.experiments.peursum.tables import dimensionality, exponent_table, exponents, mixtures, trackers
 from poseppl.experiments.peursum.walk_claims import walk_claims
 from poseppl.experiments.peursum.walk_tables import walk_table, walks
@@ -76,6 +80,18 @@ EXPERIMENT = Experiment(
             walk_table,
             all_recordings=True,
         ),
+        "runtimes": Part(
+            "seconds a frame of filters and smoothers with the published numbers of particles (Table 4)",
+            plan_runtimes,
+            runtime_table,
+            runs=lambda scale: 1,
+            all_recordings=True,
+        ),
+        "monocular": Part(
+            "the published body, animated by its own training walk, before one camera (section 7.2, Table 3)",
+            plan_monocular,
+            monocular_table,
+        ),
         "dimensionality": Part(
             "whether smoothing pays in three dimensions (section 7.1)",
             plan_dimensionality,
@@ -92,9 +108,11 @@ EXPERIMENT = Experiment(
             seen=_LINEAR,
         ),
     },
-    claims=lambda tables: [*walk_claims(tables), *claims(tables)],
+    claims=lambda tables: [*walk_claims(tables), *runtime_claims(tables), *monocular_claims(tables), *claims(tables)],
     sections={
         "Smoothing on walks": walks,
+        "Seconds a frame, and those of Table 4": runtimes,
+        "One camera": monocular,
         "Filters on a walk": trackers,
         "A plain filter, sharpened": exponents,
         "Smoothing on the growth model": dimensionality,

@@ -70,6 +70,18 @@ def _log_roots(walk: RootWalk, later: Particles, earlier: Particles) -> Array:
     return ways + turned - jnp.sum(jnp.log(walk.scales)) - 2 * jnp.log(2 * jnp.pi)
 
 
+def log_walk_matrix(scales: Array, later: Array, earlier: Array) -> Array:
+    """Log-densities (N, N), but for a constant, of later poses (rows) after earlier ones (N, d) in a walk of Gaussian steps.
+
+    The steps have standard deviations `scales` (d,). Squared distances come from one product of matrices, of poses without
+    their mean, so that little is lost to rounding.
+    """
+    middle = jnp.mean(earlier, 0)
+    after, before = (later - middle) / scales, (earlier - middle) / scales
+    squared = jnp.sum(jnp.square(after), 1)[:, None] + jnp.sum(jnp.square(before), 1) - 2 * after @ before.T
+    return -0.5 * jnp.maximum(squared, 0.0)
+
+
 @jax.jit
 def reweigh(log_densities: Array, smoothed: Array, log_weights: Array) -> Array:
     """Smoothed log-weights (N,) of earlier particles, from log-densities (N, N) and smoothed ones of the later (N,).

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from poseppl.experiments.experiment import Task
 from poseppl.experiments.images.plan import tracking_tasks
 from poseppl.experiments.images.scenes import Rendering, Scene, render
 from poseppl.experiments.images.systems import Method, System
+from poseppl.experiments.peursum.animated import AnimatedScene
 from poseppl.experiments.peursum.dimensionality import EXACT, FBS, SMOOTHERS, GrowthRuns, smooth_growth
 from poseppl.experiments.peursum.mixtures import FILTER, SMOOTHERS as MIXTURE_SMOOTHERS, MixtureRun, smooth_mixture
+from poseppl.experiments.peursum.monocular import SmoothedAnimation, smooth_animation
 from poseppl.experiments.peursum.scenes import circle_scenes, clutter_scenes
 from poseppl.experiments.peursum.smoothed_walks import SmoothedWalk, smooth_walk
 from poseppl.experiments.recordings import Recording
@@ -42,13 +45,15 @@ class Scale(NamedTuple):
         walk_frames: Of each walk in a circle or among furniture.
         walks: How many walks in circles and how many among furniture.
         rounds: Of the Gibbs sampler after the learned motion and after generic ones.
+        animated_frames: Of the animated body before one camera.
+        timed_frames: Of each walk whose smoothers are timed.
     """
 
     runs: int = 10
     num_frames: int = 40
     size: tuple[int, int] = (640, 480)
     particles: tuple[int, int] = (10_000, 1_000)
-    exponents: tuple[float, ...] = (10.0, 30.0, 60.0, 120.0)
+    exponents: tuple[float, ...] = (2.5, 10.0, 30.0, 60.0, 120.0)
     growth_runs: int = 50
     growth_particles: tuple[int, ...] = (100, 200, 500, 1000, 2000, 5000)
     num_quadratic: int = 200
@@ -56,6 +61,8 @@ class Scale(NamedTuple):
     walk_frames: int = 60
     walks: tuple[int, int] = (4, 3)
     rounds: tuple[int, int] = (2_000, 5_000)
+    animated_frames: int = 45
+    timed_frames: int = 12
 
 
 FULL = Scale()
@@ -71,6 +78,8 @@ QUICK = Scale(
     walk_frames=8,
     walks=(1, 1),
     rounds=(100, 100),
+    animated_frames=8,
+    timed_frames=6,
 )
 
 
@@ -139,6 +148,34 @@ def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]
         for runs in blocks
     ]
     return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "walks": Task(smooth_walk, jobs)}
+
+
+def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Table 3: the body animated by the walk that the motion is learned from, before one camera."""
+    many, few = scale.particles
+    scene = AnimatedScene(recordings[0], scale.animated_frames)
+    after_learned, after_generic = scale.rounds
+    blocks = [tuple(range(first, min(first + 5, scale.runs))) for first in range(0, scale.runs, 5)]
+    one_eyed = [replace(system, views=1) for system in (PUBLISHED, LEARNED)]
+    jobs = [SmoothedAnimation(scene, one_eyed[0], plain(many), runs, after_generic) for runs in blocks]
+    jobs += [SmoothedAnimation(scene, one_eyed[1], learned(few), runs, after_learned, recordings[0]) for runs in blocks]
+    return {"monocular": Task(smooth_animation, jobs)}
+
+
+def plan_runtimes(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
+    """Table 4: the first circle and the first walk among furniture, with the published numbers of particles."""
+    many, few = scale.particles
+    *seen, training = recordings
+    scenes = circle_scenes(seen, 1, scale.walk_frames) + clutter_scenes(seen, 1, scale.walk_frames)
+    after_learned, after_generic = scale.rounds
+    runs = (0, 1)
+    jobs = [SmoothedWalk(each, LEARNED, learned(few), scale.timed_frames, runs, after_learned, training) for each in scenes]
+    jobs += [
+        SmoothedWalk(scene, PUBLISHED, method, scale.timed_frames, runs, after_generic)
+        for method in (plain(many), annealed(few))
+        for scene in scenes
+    ]
+    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "runtimes": Task(smooth_walk, jobs)}
 
 
 def plan_dimensionality(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:

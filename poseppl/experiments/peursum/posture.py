@@ -66,6 +66,26 @@ def posture_error(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, tr
     return float(distances[_COMPARED].mean())
 
 
+def posture_squares(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, truth: ArrayLike) -> Floats:
+    """Mean squared distance of the mean posture from the truth over all fifteen markers, mm^2 (Table 3).
+
+    Args:
+        tree: The body.
+        states: As :func:`mean_posture` takes them.
+        weights: Likewise.
+        truth: The fifteen virtual markers (15, 3), mm.
+
+    Returns:
+        Shape (2,): as they are, and with the pelvises together.
+
+    Raises:
+        ValueError: As :func:`mean_posture`.
+    """
+    places = _places(tree, jnp.asarray(mean_posture(states, weights), float))
+    apart = virtual_markers(tree.marker_names, places) - np.asarray(truth, np.float64)
+    return np.array([np.square(each).sum(-1).mean() for each in (apart, apart - apart[:1])])
+
+
 @jax.jit
 def _places(tree: Any, state: Array) -> Array:
     return marker_positions(tree, state)

@@ -30,7 +30,7 @@ from poseppl.experiments.peursum.factored_evidence import (
     fit_mixtures,
     log_tables,
 )
-from poseppl.experiments.peursum.factored_fbs import RootWalk, log_transition_matrix, reweigh
+from poseppl.experiments.peursum.factored_fbs import RootWalk, log_transition_matrix, log_walk_matrix, reweigh
 from poseppl.experiments.peursum.factored_gibbs import Draw, gibbs
 from poseppl.experiments.peursum.factored_mean_field import mean_field, start_marginals
 from poseppl.experiments.peursum.posture import posture_error
@@ -39,11 +39,13 @@ from poseppl.experiments.peursum.training import trained_file
 from poseppl.experiments.recordings import Recording
 from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
 from poseppl.motion.learned.factored_tables import NUM_BINS
-from poseppl.smoothers import History, forward_backward_smoother
 
 ALGORITHMS = ("filter", "FBS", "variational", "Gibbs")
-MOST_PAIRED = 2_000
-"""Particles of FBS at most, whose time grows with their square."""
+STAGES = ("filter", "FBS", "mixture", "variational", "Gibbs")
+"""What time is spent on (Table 4); the last two stand on the mixture."""
+Judge = Callable[[Problem, Any, Floats], Floats]
+MOST_PAIRED = 10_000
+"""Particles of FBS at most, whose time and memory grow with their square."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
 
     Returns:
         ``errors`` (run, algorithm, frame), mm, by :data:`ALGORITHMS`; ``seconds`` a frame (run, algorithm), those of smoothers
-        in the first run with compilation; ``rounds`` of the variational smoother (run,); ``ess_share`` and ``survivors``
+        in the first run with compilation; ``stages``, the same by :data:`STAGES`, the mixture
+        apart; ``rounds`` of the variational smoother (run,); ``ess_share`` and ``survivors``
         (run,), mean shares of N that are effective, and that have descendants three frames later, NaN where a filter has no
         ancestors.
     """
@@ -128,48 +131,66 @@ def motion_of(problem: Problem, system: System) -> Motion:
     return Motion(tables, log_tables(tables), walk, file is not None)
 
 
-def smooth_track(problem: Problem, track: Track, motion: Motion, rounds: int, seed: int) -> dict[str, Any]:
-    """The estimates of a run: errors (algorithm, frame), seconds (algorithm,) and the rest, as :func:`smooth_walk` has them."""
+def smooth_track(
+    problem: Problem, track: Track, motion: Motion, rounds: int, seed: int, judge: Judge | None = None
+) -> dict[str, Any]:
+    """The estimates of a run: errors (algorithm, frame), seconds (algorithm,) and the rest, as :func:`smooth_walk` has them.
+
+    Args:
+        problem: A system before a scene.
+        track: The filter's particles.
+        motion: What smoothers take of the motion.
+        rounds: Of the Gibbs sampler.
+        seed: Of the run.
+        judge: Errors of each frame (T, ...) from poses (T, N, d) and weights (T, N); None for :func:`errors_of`.
+    """
+    judged = judge or errors_of
     key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
     weights = np.exp(np.asarray(track.log_weights, np.float64))
-    errors, seconds = [errors_of(problem, track.poses, weights)], [float(np.nanmedian(track.seconds))]
+    errors, seconds = [judged(problem, track.poses, weights)], [float(np.nanmedian(track.seconds))]
     if weights.shape[1] <= MOST_PAIRED:
         smoothed, spent = finished(lambda: forward_backward(problem, track, motion))
-        errors.append(errors_of(problem, track.poses, np.exp(np.asarray(smoothed, np.float64))))
+        errors.append(judged(problem, track.poses, np.exp(np.asarray(smoothed, np.float64))))
     else:
         spent = np.nan
-        errors.append(np.full(len(weights), np.nan))
+        errors.append(np.full_like(errors[0], np.nan))
     seconds.append(spent / len(weights))
     mixtures, fitted = finished(lambda: _fit(key_fit, track.rotations, track.particles.roots, track.log_weights))
     smoothers: list[Callable[[], tuple[FactoredPosterior, Any]]] = [
         lambda: _variational(motion, mixtures, track),
         lambda: (_gibbs(key_gibbs, motion.floored, mixtures, first_draw(mixtures, track), rounds), 0),
     ]
-    counts = []
+    counts, stages = [], [*seconds, fitted / len(weights)]
     for smoother in smoothers:
         (posterior, count), spent = finished(smoother)
         poses = posture_of(problem.system.tree, posterior.root_mean, posterior.mean_rotations())
-        errors.append(errors_of(problem, poses[:, None], np.ones((len(poses), 1))))
-        seconds.append((fitted + spent) / len(weights))
+        errors.append(judged(problem, poses[:, None], np.ones((len(poses), 1))))
+        stages.append(spent / len(weights))
+        seconds.append(stages[2] + stages[-1])
         counts.append(int(count))
-    told = {"errors": np.array(errors), "seconds": np.array(seconds), "rounds": counts[0]}
+    told = {"errors": np.array(errors), "seconds": np.array(seconds), "stages": np.array(stages), "rounds": counts[0]}
     survivors = track.survivors() / weights.shape[1]
     return told | {"ess_share": track.ess_share.mean(), "survivors": survivors.mean() if survivors.min() < 1 else np.nan}
 
 
 def forward_backward(problem: Problem, track: Track, motion: Motion) -> Array:
     """Smoothed log-weights (T, N)."""
-    if not motion.learned:
-        smoother = forward_backward_smoother(problem.model)
-        history = History(track.states, track.log_weights, jnp.asarray(track.ancestors), jnp.zeros(len(track.states), bool))
-        inputs = jax.tree.map(lambda *leaves: jnp.stack(leaves), *problem.frames)
-        found: Array = jax.jit(smoother.smooth)(jax.random.key(0), history, None, inputs).log_weights
-        return found
-    frames, exact = frames_of(track.particles), log_tables(motion.tables, 0.0)
+    if motion.learned:
+        frames, exact = frames_of(track.particles), log_tables(motion.tables, 0.0)
+
+        def densities(t: int) -> Array:
+            found: Array = _log_matrix(exact, motion.walk, frames[t + 1], frames[t])
+            return found
+    else:
+        scales = jnp.asarray(problem.frames[0].step_scale, float)
+
+        def densities(t: int) -> Array:
+            found: Array = _log_walk(scales, track.states[t + 1], track.states[t])
+            return found
+
     rows = [track.log_weights[-1]]
-    for t in range(len(frames) - 2, -1, -1):
-        densities = _log_matrix(exact, motion.walk, frames[t + 1], frames[t])
-        rows.append(reweigh(densities, rows[-1], track.log_weights[t]))
+    for t in range(len(track.states) - 2, -1, -1):
+        rows.append(reweigh(densities(t), rows[-1], track.log_weights[t]))
     return jnp.stack(rows[::-1])
 
 
@@ -191,6 +212,7 @@ def errors_of(problem: Problem, poses: Any, weights: Floats) -> Floats:
 
 _fit = jax.jit(fit_mixtures, static_argnames="max_components")
 _log_matrix = jax.jit(log_transition_matrix)
+_log_walk = jax.jit(log_walk_matrix)
 _gibbs = jax.jit(gibbs, static_argnames="num_rounds")
 _mean_field = jax.jit(mean_field, static_argnames="max_rounds")
 

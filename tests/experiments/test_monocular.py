@@ -1,0 +1,141 @@
+"""Section 7.2 and Table 4: the animated body, its errors, one camera's start, and the verdicts of tables made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from poseppl_models.peursum_body import peursum_body
+
+from poseppl.diagnostics import virtual_markers
+from poseppl.experiments.peursum.animated import GROUND, draw_body
+from poseppl.experiments.peursum.factored_fbs import log_walk_matrix
+from poseppl.experiments.peursum.monocular import COLUMNS, THEIRS, monocular, monocular_claims
+from poseppl.experiments.peursum.plan import FULL, LEARNED, PUBLISHED, plan_monocular, plan_runtimes
+from poseppl.experiments.peursum.posture import posture_squares
+from poseppl.experiments.peursum.runtimes import COLUMNS as TIMED, runtime_claims, runtime_table, runtimes
+from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS, STAGES
+from poseppl.experiments.recordings import Recording
+from poseppl.experiments.tables import Table
+from poseppl.motion.geometry import Cameras, marker_positions
+from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
+
+BODY = peursum_body()
+NAMES = ("Simple-PF, 10,000", "FSHHMM-PF, 1,000")
+SIZE = 96, 72
+
+
+def behind_whom(view: float) -> Cameras:
+    path = np.array([[0.0, 0.0, 900.0], [0.0, 400.0, 900.0]])
+    return cameras_of_records(records_of_cameras(place_cameras(path, 0.0, view=view), 120.0, SIZE))
+
+
+def colours(image) -> list[tuple[int, ...]]:
+    found, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
+    return [tuple(row) for row, count in zip(found.tolist(), counts, strict=True) if count > 5]
+
+
+def test_near_parts_hide_far_ones():
+    raised = BODY.rest.copy()
+    arm = [number for number, (joint, axis) in enumerate(BODY.tree.coordinates) if (joint, axis) == ("shoulder_l", "X")]
+    raised[arm] = np.pi / 2  # the left arm is held out to the front
+    front, back = (draw_body(BODY, raised[None], behind_whom(view), SIZE)[0] for view in (0.0, 180.0))
+    ground = (GROUND,) * 3
+    assert ground in colours(front) and len(colours(front)) > len(colours(back)) >= 5
+    # from behind the trunk hides the arm; silhouettes are those of a mirror
+    shown = [(image != GROUND).any(-1).mean() for image in (front, back)]
+    assert min(shown) > 0.03 and abs(shown[0] - shown[1]) < 0.03
+
+
+def test_relative_errors_put_the_pelvises_together():
+    states = BODY.rest[None] + np.eye(1, len(BODY.rest)) * [300.0]
+    truth = virtual_markers(BODY.tree.marker_names, marker_positions(BODY.tree, jnp.asarray(BODY.rest, float)))
+    absolute, relative = posture_squares(BODY.tree, states, [1.0], truth)
+    assert absolute == pytest.approx(300.0**2, rel=1e-4) and relative == pytest.approx(0.0, abs=1e-3)
+    truth = np.array(truth)
+    truth[2] += [0.0, 60.0, 0.0]
+    np.testing.assert_allclose(posture_squares(BODY.tree, BODY.rest[None], [1.0], truth), 60.0**2 / 15, rtol=1e-4)
+
+
+def test_densities_of_a_walk_are_those_of_its_steps():
+    rng = np.random.default_rng(0)
+    scales = rng.uniform(0.1, 20.0, 28)
+    earlier = 3000 + rng.normal(size=(6, 28)) * scales
+    later = earlier[:5] + 2 * rng.normal(size=(5, 28)) * scales
+    found = np.asarray(log_walk_matrix(*(jnp.asarray(each, float) for each in (scales, later, earlier))))
+    expected = -0.5 * np.square((later[:, None] - earlier[None]) / scales).sum(-1)
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-2)
+
+
+def test_the_plans_are_the_papers():
+    recordings = [Recording(name, f"/there/{name}.amc", "/there/a.asf", name) for name in "ab"]
+    jobs = plan_monocular(FULL, recordings)["monocular"].jobs
+    assert {(job.method.name, job.system.name, job.rounds) for job in jobs} == {
+        (NAMES[0], PUBLISHED.name, 5_000),
+        (NAMES[1], LEARNED.name, 2_000),
+    }
+    assert all(job.system.views == 1 and job.scene.rate == 25.0 for job in jobs)
+    assert all(job.training in (None, job.scene.recording) for job in jobs) and len({job.key for job in jobs}) == len(jobs)
+    timed = plan_runtimes(FULL, recordings)["runtimes"].jobs
+    assert {job.method.name for job in timed} == {*NAMES, "Simple-APF, 10 x 1,000"} and len(timed) == 6
+
+
+def table(gain: float, learned: float = 50.0) -> Table:
+    """Ten runs of both filters, whose smoothers take some mm away."""
+    rng, rows = np.random.default_rng(1), []
+    for name, error in zip(NAMES, (110.0, learned), strict=True):
+        for run in range(10):
+            for smoother in ALGORITHMS:
+                own = error - (smoother != "filter") * gain + rng.normal()
+                rows.append(("a-animated", 60, name, smoother, run, own, 2 * own, 0.1))
+    return Table("monocular", COLUMNS, rows, "")
+
+
+@pytest.mark.parametrize(("gain", "generic", "learned"), [(10.0, "000", "100"), (-10.0, "111", "011"), (0.0, "???", "???")])
+def test_smoothers_are_judged_by_the_sign_of_what_they_take_away(gain, generic, learned):
+    words = {"holds": "1", "does not hold": "0", "undecided": "?"}
+    found = {claim.what: claim.verdict for claim in monocular_claims({"monocular": table(gain)})}
+    for name, expected in zip(NAMES, (generic, learned), strict=True):
+        verdict = next(each for what, each in found.items() if what.startswith("Table 3: which") and name in what)
+        assert "".join(words[part.split(" ", 1)[1]] for part in verdict.split("; ")) == expected
+
+
+@pytest.mark.parametrize(("error", "expected"), [(40.0, "holds"), (70.0, "does not hold"), (55.0, "undecided")])
+def test_the_learned_motion_halves_the_error(error, expected):
+    *_, last = monocular_claims({"monocular": table(0.0, error)})
+    assert last.verdict == expected
+
+
+def test_the_page_tells_published_errors_beside_ours():
+    told = monocular({"monocular": table(10.0)}).splitlines()
+    assert len(told) == 2 + 8 and told[2].startswith("| Simple-PF, 10,000 | filter | 111.1 | 1")
+    assert all(f"| {value:g} |" in told[6 + number] for number, value in enumerate(THEIRS["FSHHMM-PF"]))
+    assert monocular({}) == runtimes({}) == "" and monocular_claims({}) == runtime_claims({}) == []
+
+
+class Timed:
+    """A job as far as its table goes."""
+
+    def __init__(self, scene: str, method: str) -> None:
+        self.scene, self.method = Named(scene), Named(method)
+        self.runs, self.num_frames, self.key = (0, 1), 12, f"{scene}-{method}"
+
+
+class Named:
+    """Something with a name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+def test_seconds_leave_the_run_that_compiles_out():
+    jobs = [Timed("a-clean-circle1200", NAMES[0]), Timed("a-clutter", NAMES[0])]
+    stages = np.array([[99.0] * 5, [2.0, 1.0, 0.5, 0.25, 4.0]])
+    results: Mapping[str, Mapping[str, object]] = {job.key: {"stages": stages} for job in jobs}
+    (made,) = runtime_table({"runtimes": jobs}, results)
+    assert made.columns == TIMED and len(made.rows) == 2 * len(STAGES) and 99.0 not in made.column("seconds")
+    assert "| circle | Simple-PF, 10,000 | 2 (240) | 1 (138) | 0.5 (30) | 0.25 (40) | 4 (200) |" in runtimes({"runtimes": made})
+    (claim,) = runtime_claims({"runtimes": made})
+    assert claim.ours == "Simple-PF, 10,000 50, 38, 225" and claim.theirs == "Simple-PF, 10,000 58, 29, 96"
