@@ -19,7 +19,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
-from poseppl.motion.learned import FactoredTables, read_factored_tables
+from poseppl.motion.learned import FactoredTables, bin_angles, read_factored_tables, root_places
 from poseppl_models.body_constraints import hard_constraints
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.factored_motion import factored_motion, pose_of_bins
@@ -29,6 +29,7 @@ from poseppl_models.peursum_likelihood import peursum_score
 
 FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 """Standard deviations of the first position, mm, and heading, radians: that of all directions alike."""
+_LEAST_SHARE = 0.01
 TOLD_TURN = 0.3
 """Of a heading that is told, radians."""
 
@@ -73,11 +74,13 @@ def peursum_factored_system(
         stride: Pixels between points of the likelihood's grid.
 
     Raises:
-        InputError: The file cannot be read, or no two cameras see the person in the first frame.
+        InputError: The file cannot be read, its rotations are beyond the body's limits, or no two cameras see the person in the
+            first frame.
     """
     body, fitted = peursum_person(person.markers)
     likelihood, limits = camera_likelihood(body, peursum_score(stride)), hard_constraints()["limits"]
     motion = read_factored_tables(model)
+    check_limits(body, motion, model)
     start, start_scale = first_place(body, person, views, fitted[0])
 
     def observe(params: Any, pose: Array, inputs: FactoredInputs) -> None:
@@ -106,6 +109,23 @@ def pose_of_flat(body: ConeBody) -> Any:
         return whole
 
     return pose
+
+
+def check_limits(body: ConeBody, motion: FactoredTables, model: str) -> None:
+    """Refuse tables of a rotation that the body does not reach in any phase: no particle would be possible.
+
+    Raises:
+        InputError: There is such a rotation.
+    """
+    rotations = np.delete(np.arange(body.tree.dimension), root_places(body.tree.coordinates))
+    entries = np.asarray(motion.entries)
+    angles = np.asarray(bin_angles(np.arange(entries.shape[-1]), entries.shape[-1]))
+    low, high = body.limits[rotations, :, None].swapaxes(0, 1)
+    shares = np.sum(entries * ((angles >= low) & (angles <= high)), -1)
+    beyond = [body.tree.coordinate_names[rotations[number]] for number in np.flatnonzero(shares.max(0) < _LEAST_SHARE)]
+    if beyond:
+        problem = f"{', '.join(beyond)} of the learned walk {'is' if len(beyond) == 1 else 'are'} beyond the body's limits"
+        raise InputError(problem, file=model, expected="tables learned from another walk")
 
 
 def first_place(body: ConeBody, person: SeenPerson, views: int, told: Floats) -> tuple[Floats, Floats]:

@@ -34,6 +34,21 @@ def test_a_sharpened_filter_is_judged_by_two_standard_errors(errors, verdict):
     assert found == [heads[0], *expected[1:], heads[1], *expected[1:]]
 
 
+@pytest.mark.parametrize(
+    ("shares", "verdict"),
+    [([0.1, 0.11], "holds"), ([0.4, 0.41], "does not hold"), ([0.01, 0.012], "does not hold"), ([0.1, 0.3], "undecided")],
+)
+def test_effective_sample_sizes_are_judged_by_lambda(shares, verdict):
+    table = sweep_table({10.0: [60.0, 61.0]}, [60.0, 61.0])  # rows in pairs
+    place = table.columns.index("ess_share")
+    rows = [
+        (*row[:place], shares[number % 2]) if row[1].startswith("Simple-PF") else row for number, row in enumerate(table.rows)
+    ]
+    claim = peursum._shared_out({"exponents": table._replace(rows=rows)})
+    expected = [f"with the {name} diffusion {verdict} at lambda = 10" for name in ("published", "measured")]
+    assert claim.verdict.split("; ") == expected
+
+
 @pytest.mark.parametrize(("relative", "verdict"), [(221.0, "holds"), (130.0, "does not hold")])
 def test_a_filter_fails_that_is_worse_than_the_pose_it_starts_from(relative, verdict):
     columns = ("system", "method", "runs", "absolute", "absolute_sd", "relative", "relative_sd")

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from poseppl_models.factored_system import check_limits
 from poseppl_models.peursum_body import peursum_body
 
 from poseppl.diagnostics import virtual_markers
+from poseppl.errors import InputError
 from poseppl.experiments.peursum.animated import GROUND, draw_body
 from poseppl.experiments.peursum.factored_fbs import log_walk_matrix
 from poseppl.experiments.peursum.monocular import COLUMNS, THEIRS, monocular, monocular_claims
@@ -20,6 +22,7 @@ from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS, STAGES
 from poseppl.experiments.recordings import Recording
 from poseppl.experiments.tables import Table
 from poseppl.motion.geometry import Cameras, marker_positions
+from poseppl.motion.learned import FactoredTables, bin_angles, root_places
 from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 
 BODY = peursum_body()
@@ -49,6 +52,21 @@ def test_near_parts_hide_far_ones():
     assert min(shown) > 0.03 and abs(shown[0] - shown[1]) < 0.03
 
 
+def test_tables_beyond_the_bodys_limits_are_refused():
+    places = root_places(BODY.tree.coordinates)
+    rest = np.delete(BODY.rest, places)
+    angles = np.asarray(bin_angles(np.arange(120), 120))
+    nearest = np.argmin(np.abs(angles - np.clip(rest, *np.delete(BODY.limits, places, 0).T)[:, None]), 1)
+    # two phases: a rotation may be beyond in one of them
+    entries = np.eye(120)[np.stack([nearest, np.full_like(nearest, 119)])]
+    tables = FactoredTables(*(jnp.zeros(1),) * 3, jnp.asarray(entries), *(jnp.zeros(1),) * 3)
+    check_limits(BODY, tables, "walk.nc")
+    names = [name for number, name in enumerate(BODY.tree.coordinate_names) if number not in places]
+    entries[0, names.index("hip_l.Z")] = entries[1, 0]
+    with pytest.raises(InputError, match=r"hip_l\.Z of the learned walk is beyond"):
+        check_limits(BODY, tables._replace(entries=jnp.asarray(entries)), "walk.nc")
+
+
 def test_relative_errors_put_the_pelvises_together():
     states = BODY.rest[None] + np.eye(1, len(BODY.rest)) * [300.0]
     truth = virtual_markers(BODY.tree.marker_names, marker_positions(BODY.tree, jnp.asarray(BODY.rest, float)))
@@ -75,7 +93,9 @@ def test_the_plans_are_the_papers():
     assert {(job.method.name, job.system.name, job.rounds) for job in jobs} == {
         (NAMES[0], PUBLISHED.name, 5_000),
         (NAMES[1], LEARNED.name, 2_000),
+        ("FSHHMM-PF of 25 Hz, 1,000", LEARNED.name, 2_000),
     }
+    assert {job.training_rate for job in jobs if job.method.name == NAMES[1]} == {50.0}
     assert all(job.system.views == 1 and job.scene.rate == 25.0 for job in jobs)
     assert all(job.training in (None, job.scene.recording) for job in jobs) and len({job.key for job in jobs}) == len(jobs)
     timed = plan_runtimes(FULL, recordings)["runtimes"].jobs

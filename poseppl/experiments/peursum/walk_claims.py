@@ -6,6 +6,7 @@ import numpy as np
 
 from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables
 from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.peursum.claims import ESS_SHARES
 from poseppl.experiments.peursum.walk_tables import (
     FILTER,
     KINDS,
@@ -17,7 +18,6 @@ from poseppl.experiments.peursum.walk_tables import (
 )
 
 THEIRS = {"circles": "Simple-PF 100 mm, Simple-APF 98 mm, FSHHMM-PF 94 mm", "furniture": "168, 185 and 110 mm"}
-ESS_SHARES = (0.05, 0.2)
 LEARNED = "FSHHMM"
 """First letters of the filter with the learned motion."""
 
