@@ -115,7 +115,7 @@ def _shared_out(tables: Tables) -> Claim:
         where = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in judged.items())
         verdicts.append(f"with the {diffusion} diffusion {where}")
     what = "Section 4.3: the plain filter's effective sample size, as a share of N, with lambda times the sum over four cameras"
-    why = "a lambda of 10 times the cameras' mean is 2.5 here; by two standard errors over runs"
+    why = "a lambda of 10 times the mean over cameras is 2.5 here; by two standard errors over runs, to two digits"
     return Claim(what, "0.05 to 0.2", "; ".join(told), "; ".join(verdicts), why)
 
 
