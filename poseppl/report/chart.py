@@ -133,8 +133,9 @@ def _named_once(figure: go.Figure) -> go.Figure:
     """A name stands in the legend once."""
     named: set[str] = set()
     for trace in figure.data:
-        trace.update(legendgroup=trace.name, showlegend=trace.showlegend is not False and trace.name not in named)
-        named.add(trace.name)
+        shown = trace.showlegend is not False and trace.name not in named
+        trace.update(legendgroup=trace.name, showlegend=shown)
+        named |= {trace.name} if shown else set()
     return figure
 
 

@@ -9,9 +9,12 @@ import xarray as xr
 
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.diagnosis import diagnosed
+from poseppl.diagnostics.doubts import doubts_of
+from poseppl.diagnostics.image_errors import image_errors
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically
+from poseppl.report.camera_tables import camera_table, doubt_table, doubts_shown, joint_charts, residual_chart
 from poseppl.report.charts import charts
 from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
 from poseppl.report.page import page_html
@@ -38,11 +41,12 @@ def report_html(tree: xr.DataTree) -> str:
     """Make the report of a result, the whole page."""
     whole = diagnosed(tree)
     drawn, poses, known, modes = charts(whole), pose_data(whole), provenance(whole), modes_over_time(whole)
-    several = mode_chart(modes)
-    if several is not None:
-        drawn["modes"] = several
+    doubts, errors = doubts_of(whole), image_errors(whole)
+    besides = {"modes": mode_chart(modes), "residuals": residual_chart(whole, errors), "joints": joint_charts(whole)}
+    drawn |= {name: each for name, each in besides.items() if each}
     if poses is not None and poses["space"] is not None:
         poses["space"]["ghosts"] = ghosts(modes, poses["frames"])
+        poses["space"]["doubts"] = doubts_shown(whole, doubts, poses["frames"])
     return page_html(
         "report.html",
         title=str(known.get("input", "Tracking")),
@@ -56,6 +60,9 @@ def report_html(tree: xr.DataTree) -> str:
         weighted=is_weighted(whole),
         errors=error_table(whole),
         ambiguous=ambiguity_table(modes),
+        cameras=camera_table(whole, errors),
+        doubted=doubt_table(whole, doubts),
+        unseen=[] if doubts is None else doubts.unseen,
         by_coordinate=inefficiency_table(whole),
         worst=worst_frames_table(whole),
         settings=settings_table(whole),

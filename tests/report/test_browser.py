@@ -8,6 +8,7 @@ from typing import Any
 import browser
 import numpy as np
 import pytest
+import xarray as xr
 from browser import errors, open_page, picture_of
 from hostile import HOSTILE, telling
 from synthetic import predicted_result, synthetic_result, two_sided_result
@@ -50,6 +51,25 @@ def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
         moved = picture_of(driver, name)
         assert (np.abs(moved - picture).max(axis=-1) > 30).mean() > 0.002, f"the picture {name} did not change"
         assert (np.abs(picture_of(driver, name) - moved).max(axis=-1) > 30).mean() < 0.0005, "it changes only when moved"
+    assert errors(driver) == []
+
+
+def test_joints_that_are_doubted_are_marked(driver: Any, tmp_path: Path) -> None:
+    tree = synthetic_result()
+    tree["observed_data/points"][3, :, 5] += 0.5  # far away: the noise is 0.003
+    tree["summary/markers_sd"] = 0.1 * tree["summary/markers_sd"]  # one camera knows places to more than 60 mm
+    tree["inputs"] = xr.Dataset({"noise": (("a", "b"), np.full(tree["observed_data/points"].shape[1:3], 0.003))})
+    write_report(tree, tmp_path / "report.html")
+    open_page(driver, tmp_path / "report.html")
+    driver.execute_script(_MOVE, 3)
+    told = driver.execute_script("return document.getElementById('space').data[2].text")
+    assert told[5].endswith(": far from where front saw it")
+    marked = driver.execute_script("return document.getElementById('space').data[2].marker.color")
+    assert marked[5] == "#e4572e"
+    text = driver.execute_script("return ['trust', 'cameras'].map((id) => document.getElementById(id).textContent).join()")
+    assert "far from where front saw it" in text and "noise expected" in text
+    assert driver.execute_script("return document.getElementById('joint-chart').data.length") == 3 * 4 + 3
+    assert driver.execute_script("return document.querySelectorAll('#chart-residuals .main-svg').length") > 0
     assert errors(driver) == []
 
 

@@ -9,7 +9,7 @@ the person, nothing tells it, and the body's own is taken. Segment lengths are m
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -82,6 +82,20 @@ class KeypointScene(NamedTuple):
     errors: CameraErrors
     refined: RefinedCameras | None
     agreement: Floats
+
+    def record(self) -> dict[str, Any]:
+        """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
+        turns, shifts = (None, None) if self.refined is None else (self.refined.turn, self.refined.shift)
+        cameras = {
+            name: {
+                "turned": None if turns is None else round(float(np.rad2deg(np.linalg.norm(turns[c]))), 3),
+                "moved": None if shifts is None else round(float(np.linalg.norm(shifts[c])), 2),
+                "noise": round(float(self.errors.scale[c]), 3) if np.isfinite(self.errors.scale[c]) else None,
+                "agreement": round(float(self.agreement[c]), 4),
+            }
+            for c, name in enumerate(self.scene.camera_names)
+        }
+        return {"layout": self.layout, "cameras found": cameras}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
@@ -166,7 +180,8 @@ def scene_of_keypoints(
     data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)))
     source = ", ".join(map(str, folders.values()))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
-    return KeypointScene(scene, layouts.pop(), errors, refined, _agreement(people, chosen))
+    found = KeypointScene(scene, layouts.pop(), errors, refined, _agreement(people, chosen))
+    return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
 
 
 def _common_frames(people: Sequence[DetectedPeople], frames: str | None) -> tuple[list[DetectedPeople], Integers]:

@@ -24,19 +24,21 @@ class PointData(NamedTuple):
     Attributes:
         points: (T, C, K, 2) image points; NaN where a marker was not seen.
         noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
+        found: What was found of the cameras on the way to the points, for the record of a result; plain values.
     """
 
     points: Floats
     noise: Floats
+    found: Mapping[str, Any] = {}
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Nothing: the scene tells where its points come from."""
-        return {}
+        """What was found; the scene tells where its points come from."""
+        return self.found
 
     def first_frames(self, count: int) -> PointData:
         """The data of the first frames alone."""
-        return PointData(self.points[:count], self.noise[:count] if self.noise.ndim == 3 else self.noise)
+        return self._replace(points=self.points[:count], noise=self.noise[:count] if self.noise.ndim == 3 else self.noise)
 
     def seek(self, scene: Scene[PointData], params: Mapping[str, float]) -> Floats:
         """The pose (d,) that explains the best-seen frame."""

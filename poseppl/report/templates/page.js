@@ -52,11 +52,15 @@
 
   function drawSpace(index) {
     const space = poses.space;
+    const doubts = space.doubts && space.doubts.reasons[index];
+    const why = poses.markers.map((name, k) => (doubts && doubts[k] >= 0 ? name + ": " + space.doubts.words[doubts[k]] : name));
+    const doubted = poses.markers.map((name, k) => (doubts && doubts[k] >= 0 ? colors.observed : colors.mean));
     const data = [
       trace(skeletons(space.draws[index], 3), { name: "posterior draws", opacity: 0.45, line: { color: colors.draw, width: 1.5 } }),
       trace(skeletons([space.mean[index]], 3), { name: "posterior mean", line: { color: colors.mean, width: 7 } }),
       trace(columns(space.mean[index], 3), {
-        name: "joints", mode: "markers", showlegend: false, text: poses.markers, hoverinfo: "text+x+y+z", marker: { color: colors.mean, size: 3.5 },
+        name: "joints", mode: "markers", showlegend: false, text: why, hoverinfo: "text+x+y+z",
+        marker: { color: doubted, size: doubted.map((color) => (color === colors.mean ? 3.5 : 7)) },
       }),
     ];
     if (space.truth) data.push(trace(skeletons([space.truth[index]], 3), { name: "truth", line: { color: colors.truth, width: 4 } }));
