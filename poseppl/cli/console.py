@@ -25,6 +25,18 @@ from poseppl.files.cache_folder import cache_folder
 _STYLES = {"error": "red", "warning": "yellow"}
 
 
+def spare_threads(devices: int = 1) -> None:
+    """Let JAX have more threads than cores, unless the environment says how many; to be called before it starts.
+
+    In jaxlib 0.10 a batch of LAPACK calls waits inside the very pool that is to compute it: where as many wait as the pool has
+    threads, as those of a smoother of many points do on two cores, they wait for ever (:mod:`poseppl.filters.sharding`).
+
+    Args:
+        devices: That the CPU is made into.
+    """
+    os.environ.setdefault("NPROC", str((os.cpu_count() or 1) + 8 * (1 + devices)))
+
+
 def start_jax(devices: int = 1) -> None:
     """Let compiled programs outlive the process, in the user's cache folder; without one, they are compiled anew.
 
@@ -36,7 +48,7 @@ def start_jax(devices: int = 1) -> None:
     settings: Any = jax.config
     if devices > 1:
         cores = os.cpu_count() or 1
-        os.environ.setdefault("NPROC", str(cores + 8 * devices))  # threads of jaxlib, see poseppl.filters.sharding
+        spare_threads(devices)
         if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
             with suppress(RuntimeError):  # JAX has started already
                 settings.update("jax_num_cpu_devices", min(devices, cores))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -60,6 +63,16 @@ def test_without_export(data_dir: Path) -> None:
     assert [path.name for path in Path().iterdir()] == ["out.nc"]
     assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "-q"]) == 0
     assert read_trc("out.trc").positions.shape == (4, 17, 3)
+
+
+@pytest.mark.slow
+def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
+    """On two cores this waited for ever: a process of its own, with the threads that the command asks for."""
+    environment = {name: value for name, value in os.environ.items() if name != "NPROC"}
+    script = "import sys; from poseppl.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", script, *words(data_dir, 1, 2, 3, 4), "-q", "-o", "out.nc"]
+    subprocess.run(command, check=True, timeout=1500, env=environment)
+    assert read_trc("out-laplace.trc").positions.shape == (100, 17, 3)
 
 
 @pytest.mark.parametrize(
