@@ -144,7 +144,7 @@ runs = [poseppl.infer(model, data, poseppl.filters.assumed_density_filter, jax.r
 
 def leans_away(tree):
     """The probability (frame,) that theta is positive, as the draws of a result have it."""
-    return (tree["posterior/state"].values[..., 0] > 0).mean((0, 1))
+    return (tree["unconstrained_posterior/state"].values[..., 0] > 0).mean((0, 1))
 
 
 ambiguous = (frames > 18) & (frames < OPENED)
@@ -165,7 +165,7 @@ print(
 # %%
 picture = new_picture(9, 5)
 upper, lower = picture.subplots(2, 1, sharex=True)
-drawn = runs[0]["posterior/state"].values[..., 0]
+drawn = runs[0]["unconstrained_posterior/state"].values[..., 0]
 upper.plot(frames, drawn.reshape(-1, NUM_FRAMES)[::7].T, ".", color="tab:blue", markersize=1.5)
 upper.fill_between(frames, *kalman["summary/state_quantile"].values[:, [0, -1], 0].T, color="tab:red", alpha=0.25)
 upper.plot(frames, truth, color="black")

@@ -16,12 +16,12 @@ Example:
     >>> model = poseppl.StateSpaceModel(initial, transition, observation).compile()
     >>> data = {"height": [0.3, float("nan"), 0.8]}
     >>> result = poseppl.infer(model, data, poseppl.particle_filter(model, 2000), jax.random.key(0))
-    >>> result["posterior/state"].dims
-    ('chain', 'draw', 'frame', 'dof')
-    >>> abs(result["summary/state_mean"].sel(frame=0, dof="level").item() - 0.15) < 0.1
+    >>> result["posterior/level"].dims
+    ('chain', 'draw', 'frame')
+    >>> abs(result["summary/level_mean"].sel(frame=0).item() - 0.15) < 0.1
     True
     >>> smoothed = poseppl.smooth(result, poseppl.forward_backward_smoother(model), jax.random.key(1))
-    >>> (smoothed["summary/state_mean"] > result["summary/state_mean"]).sel(frame=0).item()
+    >>> (smoothed["summary/level_mean"] > result["summary/level_mean"]).sel(frame=0).item()
     True
 
 The names below are those of most uses; each is loaded when it is first asked for, so that importing the package costs nothing.
@@ -62,12 +62,14 @@ if TYPE_CHECKING:
         StateSpaceModel as StateSpaceModel,
     )
     from poseppl.report import write_report as write_report
+    from poseppl.runs.arviz_groups import to_arviz as to_arviz
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
     from poseppl.runs.forecasting import forecast as forecast
     from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.online import Online as Online
     from poseppl.runs.outcome import result_of_run as result_of_run
+    from poseppl.runs.posterior_predictive import add_predictive as add_predictive
     from poseppl.runs.results import load_result as load_result, save_result as save_result
     from poseppl.runs.run import Constant as Constant, Run as Run, RunError as RunError, run_filter as run_filter
     from poseppl.runs.simulation import simulate as simulate
@@ -82,6 +84,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Checkpoint": "runs.checkpoint",
+    "add_predictive": "runs.posterior_predictive",
+    "to_arviz": "runs.arviz_groups",
     "collect_draws": "runs.collectors",
     "compare": "diagnostics",
     "comparison_table": "diagnostics",

@@ -26,6 +26,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaus
 import poseppl
 from poseppl.cli import main
 from poseppl.motion.geometry import marker_positions
+from poseppl.runs.contents import FLAT
 from poseppl.runs.results import load_result
 
 pytestmark = pytest.mark.quick
@@ -162,9 +163,9 @@ def test_the_main_job_at_a_tiny_size(name: str, tmp_path: Path, capsys: pytest.C
     assert target.with_suffix(".png").stat().st_size > 10_000
     tree = load_result(target)
     chains = 1 if name == "particle" else 4
-    assert tree["posterior/state"].shape == (chains, 10, 4, 28)
+    assert tree["unconstrained_posterior/state"].shape == (chains, 10, 4, 28)
     assert tree["posterior/markers"].shape == (chains, 10, 4, 17, 3)
-    assert np.isfinite(tree["posterior/state"]).all() and not tree["sample_stats/failed"].any()
+    assert np.isfinite(tree["unconstrained_posterior/state"]).all() and not tree["sample_stats/failed"].any()
     assert float(tree["diagnostics/joint_error"].mean()) < 300
     if name == "assumed-density":
         check_arviz(tree)
@@ -174,13 +175,13 @@ def test_the_main_job_at_a_tiny_size(name: str, tmp_path: Path, capsys: pytest.C
 
 def check_arviz(tree: object) -> None:
     """Its functions take the result as it is, and give what the result's own diagnostics give."""
-    table = arviz_stats.summary(tree, var_names=["state"])
+    table = arviz_stats.summary(tree, var_names=["state"], group=FLAT)
     assert len(table) == 4 * 28 and {"mean", "sd"} <= set(table.columns)
-    effective, rhat = (function(tree, var_names=["state"]) for function in (arviz_stats.ess, arviz_stats.rhat))
+    effective, rhat = (function(tree, var_names=["state"], group=FLAT) for function in (arviz_stats.ess, arviz_stats.rhat))
     assert effective["state"].shape == rhat["state"].shape == (4, 28)
     assert (effective["state"] > 0).all() and (rhat["state"] > 0.5).all()
-    np.testing.assert_allclose(arviz_stats.ess(tree, method="mean")["state"], tree["diagnostics/ess"], rtol=1e-3)
-    np.testing.assert_allclose(arviz_stats.rhat(tree, method="split")["state"], tree["diagnostics/rhat"], rtol=1e-3)
+    np.testing.assert_allclose(arviz_stats.ess(tree, method="mean", group=FLAT)["state"], tree["diagnostics/ess"], rtol=1e-3)
+    np.testing.assert_allclose(arviz_stats.rhat(tree, method="split", group=FLAT)["state"], tree["diagnostics/rhat"], rtol=1e-3)
 
 
 MATRICES = linear_gaussian_matrices(2)

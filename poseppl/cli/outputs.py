@@ -105,10 +105,11 @@ def write_outputs(tree: Any, target: Path, note: Callable[[str], None]) -> list[
 def summary(tree: Any) -> list[tuple[str, str]]:
     """The rows of the table."""
     from poseppl.motion.tracking import measure_run
+    from poseppl.runs.contents import FLAT
     from poseppl.runs.results import provenance
 
     numbers, known = measure_run(tree), provenance(tree)
-    sizes = tree["posterior"].sizes
+    sizes = tree[FLAT].sizes
     residual = known.get("residual_mm")
 
     def shown(value: float | None, pattern: str) -> str | None:

@@ -22,7 +22,7 @@ from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.runs.contents import group_of, names_of
+from poseppl.runs.contents import draws_of, flat_draws, group_of, names_of
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -41,14 +41,15 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
         The result with the group (a shallow copy), made anew if it was there.
     """
     posterior = tree["posterior"].dataset
-    data: dict[str, Any] = _weighted(tree) if is_weighted(tree) else _chains(posterior["state"], max_lag)
+    data: dict[str, Any] = _weighted(tree) if is_weighted(tree) else _chains(flat_draws(tree), max_lag)
     stats = group_of(tree, "sample_stats")
     if "acceptance_rate" in stats and np.isfinite(stats["acceptance_rate"]).any():
         data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
     if "truth" in tree.children:
         data |= _against_truth(tree)
     used = {dim for dims, _ in data.values() for dim in dims}
-    coords = {name: posterior[name].values for name in ("frame", "dof", "marker") if name in used and name in posterior.coords}
+    known: Any = {**posterior.coords, **flat_draws(tree).coords}
+    coords = {name: known[name].values for name in ("frame", "dof", "marker") if name in used and name in known}
     if "level" in used:
         coords["level"] = np.array(LEVELS)
     result = tree.copy()
@@ -116,8 +117,8 @@ def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
         true = truth["state"].values
         inside = np.stack([_inside(tree, "state", true, level) for level in LEVELS])
         data["inside"] = (("level", *_GRID), inside)
-        data["probability_transform"] = (_GRID, probability_transform(posterior["state"].values, true))
-        data |= _coverage("coverage", inside, _free(posterior["state"].values) & np.isfinite(true))
+        data["probability_transform"] = (_GRID, probability_transform(flat_draws(tree).values, true))
+        data |= _coverage("coverage", inside, _free(flat_draws(tree).values) & np.isfinite(true))
     if "markers" in truth and "markers" in posterior:
         true = truth["markers"].values
         inside = np.stack([_inside(tree, "markers", true, level) for level in LEVELS])
@@ -147,4 +148,4 @@ def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> 
     if all(len(index) for index in near):
         lower, upper = (summary[f"{site}_quantile"].isel(quantile=int(index[0])).values for index in near)
         return between(lower, upper, truth)
-    return inside_interval(tree["posterior"].dataset[site].values, truth, level)
+    return inside_interval(np.asarray(draws_of(tree, site)), truth, level)

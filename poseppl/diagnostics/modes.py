@@ -25,7 +25,7 @@ import xarray as xr
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics.selection import Array
-from poseppl.runs.contents import frame_numbers, names_of, variable
+from poseppl.runs.contents import draws_of, frame_numbers, names_of
 
 LEAST_APART = 4.0
 """D of two modes."""
@@ -79,8 +79,8 @@ def modes_over_time(tree: xr.DataTree, chosen: Integers | None = None) -> Modes:
         tree: The result; its chains or resampled particles count alike.
         chosen: Indices of frames; all if None.
     """
-    name = "markers" if variable(tree, "posterior", "markers") is not None else "state"
-    values = variable(tree, "posterior", name)
+    name = "markers" if draws_of(tree, "markers") is not None else "state"
+    values = draws_of(tree, name)
     assert values is not None
     draws = np.moveaxis(values.reshape(-1, *values.shape[2:]), 0, 1)
     wanted = np.arange(len(draws)) if chosen is None else chosen

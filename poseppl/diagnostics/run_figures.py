@@ -33,7 +33,7 @@ import xarray as xr
 
 from poseppl.diagnostics.calibration import LEVELS
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.runs.contents import group_of, names_of, variable
+from poseppl.runs.contents import flat_draws, group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
 CHAINS, WEIGHTED, FORMULA = "chains", "weighted particles", "closed form"
@@ -95,8 +95,8 @@ def _seconds(known: dict[str, Any], frames: int) -> float:
 
 def _nothing(tree: xr.DataTree, *dims: str) -> xr.DataArray:
     """NaN over some dimensions, in place of a figure that a result does not have."""
-    posterior = tree["posterior"].dataset
-    return xr.DataArray(np.nan, {dim: posterior[dim] for dim in dims}, dims)
+    state = flat_draws(tree)
+    return xr.DataArray(np.nan, {dim: state[dim] for dim in dims}, dims)
 
 
 def _mixing(tree: xr.DataTree, kind: str, seconds: float) -> dict[str, Any]:

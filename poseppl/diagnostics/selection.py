@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Integers
-from poseppl.runs.contents import frame_numbers, variable
+from poseppl.runs.contents import draws_of, frame_numbers, variable
 from poseppl.runs.results import is_weighted
 
 Array = NDArray[Any]
@@ -44,7 +44,7 @@ def frame_index(tree: xr.DataTree, frame: int | None) -> int:
 
 
 def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:
-    """Choose draws of a posterior variable, evenly over chains and draws.
+    """Choose draws of the flat state, a site or an extra, evenly over chains and draws.
 
     Args:
         tree: The result.
@@ -54,7 +54,7 @@ def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:
     Returns:
         (sample, frame, ...); None if there is no such variable.
     """
-    values = variable(tree, "posterior", name)
+    values = draws_of(tree, name)
     if values is None:
         return None
     pooled = values.reshape(-1, *values.shape[2:])
@@ -88,7 +88,7 @@ def mean_points(tree: xr.DataTree) -> Array | None:
     found = variable(tree, "summary", "points_mean")
     if found is not None:
         return found
-    draws = variable(tree, "posterior", "points")
+    draws = draws_of(tree, "points")
     return None if draws is None else np.asarray(draws.mean(axis=(0, 1), dtype=np.float64))
 
 

@@ -23,6 +23,7 @@ from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.sequential_monte_carlo import ParticleState
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.bijector import integer_bounds as integer_bounds
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
 
@@ -80,15 +81,3 @@ def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
     if count > _MOST:
         raise ValueError(f"The state has {count} values. Expected at most {_MOST}: use a particle filter.")
     return np.array(list(itertools.product(*choices)), float)
-
-
-def integer_bounds(support: Any) -> tuple[int, int] | None:
-    """Least and largest integer of a support, if it has them."""
-    while hasattr(support, "base_constraint"):
-        support = support.base_constraint
-    if type(support).__name__ == "_Boolean":
-        return 0, 1
-    lower, upper = getattr(support, "lower_bound", None), getattr(support, "upper_bound", None)
-    if lower is None or upper is None:
-        return None
-    return int(np.min(np.asarray(lower))), int(np.max(np.asarray(upper)))

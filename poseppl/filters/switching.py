@@ -30,9 +30,9 @@ from poseppl.checks import check_at_least
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.conditional_proposal import conditional_model
-from poseppl.filters.hidden_markov import integer_bounds
 from poseppl.particles.weights import normalise
 from poseppl.program import Clamped, CompiledModel, Observation
+from poseppl.program.bijector import integer_bounds
 from poseppl.program.built_once import built_once
 
 

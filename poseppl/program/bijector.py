@@ -68,9 +68,26 @@ class Site(NamedTuple):
         indices = itertools.product(*(range(n) for n in self.flat_shape))
         return [f"{self.name}[{','.join(map(str, index))}]" for index in indices]
 
+    @property
+    def values(self) -> range | None:
+        """The integers that it takes, where these are finitely many; None else."""
+        bounds = integer_bounds(self.support) if self.discrete else None
+        return None if bounds is None else range(bounds[0], bounds[1] + 1)
+
     def unflatten(self, x: Array) -> Array:
         """Its unconstrained value within a flat vector (d,)."""
         return x[self.offset : self.offset + self.size].reshape(self.flat_shape)
+
+
+def integer_bounds(support: Any) -> tuple[int, int] | None:
+    """Least and largest integer of a support, if it has them."""
+    support = base_support(support)
+    if isinstance(support, type(constraints.boolean)):
+        return 0, 1
+    lower, upper = getattr(support, "lower_bound", None), getattr(support, "upper_bound", None)
+    if lower is None or upper is None:
+        return None
+    return int(np.min(np.asarray(lower))), int(np.max(np.asarray(upper)))
 
 
 def make_site(name: str, shape: tuple[int, ...], dtype: Any, support: Any, discrete: bool, offset: int) -> Site:

@@ -14,7 +14,17 @@ from jax import Array
 from poseppl.errors import UnsuitableModelError
 from poseppl.program import bijector
 from poseppl.program.bijector import Site
-from poseppl.program.execution import Randomness, Seed, draw, log_density, sample_sites, trace_log_density, trace_program
+from poseppl.program.execution import (
+    Randomness,
+    Seed,
+    draw,
+    event_log_densities,
+    event_mask,
+    log_density,
+    sample_sites,
+    trace_log_density,
+    trace_program,
+)
 from poseppl.program.explanation import check_inputs
 from poseppl.program.moments import (
     flat_observation,
@@ -37,6 +47,9 @@ if TYPE_CHECKING:
     from poseppl.program.model import StateSpaceModel
 
 Inputs = Any
+
+_MOST_VALUES = 1000
+"""Values of a site up to which it counts as one of states, rather than of counts."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,6 +91,12 @@ class CompiledModel:
     def finite_coordinates(self) -> tuple[bool, ...]:
         """Whether each of the d coordinates takes integers."""
         return tuple(site.discrete for site in self.sites.values() for _ in range(site.size))
+
+    @property
+    def finite_values(self) -> dict[str, range]:
+        """The integers of each site that takes finitely many, at most a thousand."""
+        known = {name: site.values for name, site in self.sites.items()}
+        return {name: values for name, values in known.items() if values is not None and len(values) <= _MOST_VALUES}
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -180,6 +199,12 @@ class CompiledModel:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
         arguments = self._arguments(inputs, x)
         return log_density(self.programs.observation, arguments, observation.values, observation.mask)
+
+    def log_data(self, x: Array, observation: Observation, inputs: Inputs = None) -> dict[str, Array]:
+        """Log-likelihood of each event of a frame's data by site, NaN where it is masked; factors are left out."""
+        trace = trace_program(self.programs.observation, self._arguments(inputs, x), values=observation.values)
+        seen = {name: event_mask(mask, trace[name]["fn"].event_dim) for name, mask in observation.mask.items()}
+        return {name: jnp.where(mask, event_log_densities(trace[name]), jnp.nan) for name, mask in seen.items()}
 
     def extras(self, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """The `numpyro.deterministic` sites of the observation program at `x`, by name."""

@@ -230,14 +230,17 @@ def site_log_density(site: Mapping[str, Any], mask: Array | None) -> Array:
         return distribution.summed_log_prob(site["value"], mask)
     if mask is not None and not is_factor(site):
         distribution = distribution.mask(event_mask(mask, distribution.event_dim))
-    value = site["value"]
+    return jnp.sum(event_log_densities({**site, "fn": distribution}))
+
+
+def event_log_densities(site: Mapping[str, Any]) -> Array:
+    """Log-densities of the events of one traced sample site, in its batch shape, with its scale."""
+    distribution, value = site["fn"], site["value"]
     if isinstance(base_support(distribution.support), type(constraints.circular)):
         # the state's angles are unwrapped, and NumPyro's validation calls everything beyond pi impossible
         value = (value + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    log_prob = distribution.log_prob(value)
-    if site.get("scale") is not None:
-        log_prob = site["scale"] * log_prob
-    return jnp.sum(log_prob)
+    log_prob: Array = distribution.log_prob(value)
+    return log_prob if site.get("scale") is None else site["scale"] * log_prob
 
 
 def event_mask(mask: Array, event_dim: int) -> Array:

@@ -15,7 +15,7 @@ from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_i
 from poseppl.report.chart import Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points, stack
 from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, TRUTH
 from poseppl.report.prediction_chart import prediction_chart
-from poseppl.runs.contents import frame_numbers, names_of, variable
+from poseppl.runs.contents import flat_draws, frame_numbers, names_of, variable
 from poseppl.runs.results import is_weighted
 
 MAX_POINTS = 600
@@ -100,7 +100,7 @@ def autocorrelation_traces(tree: xr.DataTree, pairs: Pairs | None = None) -> Tra
 
 def trace_panels(tree: xr.DataTree, pairs: Pairs | None = None) -> list[Panel]:
     """Traces of the chains where they mix worst, with the truth where there is one; every k-th draw and chain of many."""
-    state, truth = tree["posterior"].dataset["state"].values, variable(tree, "truth", "state")
+    state, truth = flat_draws(tree).values, variable(tree, "truth", "state")
     chains, draws = evenly(state.shape[0], MAX_CHAINS), evenly(state.shape[1], MAX_POINTS)
     panels = []
     for frame, dof in _places(tree, pairs) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:

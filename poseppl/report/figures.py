@@ -45,7 +45,7 @@ def plot_track(tree: xr.DataTree) -> Figure:
         handles = axes.get_legend_handles_labels()[0]
         upper.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=9, frameon=False, labelcolor=MUTED)
     else:
-        _states(upper, whole, range(min(3, whole["posterior"].sizes["dof"])), columns=3)
+        _states(upper, whole, range(min(3, len(names_of(whole, "dof")))), columns=3)
     below = lower.add_gridspec(1, 3, width_ratios=(1.0, 1.35, 1.45))
     if poses is not None and poses["space"] is not None:
         draw_pose3d(lower.add_subplot(below[0], projection="3d"), poses, len(poses["frames"]) // 2)
@@ -81,7 +81,7 @@ def plot_error(tree: xr.DataTree) -> Figure:
 
 def plot_inefficiency(tree: xr.DataTree) -> Figure:
     """Draw inefficiency factors of every frame and coordinate; for weighted particles their effective number over frames."""
-    picture = new_picture(8.0, 2.2 + 0.16 * tree["posterior"].sizes["dof"])
+    picture = new_picture(8.0, 2.2 + 0.16 * len(names_of(tree, "dof")))
     _inefficiency(picture.add_subplot(), diagnosed(tree))
     return picture
 

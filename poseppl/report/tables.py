@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.report.page import DASH
-from poseppl.runs.contents import group_of, names_of, variable
+from poseppl.runs.contents import FLAT, group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
 MAX_WORST = 10
@@ -17,7 +17,7 @@ Row = dict[str, Any]
 
 def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
     """List what was run: every root attribute, nested settings one line each, and the sizes of the result."""
-    sizes = tree["posterior"].sizes
+    sizes = tree[FLAT].sizes
     rows: dict[str, object] = {"frames": sizes["frame"]}
     if is_weighted(tree):
         rows["particles"] = f"{tree.attrs['num_particles']} ({sizes['draw']} draws kept)"
@@ -71,7 +71,7 @@ def error_table(tree: xr.DataTree) -> list[Row]:
     error, relative = variable(tree, "diagnostics", "joint_error"), variable(tree, "diagnostics", "joint_error_relative")
     if error is None or relative is None:
         return []
-    parts = [*zip(names_of(tree, "marker", "diagnostics"), error.T, relative.T, strict=True), ("all", error, relative)]
+    parts = [*zip(names_of(tree, "marker"), error.T, relative.T, strict=True), ("all", error, relative)]
     return [
         {"marker": name, "mean": each.mean(), "high": np.quantile(each, 0.95), "relative": beside.mean()}
         for name, each, beside in parts

@@ -23,6 +23,7 @@ from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
 from poseppl.runs.results import QUANTILES
 from poseppl.runs.run import Collect
+from poseppl.runs.site_summary import sites_of, summary_of_sites
 
 Extras = Callable[[Array, Any], Mapping[str, Array]]
 """`(x, inputs) -> values by name` for one state (d,)."""
@@ -35,12 +36,15 @@ class Draws(NamedTuple):
     """Draws kept of a frame.
 
     Attributes:
-        state: Draws (chains, draws, d).
+        state: Draws of the flat state (chains, draws, d).
+        sites: Draws of the state's sites by name, as the programs know them, (chains, draws, ...).
         extras: Draws of the extras by name (chains, draws, ...).
-        summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of the extras, by name.
+        summary: ``state_mean``, ``state_sd``, ``state_quantile`` (quantile, d), and the same of sites and extras, by name; of a
+            site of finitely many values ``NAME_probability`` (..., values) instead.
     """
 
     state: Array
+    sites: dict[str, Array]
     extras: dict[str, Array]
     summary: dict[str, Array]
 
@@ -72,8 +76,10 @@ def collect_draws(
     levels = jnp.asarray(quantiles)
 
     def values_of(states: Array, inputs: Any) -> dict[str, Array]:
-        """State and extras of states (N, d), each (N, ...)."""
-        return {"state": states, **jax.vmap(lambda x: of_state(x, inputs))(states)}
+        """State, bent sites and extras of states (N, d), each (N, ...)."""
+        sites = sites_of(model, states, inputs)
+        bent = {name: value for name, value in sites.items() if not model.sites[name].identity}
+        return {**jax.vmap(lambda x: of_state(x, inputs))(states), **bent, "state": states}
 
     def summarise(values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array]) -> dict[str, Array]:
         summary = {f"{name}_mean": _average(value, weights) for name, value in values.items()}
@@ -86,6 +92,16 @@ def collect_draws(
         between = _quantiles({name: sample[name] for name in spread}, levels)
         return summary | {f"{name}_quantile": value for name, value in between.items()}
 
+    def told(
+        kept: dict[str, Array], summary: dict[str, Array], values: Mapping[str, Array], weights: Array | None, inputs: Any
+    ) -> Draws:
+        """What is kept, with the sites that are parts of the flat state, and probabilities of finite ones."""
+        state = kept.pop("state")
+        flat = state.reshape(-1, state.shape[-1])
+        sites = {name: v.reshape(*state.shape[:2], *v.shape[1:]) for name, v in sites_of(model, flat, inputs).items()}
+        extras = {name: value for name, value in kept.items() if name not in sites}
+        return Draws(state, sites, extras, {**summary, **summary_of_sites(model, summary, values["state"], weights)})
+
     def of_chains(rng_key: Array, state: Any, inputs: Any) -> Draws:
         chains, length, dimension = state.particles.shape
         even = state.particles[systematic(rng_key, state.log_weights[:, 0], chains)]
@@ -97,7 +113,7 @@ def collect_draws(
             for name, value in values.items()
             if name not in mean_only
         }
-        return Draws(kept.pop("state"), kept, summary)
+        return told(kept, summary, values, None, inputs)
 
     def of_particles(rng_key: Array, state: Any, inputs: Any) -> Draws:
         key_sample, key_kept = jax.random.split(rng_key)
@@ -110,7 +126,7 @@ def collect_draws(
         thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
         summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()})
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
-        return Draws(kept.pop("state"), kept, summary)
+        return told(kept, summary, values, weights, inputs)
 
     def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
         return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)

@@ -1,6 +1,6 @@
 """What a result holds, as plain arrays and names, where it may lack a group, a variable or a dimension.
 
->>> tree = xr.DataTree.from_dict({"posterior": xr.Dataset({"state": ("dof", np.zeros(2))}, coords={"dof": ["x", "y"]})})
+>>> tree = xr.DataTree.from_dict({FLAT: xr.Dataset({"state": ("dof", np.zeros(2))}, coords={"dof": ["x", "y"]})})
 >>> names_of(tree, "dof"), variable(tree, "truth", "state"), arrays_of(tree, "inputs")
 (['x', 'y'], None, {})
 """
@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Integers
 from poseppl.program import CompiledModel
+
+FLAT = "unconstrained_posterior"
+"""The group of the draws of the flat state, ``state`` (chain, draw, frame, dof), as ArviZ calls it."""
+
+_HOMES = {"dof": FLAT, "camera": "camera"}
+"""Groups that name a dimension; ``posterior`` names the others."""
 
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
@@ -33,9 +39,19 @@ def variable(tree: xr.DataTree, group: str, name: str) -> NDArray[Any] | None:
     return np.asarray(data[name].values) if name in data else None
 
 
-def names_of(tree: xr.DataTree, dim: str, group: str = "posterior") -> list[str]:
-    """Names along a dimension (``dof``, ``marker``, ``camera``), none where the group has no such names."""
-    data = group_of(tree, group)
+def flat_draws(tree: xr.DataTree) -> xr.DataArray:
+    """Draws of the flat state, (chain, draw, frame, dof)."""
+    return tree[FLAT].dataset["state"]
+
+
+def draws_of(tree: xr.DataTree, name: str) -> NDArray[Any] | None:
+    """Draws (chain, draw, frame, ...) of the flat ``state``, of a site or an extra; None where the result has none."""
+    return variable(tree, FLAT if name == "state" else "posterior", name)
+
+
+def names_of(tree: xr.DataTree, dim: str) -> list[str]:
+    """Names along a dimension (``dof``, ``marker``, ``camera``), none where the result has no such names."""
+    data = group_of(tree, _HOMES.get(dim, "posterior"))
     return [str(name) for name in data[dim].values] if dim in data.coords else []
 
 

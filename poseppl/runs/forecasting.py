@@ -27,7 +27,7 @@ from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel
 from poseppl.program.population import propagate
-from poseppl.runs.contents import check_coordinates, frame_numbers, names_of
+from poseppl.runs.contents import check_coordinates, flat_draws, frame_numbers, names_of
 from poseppl.runs.frame_sequence import stacked_inputs
 from poseppl.runs.labels import Names, coordinates, labelled
 from poseppl.runs.results import encoded, provenance
@@ -69,7 +69,7 @@ def forecast(
     check_coordinates(result, model)
     numbers = frame_numbers(result)
     last = _position(result, numbers, start)
-    draws = result["posterior"].dataset["state"].transpose("chain", "draw", "frame", "dof").values[:, :, last]
+    draws = flat_draws(result).transpose("chain", "draw", "frame", "dof").values[:, :, last]
     if num_draws is not None:
         check_at_least(1, num_draws=num_draws)
         draws = draws[:, np.arange(num_draws) * draws.shape[1] // num_draws]
@@ -77,7 +77,7 @@ def forecast(
     sites, data = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
     step = int(numbers[last] - numbers[last - 1]) if last else 1
     frames = numbers[last] + step * np.arange(1, horizon + 1)
-    names = Names((), names_of(result, "marker"), names_of(result, "camera", "camera"))
+    names = Names((), names_of(result, "marker"), names_of(result, "camera"))
     known = coordinates(names, (*draws.shape[:2], horizon), frames)
     groups = {"forecast": _by_chain(sites, draws.shape[0])}
     if data:

@@ -21,7 +21,7 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import arrays_of, check_coordinates
+from poseppl.runs.contents import FLAT, arrays_of, check_coordinates
 from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -169,7 +169,7 @@ def _filter_of(filter: Any, model: CompiledModel) -> Filter:
 
 def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
     """The draws of a result, and its data by name."""
-    if not isinstance(result, xr.DataTree) or "posterior" not in result.children:
+    if not isinstance(result, xr.DataTree) or FLAT not in result.children:
         raise ValueError(
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."

@@ -11,6 +11,7 @@ A variable of a known name (``state``, ``markers``, ``points``) has dimensions o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,11 +33,19 @@ _DIMS = {
 
 
 class Names(NamedTuple):
-    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty."""
+    """Names of the coordinates: degrees of freedom, and where they apply markers and cameras, nameless if left empty.
+
+    Attributes:
+        dof: Names of the flat state's coordinates.
+        marker: Names of markers.
+        camera: Names of cameras.
+        values: The values that a site of finitely many takes, by the site's name.
+    """
 
     dof: Sequence[str]
     marker: Sequence[str] = ()
     camera: Sequence[str] = ()
+    values: Mapping[str, Sequence[int]] = MappingProxyType({})
 
 
 def coordinates(
@@ -50,6 +59,7 @@ def coordinates(
         "frame": np.arange(shape[2]) if frames is None else np.asarray(frames),
         "dof": np.array(names.dof, dtype=str),
         **{name: np.array(given, dtype=str) for name, given in markers_and_cameras.items() if given},
+        **{f"{name}_value": np.array(given) for name, given in names.values.items()},
         "axis": np.array(_AXES),
         "xy": np.array(_AXES[:2]),
         "quantile": np.array(quantiles, float),

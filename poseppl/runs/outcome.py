@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.contents import arrays_of, frame_numbers, names_of
+from poseppl.runs.contents import arrays_of, flat_draws, frame_numbers, group_of, names_of
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
@@ -27,7 +27,7 @@ def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
         run: The run.
 
     Returns:
-        ``state``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive`` and ``attrs``.
+        ``state``, ``sites``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive`` and ``attrs``.
     """
     if isinstance(run, SmoothingRun):
         return _parts_of_smoothing(run, {})
@@ -70,7 +70,7 @@ def result_of_run(
     parts = parts_of_run(run)
     return build_result(
         **{**parts, "attrs": {**(attrs or {}), **parts["attrs"]}},
-        names=Names(model.coordinate_names),
+        names=Names(model.coordinate_names, values=model.finite_values),
         observed=None if observations is None else _with_nan(observations),
         truth=None if truth is None else Truth(state=truth),
         **times,
@@ -92,7 +92,7 @@ def smoothed_result(
     told = {**known, "filter seconds": known.get("wall_seconds"), **attrs, **parts.pop("attrs")}
     smoothed = build_result(
         **parts,
-        names=Names(names_of(filtered, "dof"), names_of(filtered, "marker"), names_of(filtered, "camera", "camera")),
+        names=_names(filtered),
         observed=None if observations is None else _with_nan(observations),
         frames=frame_numbers(filtered),
         rate=filtered.attrs.get("rate"),
@@ -105,7 +105,7 @@ def smoothed_result(
 
 def history_of_result(tree: xr.DataTree) -> History:
     """The draws of a result as a filter's history; those of weighted particles were resampled, and have no genealogy."""
-    state = tree["posterior"].dataset["state"].transpose("frame", "chain", "draw", "dof").values
+    state = flat_draws(tree).transpose("frame", "chain", "draw", "dof").values
     particles = state.reshape(state.shape[0], -1, state.shape[-1])
     frames, count = particles.shape[:2]
     failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
@@ -137,12 +137,21 @@ def _parts(
         )
     return {
         "state": _by_chain(outputs.state),
+        "sites": {name: _by_chain(values) for name, values in outputs.sites.items()},
         "extras": {name: _by_chain(values) for name, values in outputs.extras.items()},
         "sample_stats": sample_stats,
         "summary": outputs.summary,
         "num_particles": num_particles,
         "attrs": {**run.method, "wall_seconds": run.wall_seconds, "compile_seconds": run.compile_seconds, **attrs},
     }
+
+
+def _names(tree: xr.DataTree) -> Names:
+    """The names that a result was built with."""
+    summary = group_of(tree, "summary")
+    finite = [str(name).removesuffix("_probability") for name in summary if str(name).endswith("_probability")]
+    values = {name: summary[f"{name}_value"].values.tolist() for name in finite if f"{name}_value" in summary.coords}
+    return Names(names_of(tree, "dof"), names_of(tree, "marker"), names_of(tree, "camera"), values)
 
 
 def _by_chain(values: NDArray[Any]) -> NDArray[Any]:

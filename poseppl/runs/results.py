@@ -3,12 +3,16 @@
 =================  =============================================================================================
 group              variables
 =================  =============================================================================================
-``posterior``      ``state`` (chain, draw, frame, dof) and the model's extras, such as ``markers``
-                   (chain, draw, frame, marker, axis) in mm and the projections ``points``
+``posterior``      the state's sites by name, as the programs know them, (chain, draw, frame, ...), and the model's extras,
+                   such as ``markers`` (chain, draw, frame, marker, axis) in mm and the projections ``points``
                    (chain, draw, frame, camera, marker, xy)
+``unconstrained_posterior``  ``state`` (chain, draw, frame, dof), the flat vectors that algorithms see: logarithms of what is
+                   positive, stick-breaking coordinates of what adds up to one
 ``sample_stats``   one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
 ``summary``        ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of ``markers``,
-                   made over all draws or particles, where ``posterior`` may hold a thinning of them
+                   made over all draws or particles, where ``posterior`` may hold a thinning of them; of a site
+                   ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
+                   ``NAME_probability`` (frame, ..., NAME_value)
 ``observed_data``  ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
 ``truth``          where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``         the calibration, one row a camera
@@ -25,7 +29,7 @@ Weighted particles have no chains: their ``posterior`` is one chain of draws res
 ``num_particles`` holds the number of particles behind each frame. The provenance is in the root attributes, as JSON.
 
 >>> tree = build_result(state=np.zeros((2, 5, 3, 1)), names=Names(dof=("level",)), attrs={"model": "random walk"})
->>> tree["posterior/state"].sizes["draw"], provenance(tree)["model"]
+>>> tree["posterior"].sizes["draw"], provenance(tree)["model"]
 (5, 'random walk')
 """
 
@@ -42,10 +46,10 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
-from poseppl.runs.contents import group_of
+from poseppl.runs.contents import FLAT, group_of
 from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, dims_of, labelled
 
-VERSION = 1
+VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
 _STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained")
@@ -63,6 +67,7 @@ def build_result(
     *,
     state: ArrayLike,
     names: Names,
+    sites: Mapping[str, ArrayLike] | None = None,
     extras: Mapping[str, ArrayLike] | None = None,
     sample_stats: Mapping[str, ArrayLike] | None = None,
     summary: Mapping[str, ArrayLike] | None = None,
@@ -84,6 +89,7 @@ def build_result(
     Args:
         state: (chain, draw, frame, dof) draws.
         names: Names of the coordinates.
+        sites: Draws of the state's sites, (chain, draw, frame, ...); the flat state itself is the only site if None.
         extras: Draws of the model's deterministic sites, (chain, draw, frame, ...).
         sample_stats: (frame,) each.
         summary: ``state_mean`` (frame, dof), ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the like for extras.
@@ -111,11 +117,13 @@ def build_result(
     if draws.ndim != 4:
         raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
     known = coordinates(names, draws.shape, frames, quantiles)
-    posterior = {"state": draws} | {name: np.asarray(values) for name, values in (extras or {}).items()}
+    leading = ("chain", "draw", "frame")
+    posterior = {**(extras or {}), **({"state": draws} if sites is None else sites)}
     groups = {
-        "posterior": labelled(posterior, ("chain", "draw", "frame"), known),
+        "posterior": labelled(posterior, leading, known),
+        FLAT: labelled({"state": draws}, leading, known),
         "sample_stats": labelled(sample_stats or {}, ("frame",), known),
-        "summary": _summary(posterior, summary or {}, known),
+        "summary": _summary({**posterior, "state": draws}, summary or {}, known),
     }
     if observed is not None:
         data = observed if isinstance(observed, Mapping) else {"points": observed}
@@ -175,7 +183,7 @@ def load_result(path: FilePath, *, max_bytes: int | None = None) -> xr.DataTree:
     expected = "a results file written by poseppl track"
     tree = read_netcdf(path, expected=expected, max_bytes=max_bytes)
     version = tree.attrs.get("poseppl_result")
-    if version is None or "state" not in group_of(tree, "posterior"):
+    if version is None or (version == VERSION and "state" not in group_of(tree, FLAT)):
         raise InputError("a NetCDF file, but not a result of poseppl", file=path, expected=expected)
     if version != VERSION:
         raise InputError(f"results of layout {version}", file=path, expected=f"layout {VERSION}: run the tracking again")
@@ -244,19 +252,19 @@ def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) 
     return checked(steps, known).assign(rest)
 
 
-def _summary(
-    posterior: Mapping[str, NDArray[Any]], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]
-) -> xr.Dataset:
+def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     computed: dict[str, NDArray[Any]] = {}
     for name in ("state", "markers"):
-        if name in posterior and f"{name}_mean" not in given:
-            computed |= _moments(name, posterior[name], known["quantile"])
+        if name in drawn and f"{name}_mean" not in given:
+            computed |= _moments(name, np.asarray(drawn[name]), known["quantile"])
     data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
     for name, values in (computed | dict(given)).items():
         site, _, statistic = name.rpartition("_")
         middle = ("quantile",) if statistic == "quantile" else ()
         array = np.asarray(values)
-        data[name] = (("frame", *middle, *dims_of(site, array.ndim - 1 - len(middle))), array)
+        last = (f"{site}_value",) if statistic == "probability" else ()
+        own = dims_of(site, array.ndim - 1 - len(middle) - len(last))
+        data[name] = (("frame", *middle, *own, *last), array)
     return checked(data, known)
 
 

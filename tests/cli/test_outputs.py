@@ -124,7 +124,7 @@ def test_frames_before_one_that_breaks_down_are_written(
     assert f"; the frames before it, {at} of 4, are in poseppl-walk.nc" in message
     tree = load_result("poseppl-walk.nc")
     assert tree["posterior"].sizes["frame"] == at and "not finite" in provenance(tree)["stopped"]
-    assert np.isfinite(tree["posterior/state"]).all() and tree["truth/markers"].shape[0] == at
+    assert np.isfinite(tree["unconstrained_posterior/state"]).all() and tree["truth/markers"].shape[0] == at
     assert len(problem_of_result(tree).observations.values["points"]) == at
     assert main(["report", "poseppl-walk.nc", "-q"]) == 0 and Path("poseppl-walk.png").exists()
 

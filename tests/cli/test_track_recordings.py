@@ -38,7 +38,7 @@ def test_recordings_are_tracked(data_dir: Path, file: str, skeleton: str | None,
     tree = load_result("out.nc")
     assert 0 < provenance(tree)["residual_mm"] < limit
     assert np.isfinite(tree["truth/markers"].values).all(-1).sum() >= 3 * 7
-    assert np.isfinite(tree["posterior/state"].values).all()
+    assert np.isfinite(tree["unconstrained_posterior/state"].values).all()
 
 
 def test_names_and_lengths_come_from_tables(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,10 +46,10 @@ def test_figures_are_their_definitions(runs: dict[str, xr.DataTree], comparison:
         rhat = arviz_stats.rhat(stats, var_names=["state"], method="split")["state"].values
         np.testing.assert_allclose(found["rhat"], rhat, rtol=1e-6)
         np.testing.assert_allclose(found["rejection"], 0.2)
-        mean = stats["posterior/state"].values.mean(axis=(0, 1))
+        mean = stats["unconstrained_posterior/state"].values.mean(axis=(0, 1))
         error = np.abs(mean - DATA["state"])
         np.testing.assert_allclose(found["error"], error, rtol=1e-9)
-        spread = stats["posterior/state"].values.reshape(200, *mean.shape).std(axis=0, ddof=1)
+        spread = stats["unconstrained_posterior/state"].values.reshape(200, *mean.shape).std(axis=0, ddof=1)
         np.testing.assert_allclose(found["error_over_sd"], error / spread, rtol=1e-9)
         distance = 100 * np.sqrt(3) * np.abs(mean - DATA["state"]).mean(axis=1)
         np.testing.assert_allclose(found["joint_error"], distance, rtol=1e-9)

@@ -131,7 +131,7 @@ def test_diagnose_adds_one_group_and_survives_the_disk(tmp_path) -> None:  # typ
     whole = diagnose(tree)
     assert "diagnostics" not in tree.children
     assert diagnose(whole).identical(whole)
-    np.testing.assert_allclose(whole["diagnostics/tau"], inefficiency(tree["posterior/state"].values), rtol=1e-10)
+    np.testing.assert_allclose(whole["diagnostics/tau"], inefficiency(tree["unconstrained_posterior/state"].values), rtol=1e-10)
     np.testing.assert_allclose(whole["diagnostics/rejection_rate"], 1 - tree["sample_stats/acceptance_rate"])
     save_result(whole, tmp_path / "result.nc")
     assert load_result(tmp_path / "result.nc").identical(whole)

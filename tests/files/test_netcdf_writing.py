@@ -37,7 +37,7 @@ def test_a_disk_that_fills_up_costs_neither_the_process_nor_the_result(tmp_path:
     assert "run.nc: the disk is full" in done.stdout
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
     with xr.open_datatree(target, engine="h5netcdf") as tree:
-        assert tree["posterior/state"].shape == (1, 200, 40, 20)
+        assert tree["unconstrained_posterior/state"].shape == (1, 200, 40, 20)
 
 
 def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_coverage_is_drawn_at_its_level_with_two_standard_errors() -> None:
 
 
 def test_bands_are_the_central_ninety_percent() -> None:
-    drawn, draws = charts(TREE), TREE["posterior/state"].values.reshape(16, 6, 3)
+    drawn, draws = charts(TREE), TREE["unconstrained_posterior/state"].values.reshape(16, 6, 3)
     low, high = (np.array([each["data"][end]["y"] for each in drawn["coordinates"].values()]) for end in (0, 1))
     np.testing.assert_allclose(low, np.quantile(draws, 0.05, axis=0).T, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(high, np.quantile(draws, 0.95, axis=0).T, rtol=1e-3, atol=1e-3)

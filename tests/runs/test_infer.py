@@ -38,7 +38,7 @@ def test_a_dict_of_arrays_gives_what_the_long_form_gives():
     for name in ("posterior", "summary", "sample_stats", "observed_data", "truth"):
         xr.testing.assert_identical(result[name].to_dataset(), long[name].to_dataset())
     assert set(result.attrs) == set(long.attrs)
-    assert arviz_stats.ess(result["posterior"])["state"].shape == (5, 2)
+    assert arviz_stats.ess(result["posterior"])["x"].shape == (5, 2)
 
 
 @pytest.mark.parametrize("filter", [poseppl.kalman_filter, partial(poseppl.kalman_filter, num_particles=1000)])
@@ -60,7 +60,7 @@ def test_a_result_is_smoothed():
     assert (known["model"], known["seed"], known["smoother"]) == ("toy", 3, "backward_simulation_smoother")
     assert smoothed.attrs["rate"] == 25.0
     assert smoothed["sample_stats/log_evidence"].equals(result["sample_stats/log_evidence"])
-    assert smoothed["posterior/state"].shape == (1, 100, 5, 2)
+    assert smoothed["unconstrained_posterior/state"].shape == (1, 100, 5, 2)
     # the future moves the first frame; nothing moves the last
     apart = abs(smoothed["summary/state_mean"] - result["summary/state_mean"]).max("dof").values
     assert apart[0] > 2 * apart[-1]

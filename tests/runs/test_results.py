@@ -9,13 +9,14 @@ import xarray as xr
 from synthetic import synthetic_result
 
 from poseppl.errors import InputError
+from poseppl.runs.contents import FLAT
 from poseppl.runs.results import Names, build_result, is_weighted, load_result, provenance, save_result
 
 
 def test_groups_and_named_coordinates() -> None:
     tree = synthetic_result(num_frames=3)
-    assert set(tree.children) == {"posterior", "sample_stats", "summary", "observed_data", "truth", "camera", "body"}
-    assert tree["posterior/state"].dims == ("chain", "draw", "frame", "dof")
+    assert set(tree.children) == {"posterior", FLAT, "sample_stats", "summary", "observed_data", "truth", "camera", "body"}
+    assert tree["unconstrained_posterior/state"].dims == ("chain", "draw", "frame", "dof")
     assert tree["posterior/points"].dims == ("chain", "draw", "frame", "camera", "marker", "xy")
     assert tree["summary/markers_quantile"].dims == ("frame", "quantile", "marker", "axis")
     assert list(tree["truth/markers"].coords["frame"].values) == [10, 11, 12]
@@ -24,7 +25,7 @@ def test_groups_and_named_coordinates() -> None:
 
 def test_summary_from_draws_equals_numpy_and_given_summary_is_kept() -> None:
     tree = synthetic_result(num_frames=3)
-    pooled = tree["posterior/state"].values.reshape(-1, *tree["posterior/state"].shape[2:])
+    pooled = tree["unconstrained_posterior/state"].values.reshape(-1, *tree["unconstrained_posterior/state"].shape[2:])
     np.testing.assert_allclose(tree["summary/state_mean"], pooled.mean(axis=0), rtol=1e-5, atol=1e-4)
     np.testing.assert_allclose(tree["summary/state_sd"], pooled.std(axis=0, ddof=1), rtol=1e-5)
     np.testing.assert_allclose(tree["summary/state_quantile"].sel(quantile=0.1), np.quantile(pooled, 0.1, axis=0), rtol=1e-5)
@@ -36,7 +37,7 @@ def test_summary_from_draws_equals_numpy_and_given_summary_is_kept() -> None:
 def test_arviz_takes_the_tree_as_it_is() -> None:
     tree = synthetic_result(num_frames=3)
     table = arviz_stats.summary(tree, var_names=["state"])
-    assert len(table) == tree["posterior"].sizes["frame"] * tree["posterior"].sizes["dof"]
+    assert len(table) == tree["posterior"].sizes["frame"] * tree["unconstrained_posterior"].sizes["dof"]
     assert arviz_stats.ess(tree, var_names=["state"], method="mean")["state"].dims == ("frame", "dof")
     assert float(arviz_stats.rhat(tree, var_names=["state"])["state"].max()) < 1.2
 
@@ -47,7 +48,7 @@ def test_round_trip_keeps_everything(tmp_path: Path, weighted: bool) -> None:
     save_result(tree, tmp_path / "result.nc")
     again = load_result(tmp_path / "result.nc")
     assert again.identical(tree)
-    assert again["posterior/state"].dtype == np.float32
+    assert again["unconstrained_posterior/state"].dtype == np.float32
     assert is_weighted(again) == weighted
     assert provenance(again)["settings"]["note"] == "<b>not bold</b>"
     assert provenance(again)["wall_seconds"] == 2.5
@@ -57,7 +58,7 @@ def test_round_trip_keeps_everything(tmp_path: Path, weighted: bool) -> None:
 def test_results_are_compressed(tmp_path: Path) -> None:
     tree = build_result(state=np.zeros((10, 100, 100, 5), np.float32), names=Names(tuple("abcde")))
     save_result(tree, tmp_path / "result.nc")
-    assert (tmp_path / "result.nc").stat().st_size < tree["posterior/state"].nbytes / 10
+    assert (tmp_path / "result.nc").stat().st_size < tree["unconstrained_posterior/state"].nbytes / 10
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:

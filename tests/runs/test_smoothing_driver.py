@@ -51,9 +51,9 @@ def test_a_result_knows_the_smoothed_states(tmp_path):
     found = tree["summary"]["state_mean"].values
     error = np.sqrt(np.diagonal(exact.covariance, axis1=1, axis2=2) / np.asarray(smoothed.info.ess)[:, None])
     assert np.abs((found - exact.mean) / error).max() < 6
-    assert tree["posterior"]["state"].shape == (1, 50, 5, 2)
+    assert tree["unconstrained_posterior"]["state"].shape == (1, 50, 5, 2)
     assert "ess" in tree["sample_stats"]
-    assert arviz_stats.ess(tree["posterior"])["state"].shape == (5, 2)
+    assert arviz_stats.ess(tree["posterior"])["x"].shape == (5, 2)
     save_result(tree, tmp_path / "smoothed.nc")
     assert load_result(tmp_path / "smoothed.nc").attrs["num_particles"] == 400
 
@@ -136,9 +136,9 @@ def test_a_tracking_result_is_smoothed_from_what_it_holds(tmp_path):
     tree = small_result()
     save_result(tree, tmp_path / "arm.nc")
     smoothed = smooth(load_result(tmp_path / "arm.nc"), SmoothSettings("forward-backward"))
-    assert smoothed["posterior"]["state"].dims == tree["posterior"]["state"].dims
+    assert smoothed["unconstrained_posterior"]["state"].dims == tree["unconstrained_posterior"]["state"].dims
     np.testing.assert_array_equal(smoothed["truth"]["state"], tree["truth"]["state"])
-    last = tree["posterior"]["state"].mean(("chain", "draw")).values[-1]
+    last = tree["unconstrained_posterior"]["state"].mean(("chain", "draw")).values[-1]
     np.testing.assert_allclose(smoothed["summary"]["state_mean"].values[-1], last, atol=1e-4)
     assert np.abs(smoothed["summary"]["state_mean"].values[0] - tree["summary"]["state_mean"].values[0]).max() > 1e-3
     with pytest.raises(InputError, match="smoothed already"):
@@ -152,7 +152,7 @@ def test_smoothers_that_follow_ancestors_take_all_particles_of_the_same_run():
     np.testing.assert_allclose(none["summary"]["state_mean"], tree["summary"]["state_mean"], rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(none["sample_stats"]["ess"], tree["sample_stats"]["ess"], rtol=1e-3)
     whole = smooth(tree, SmoothSettings("genealogy", max_draws=count))
-    draws = whole["posterior"]["state"].values
+    draws = whole["unconstrained_posterior"]["state"].values
     assert draws.shape[:3] == (1, count, frames)
     survivors = [len(np.unique(draws[0, :, frame], axis=0)) for frame in range(frames)]
     assert survivors[0] < 0.2 * survivors[-1] and survivors == sorted(survivors)

@@ -26,7 +26,7 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
     share = statistic(tree, "overlap")
     if share is None or not np.isfinite(share).any():
         return []
-    cameras = names_of(tree, "camera", "camera")
+    cameras = names_of(tree, "camera")
     means = np.array([float(np.nanmean(column)) if np.isfinite(column).any() else np.nan for column in share.T])
     low = np.flatnonzero(means < OVERLAP_LOW)
     seen = np.isfinite(share).any(axis=1)
@@ -53,7 +53,7 @@ def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
     far = np.linalg.norm(np.diff(centre, axis=0), axis=-1) / np.sqrt(area[:-1])
     growth = np.abs(np.diff(np.log(area), axis=0))
     jumps = np.vstack([np.zeros(area.shape[1], bool), (far > max(JUMP, PACE / rate)) | (growth > np.log(SWELLING))])
-    cameras = names_of(tree, "camera", "camera")
+    cameras = names_of(tree, "camera")
     found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
     if not found:
         return []

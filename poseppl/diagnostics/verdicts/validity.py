@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, statistic, where
-from poseppl.runs.contents import group_of
+from poseppl.runs.contents import flat_draws, group_of
 
 MISSING_HIGH = 0.2
 
@@ -26,7 +26,7 @@ def failures(tree: xr.DataTree) -> list[Verdict]:
         )
     if evidence is not None and (np.isneginf(evidence) & ~broken).any():
         found.append(Verdict(ERROR, f"The evidence is zero in {where(tree, np.isneginf(evidence) & ~broken)}."))
-    empty = ~np.isfinite(tree["posterior"].dataset["state"].values).all(axis=(0, 1, 3))
+    empty = ~np.isfinite(flat_draws(tree).values).all(axis=(0, 1, 3))
     if empty.any():
         found.append(Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}."))
     return found

@@ -213,7 +213,7 @@ def affordable_draws(problem: Problem, chains: int) -> int:
     """How many draws of a chain (or of all particles, at most 1000) fit into the room for results."""
     frames = len(jax.tree.leaves(problem.observations)[0])
     cameras, markers = problem.num_cameras, len(problem.body.tree.marker_names)
-    values = problem.model.dimension + markers * (3 + 2 * cameras)
+    values = 2 * problem.model.dimension + markers * (3 + 2 * cameras)
     draws = _ROOM // (4 * values * frames * chains)
     return int(max(2, min(draws, 1000)))
 

@@ -105,7 +105,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
     smoothed = smooth(tree, SmoothSettings("rauch-tung-striebel", model="own.py:build"))
     assert Path("ran").exists() and json.loads(smoothed.attrs["model"]) == "own.py:build"
     plain = smooth(result, SmoothSettings("rauch-tung-striebel"))
-    np.testing.assert_array_equal(smoothed["posterior/state"], plain["posterior/state"])
+    np.testing.assert_array_equal(smoothed["unconstrained_posterior/state"], plain["unconstrained_posterior/state"])
     Path("ran").unlink()
     Path("own.py").write_text("import os\n")
     with pytest.raises(InputError, match="no longer, what the result was made with"):

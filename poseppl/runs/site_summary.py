@@ -1,0 +1,58 @@
+"""The state's sites as the programs know them: their values, their moments, and the probabilities of finite ones.
+
+Sites over the real line are parts of the flat state, and so are their summaries. Of a site that takes finitely many values,
+such as the state of a hidden Markov chain, means and quantiles say nothing: it has the probability of each value instead, made
+over all particles or draws with their weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.program import CompiledModel, Site
+
+
+def sites_of(model: CompiledModel, states: Array, inputs: Any) -> dict[str, Array]:
+    """Constrained values (N, ...) by site of flat states (N, d)."""
+    values = jax.vmap(lambda x: model.to_sites(x, inputs))(states)
+    return {name: values[name] for name in model.sites}
+
+
+def summary_of_sites(
+    model: CompiledModel, of_state: Mapping[str, Array], states: Array, weights: Array | None
+) -> dict[str, Array]:
+    """Summaries of the sites that are parts of the flat state.
+
+    Args:
+        model: The model.
+        of_state: ``state_mean`` (d,), ``state_sd`` (d,), ``state_quantile`` (quantile, d).
+        states: Flat states (N, d).
+        weights: Their weights (N,), which add up to 1; None where they count alike.
+
+    Returns:
+        ``NAME_probability`` (..., values) of sites of finitely many values; ``NAME_mean``, ``NAME_sd`` and ``NAME_quantile`` of
+        the others.
+    """
+    told: dict[str, Array] = {}
+    for name, site in model.sites.items():
+        if name in model.finite_values:
+            told[f"{name}_probability"] = _probability(site, model.finite_values[name], states, weights)
+        elif site.identity and name != "state":
+            told[f"{name}_mean"] = site.unflatten(of_state["state_mean"])
+            told[f"{name}_sd"] = site.unflatten(of_state["state_sd"])
+            told[f"{name}_quantile"] = jax.vmap(site.unflatten)(of_state["state_quantile"])
+    return told
+
+
+def _probability(site: Site, values: range, states: Array, weights: Array | None) -> Array:
+    """Probability (..., values) of each value."""
+    taken = jnp.round(jax.vmap(site.unflatten)(states))
+    count = states.shape[0]
+    share = jnp.full(count, 1.0 / count, states.dtype) if weights is None else weights
+    found = [jnp.tensordot(share, (taken == value).astype(states.dtype), 1) for value in values]
+    return jnp.stack(found, -1)
