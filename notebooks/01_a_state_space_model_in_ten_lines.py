@@ -216,10 +216,11 @@ chains = poseppl.infer(model, data, walkers, jax.random.key(1), **about)
 # Its draws are Markov chains, so ArviZ's diagnostics apply, and they take the tree as it is.
 
 # %%
-arviz_stats.summary(chains.isel(frame=[0, 45, 79]), var_names=["state"])
+arviz_stats.summary(chains.isel(frame=[0, 45, 79]), var_names=["position", "velocity"])
 
 # %%
-rhat, effective = arviz_stats.rhat(chains)["state"], arviz_stats.ess(chains)["state"]
+flat = "unconstrained_posterior"
+rhat, effective = (figure(chains, group=flat)["state"] for figure in (arviz_stats.rhat, arviz_stats.ess))
 print(f"R-hat at most {float(rhat.max()):.3f}; 1600 draws are worth {float(effective.min()):.0f} or more independent ones")
 
 # %%

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     )
     from poseppl.report import write_report as write_report
     from poseppl.runs.arviz_groups import to_arviz as to_arviz
+    from poseppl.runs.batch import infer_batch as infer_batch, one_series as one_series
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
     from poseppl.runs.forecasting import forecast as forecast
@@ -106,6 +107,8 @@ _HOMES = {
     "result_of_run": "runs.outcome",
     "forecast": "runs.forecasting",
     "infer": "runs.infer",
+    "infer_batch": "runs.batch",
+    "one_series": "runs.batch",
     "smooth": "runs.infer",
     "Clamped": "program",
     "CompiledModel": "program",

@@ -78,10 +78,10 @@ def infer(
         ValueError: The model is not compiled, the filter is one of another model, or data, inputs or frames do not fit.
         RunError: The run cannot go on.
     """
-    _check_compiled(model)
+    built = filter_of(filter, model)
     observations = data if isinstance(data, Observation) else model.observe(data)
     run = run_filter(
-        _filter_of(filter, model),
+        built,
         rng_key,
         observations,
         inputs,
@@ -152,7 +152,13 @@ def _check_compiled(model: Any) -> None:
         raise ValueError(f"The model is a {type(model).__name__}. Expected what StateSpaceModel.compile returns.")
 
 
-def _filter_of(filter: Any, model: CompiledModel) -> Filter:
+def filter_of(filter: Any, model: CompiledModel) -> Filter:
+    """The filter, or what its builder makes of the model.
+
+    Raises:
+        ValueError: It is neither, or one of another model, or the model is not compiled.
+    """
+    _check_compiled(model)
     built = filter if isinstance(filter, Filter) or not callable(filter) else filter(model)
     if not isinstance(built, Filter):
         raise ValueError(

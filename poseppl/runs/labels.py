@@ -82,6 +82,21 @@ def labelled(variables: Mapping[str, ArrayLike], leading: tuple[str, ...], known
     return checked(data, known)
 
 
+def labelled_summary(
+    statistics: Mapping[str, ArrayLike], leading: tuple[str, ...], known: Mapping[str, NDArray[Any]]
+) -> xr.Dataset:
+    """Name the axes of summaries: ``NAME_mean``, ``NAME_quantile`` (quantile, ...), ``NAME_probability`` (..., value)."""
+    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
+    for name, values in statistics.items():
+        site, _, statistic = name.rpartition("_")
+        middle = ("quantile",) if statistic == "quantile" else ()
+        array = np.asarray(values)
+        last = (f"{site}_value",) if statistic == "probability" else ()
+        own = dims_of(site, array.ndim - len(leading) - len(middle) - len(last))
+        data[name] = ((*leading, *middle, *own, *last), array)
+    return checked(data, known)
+
+
 def checked(data: Mapping[str, tuple[tuple[str, ...], NDArray[Any]]], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     """A dataset of variables with named dimensions.
 

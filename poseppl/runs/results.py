@@ -47,7 +47,7 @@ from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import FLAT, group_of
-from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, dims_of, labelled
+from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, labelled, labelled_summary
 
 VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
@@ -257,15 +257,7 @@ def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], kno
     for name in ("state", "markers"):
         if name in drawn and f"{name}_mean" not in given:
             computed |= _moments(name, np.asarray(drawn[name]), known["quantile"])
-    data: dict[str, tuple[tuple[str, ...], NDArray[Any]]] = {}
-    for name, values in (computed | dict(given)).items():
-        site, _, statistic = name.rpartition("_")
-        middle = ("quantile",) if statistic == "quantile" else ()
-        array = np.asarray(values)
-        last = (f"{site}_value",) if statistic == "probability" else ()
-        own = dims_of(site, array.ndim - 1 - len(middle) - len(last))
-        data[name] = (("frame", *middle, *own, *last), array)
-    return checked(data, known)
+    return labelled_summary(computed | dict(given), ("frame",), known)
 
 
 def _moments(name: str, draws: NDArray[Any], levels: NDArray[Any]) -> dict[str, NDArray[Any]]:

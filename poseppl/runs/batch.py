@@ -1,0 +1,242 @@
+"""Many series of one model in one call: filters over (S, T) data, compiled once, vectorised over the series.
+
+    whole = infer_batch(model, {"height": heights}, particle_filter(model, 500), rng_key)      # heights (S, T)
+    whole["summary/level_mean"]                                                                # (series, frame)
+    one = one_series(whole, 17)                                                                # a result like any other
+
+Series of unequal length are given as a list of dicts of arrays, or padded with NaN and told their `lengths`. Draws of different
+series are independent. Those of a filter that draws depend, besides the key, on the number of series in a chunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jax import Array
+from numpy.typing import ArrayLike, NDArray
+
+from poseppl.checks import check_at_least
+from poseppl.errors import InputError
+from poseppl.filters.base import Filter
+from poseppl.particles.stacks import rows_of
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.compiled_scan import frame_keys, is_finite
+from poseppl.runs.contents import FLAT
+from poseppl.runs.frame_sequence import Constant
+from poseppl.runs.infer import filter_of
+from poseppl.runs.labels import Names, coordinates, labelled, labelled_summary
+from poseppl.runs.results import VERSION, encoded
+from poseppl.runs.run import Collect, Progress
+
+_DRAWS = 20
+"""Draws kept of a frame of each series, unless asked otherwise."""
+
+
+def infer_batch(
+    model: CompiledModel,
+    data: Mapping[str, ArrayLike] | Sequence[Mapping[str, ArrayLike]],
+    filter: Filter | Callable[[CompiledModel], Filter],
+    rng_key: Array,
+    inputs: Any = None,
+    *,
+    lengths: ArrayLike | None = None,
+    chunk: int = 100,
+    collect: Collect | None = None,
+    names: Sequence[Any] | None = None,
+    attrs: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> xr.DataTree:
+    """Filter many series.
+
+    Args:
+        model: The compiled model.
+        data: Arrays (S, T, ...) by the name of their site, NaN where nothing was seen; or a list of S dicts of
+            arrays (T_s, ...).
+        filter: A filter of the model, or its builder.
+        rng_key: PRNG key; the same key and chunk give the same result.
+        inputs: Inputs (S, T, ...), what is the same for all wrapped in :class:`~poseppl.runs.run.Constant`; or a list of S,
+            each with a leading T_s; None where the model takes none.
+        lengths: Frames (S,) of each series, where `data` are arrays that are padded; T for all if None.
+        chunk: Series at a time; more take more memory.
+        collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 20 draws and summaries if None.
+        names: Names of the series (S,); 0, 1, ... if None.
+        attrs: Provenance: anything that JSON can hold.
+        progress: Who is told how many series are done.
+
+    Returns:
+        A result with the dimension ``series`` in every group, NaN after the end of a series; ``sample_stats/num_frames`` has
+        their lengths, ``sample_stats/log_evidence`` (series, frame) the evidence.
+
+    Raises:
+        ValueError: The model is not compiled, the filter is one of another model, or data or inputs do not fit.
+        InputError: No series, or lengths or names that do not fit.
+    """
+    check_at_least(1, chunk=chunk)
+    built = filter_of(filter, model)
+    stacked, ends = _stacked(data, lengths)
+    observations = _observed(model, stacked)
+    number, frames = next(iter(stacked.values())).shape[:2]
+    rows = _stacked_inputs(inputs, number, frames)
+    series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect)
+    keys = jax.random.split(rng_key, number)
+    parts = []
+    for start in range(0, number, chunk):
+        index = np.minimum(np.arange(start, start + chunk), number - 1)
+        kept = series(keys[index], rows_of(observations, index), rows_of(rows, index))
+        parts.append(rows_of(jax.tree.map(np.asarray, kept), slice(number - start)))
+        if progress:
+            progress.advance(min(chunk, number - start))
+    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    told = {**_told(built), **(attrs or {})}
+    return _result(whole, model, stacked, ends, list(range(number)) if names is None else list(names), told)
+
+
+def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
+    """The result of one series of a batch, by its name, as :func:`poseppl.infer` gives it.
+
+    Raises:
+        InputError: The batch has no such series.
+    """
+    known = batch["sample_stats"].dataset["num_frames"]
+    if name not in known["series"].values:
+        raise InputError(f"the batch has no series {name!r}", expected=f"one of its {known.size}")
+    length = int(known.sel(series=name))
+    one: xr.DataTree = batch.sel(series=name).isel(frame=slice(length))
+    return one
+
+
+@built_once
+def _series_program(filter: Filter, collect: Collect) -> Any:
+    """`(keys, observations, inputs) -> (outputs, info, finite)`, each (S, T, ...), of a chunk of series."""
+
+    def of_frame(key: Array, frame: Any, advance: Any, inputs: Any) -> Any:
+        key_filter, key_collect = frame_keys(key, frame)
+        state, info = advance(key_filter)
+        told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
+        return state, (collect(key_collect, state, info, inputs), told, is_finite(state))
+
+    def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
+        first, row = rows_of((observations, inputs), 0)
+        state, kept = of_frame(key, 0, lambda key: filter.init(key, first, row), row)
+
+        def step(state: Any, rows: Any) -> Any:
+            frame, observation, row = rows
+            return of_frame(key, frame, lambda key: filter.step(key, state, observation, row), row)
+
+        later = rows_of((jnp.arange(len(jax.tree.leaves(observations)[0])), observations, inputs), slice(1, None))
+        _, rest = jax.lax.scan(step, state, later)
+        return jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), kept, rest)
+
+    return jax.jit(jax.vmap(of_series))
+
+
+def _stacked(data: Any, lengths: ArrayLike | None) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+    """Data (S, T, ...) by site, padded with NaN, and the lengths (S,) of the series."""
+    if not isinstance(data, Mapping):
+        if not len(data):
+            raise InputError("there is no series", field="data", expected="at least one")
+        ends = np.array([len(np.asarray(next(iter(each.values())))) for each in data])
+        return {name: _padded([np.asarray(each[name], float) for each in data], ends.max()) for name in data[0]}, ends
+    arrays = {name: np.asarray(values) for name, values in data.items()}
+    shapes = {values.shape[:2] for values in arrays.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
+        expected = "arrays (series, frame, ...), of one number of series and of frames, or a list of series"
+        raise InputError(f"data of shapes {[values.shape for values in arrays.values()]}", field="data", expected=expected)
+    number, frames = next(iter(shapes))
+    ends = np.full(number, frames) if lengths is None else np.asarray(lengths, int)
+    if ends.shape != (number,) or ends.min() < 1 or ends.max() > frames:
+        raise InputError(f"lengths of shape {ends.shape}", field="lengths", expected=f"{number} numbers from 1 to {frames}")
+    return {name: _blanked(values, ends) for name, values in arrays.items()}, ends
+
+
+def _padded(series: list[NDArray[Any]], frames: int) -> NDArray[Any]:
+    fill = [np.full((frames - len(each), *each.shape[1:]), np.nan) for each in series]
+    return np.stack([np.concatenate(pair) for pair in zip(series, fill, strict=True)])
+
+
+def _blanked(values: NDArray[Any], ends: NDArray[np.int64]) -> NDArray[Any]:
+    """NaN after the end of each series (S, T, ...); integers stay as they are where no series ends early."""
+    beyond = np.arange(values.shape[1]) >= ends[:, None]
+    if not beyond.any():
+        return values
+    return np.where(beyond.reshape(*beyond.shape, *(1,) * (values.ndim - 2)), np.nan, values)
+
+
+def _observed(model: CompiledModel, data: Mapping[str, NDArray[Any]]) -> Observation:
+    """Data (S, T, ...) with their masks."""
+    flat = model.observe({name: values.reshape(-1, *values.shape[2:]) for name, values in data.items()})
+    shape = next(iter(data.values())).shape[:2]
+    whole: Observation = jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), flat)
+    return whole
+
+
+def _stacked_inputs(inputs: Any, number: int, frames: int) -> Any:
+    """Inputs (S, T, ...): lists padded with their last rows, what is constant repeated."""
+    if isinstance(inputs, list):
+        if len(inputs) != number:
+            raise InputError(f"inputs of {len(inputs)} series", field="inputs", expected=f"those of {number}")
+        padded = [rows_of(jax.tree.map(np.asarray, one), _until_end(one, frames)) for one in inputs]
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded)
+
+    def stack(leaf: Any) -> Any:
+        if isinstance(leaf, Constant):
+            return jax.tree.map(lambda value: jnp.broadcast_to(value, (number, frames, *np.shape(value))), leaf.value)
+        if np.shape(leaf)[:2] != (number, frames):
+            expected = f"({number}, {frames}, ...), or a Constant for what is the same everywhere"
+            raise InputError(f"an array of shape {np.shape(leaf)}", field="inputs", expected=expected)
+        return jnp.asarray(leaf)
+
+    return jax.tree.map(stack, inputs, is_leaf=lambda node: isinstance(node, Constant))
+
+
+def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
+    """Rows of inputs for so many frames, the last one again and again after their end."""
+    return np.minimum(np.arange(frames), len(jax.tree.leaves(inputs)[0]) - 1)
+
+
+def _told(filter: Filter) -> dict[str, Any]:
+    return {"closed form": filter.closed_form}
+
+
+def _result(
+    kept: Any, model: CompiledModel, data: Mapping[str, NDArray[Any]], ends: NDArray[np.int64], names: list[Any], attrs: Any
+) -> xr.DataTree:
+    outputs, info, finite = kept
+    number, frames, chains, draws = outputs.state.shape[:4]
+    if len(names) != number:
+        raise InputError(f"names of {len(names)} series", field="names", expected=f"those of {number}")
+    beyond = np.arange(frames) >= ends[:, None]
+
+    def blank(values: NDArray[Any]) -> NDArray[Any]:
+        if values.dtype.kind != "f" or not beyond.any():
+            return values
+        return np.where(beyond.reshape(*beyond.shape, *(1,) * (values.ndim - 2)), values.dtype.type(np.nan), values)
+
+    def by_chain(values: NDArray[Any]) -> NDArray[Any]:
+        """(series, frame, chain, draw, ...) to (chain, draw, series, frame, ...)."""
+        return np.moveaxis(blank(values), (2, 3), (0, 1))
+
+    known = coordinates(Names(model.coordinate_names, values=model.finite_values), (chains, draws, frames))
+    known["series"] = np.asarray(names)
+    leading, of_series = ("chain", "draw", "series", "frame"), ("series", "frame")
+    stats = {name: blank(values) for name, values in info._asdict().items() if name != "ancestors"}
+    stats["acceptance_rate"] = stats.pop("acceptance")
+    stats["failed"] = stats["failed"] | ~finite
+    posterior = {name: by_chain(values) for name, values in {**outputs.extras, **outputs.sites}.items()}
+    groups = {
+        "posterior": labelled(posterior, leading, known),
+        FLAT: labelled({"state": by_chain(outputs.state)}, leading, known),
+        "sample_stats": labelled(stats, of_series, known).assign(num_frames=("series", ends)),
+        "summary": labelled_summary({name: blank(values) for name, values in outputs.summary.items()}, of_series, known),
+        "observed_data": labelled(data, of_series, known),
+    }
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = {"poseppl_result": VERSION, **encoded(attrs)}
+    return tree

@@ -1,0 +1,96 @@
+"""Many series in one call: each as if it had been filtered alone."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from law_problems import problem
+from oracles.kalman import kalman_filter, simulate
+
+import poseppl
+from poseppl.errors import InputError
+from poseppl.runs.results import load_result, save_result
+from poseppl.runs.run import Constant
+
+POSED = problem()
+SERIES, FRAMES = 7, 6
+KEY = jax.random.key(0)
+INPUTS = np.random.default_rng(0).normal(size=(SERIES, FRAMES, 1))
+DATA = np.stack([simulate(POSED.matrices, FRAMES, seed, INPUTS[seed])[1] for seed in range(SERIES)])
+DATA[2, 3] = np.nan
+LENGTHS = np.array([6, 4, 6, 1, 5, 6, 6])
+
+
+def exact(series: int):
+    ys = DATA[series, : LENGTHS[series]]
+    return kalman_filter(POSED.matrices, np.nan_to_num(ys), np.isfinite(ys), INPUTS[series])
+
+
+@pytest.fixture(scope="module")
+def batch():
+    kalman = poseppl.kalman_filter(POSED.model, num_particles=200)
+    return poseppl.infer_batch(
+        POSED.model, {"y": DATA}, kalman, KEY, INPUTS, lengths=LENGTHS, chunk=3, names=[f"s{i}" for i in range(SERIES)]
+    )
+
+
+def test_each_series_has_its_own_evidence(batch):
+    """The evidence of a Kalman filter draws nothing; chunks of three leave one series over."""
+    for series in range(SERIES):
+        found = batch["sample_stats/log_evidence"].sel(series=f"s{series}").values
+        np.testing.assert_allclose(found[: LENGTHS[series]], exact(series).log_evidence, rtol=2e-4, atol=1e-4)
+        assert np.isnan(found[LENGTHS[series] :]).all()
+        # those of another series are others
+        other = exact((series + 1) % SERIES).log_evidence
+        assert abs(found[0] - other[0]) > 1e-3
+
+
+def test_series_have_the_layout_of_a_result(batch, tmp_path):
+    assert batch["posterior/x"].dims[:4] == ("chain", "draw", "series", "frame")
+    assert batch["posterior/x"].shape == (1, 20, SERIES, FRAMES, 2)
+    assert batch["summary/x_quantile"].dims[:3] == ("series", "frame", "quantile")
+    save_result(batch, tmp_path / "batch.nc")
+    one = poseppl.one_series(load_result(tmp_path / "batch.nc"), "s1")
+    assert one["posterior/x"].shape == (1, 20, 4, 2) and np.isfinite(one["posterior/x"]).all()
+    ahead = poseppl.forecast(one, POSED.model, 2, KEY, INPUTS[1, 4:])
+    assert ahead["forecast"]["frame"].values.tolist() == [4, 5]
+    spread = one["summary/x_sd"].values
+    variances = np.diagonal(exact(1).covariances, axis1=1, axis2=2)
+    assert (abs(spread**2 / variances - 1) < 5 * np.sqrt(2 / 200)).all()
+
+
+def test_a_list_of_series_is_padded(batch):
+    ragged = [{"y": DATA[i, :length]} for i, length in enumerate(LENGTHS)]
+    inputs = [INPUTS[i, :length] for i, length in enumerate(LENGTHS)]
+    kalman = poseppl.kalman_filter(POSED.model, num_particles=200)
+    found = poseppl.infer_batch(POSED.model, ragged, kalman, KEY, inputs, chunk=3)
+    np.testing.assert_array_equal(found["sample_stats/num_frames"], LENGTHS)
+    np.testing.assert_allclose(found["sample_stats/log_evidence"], batch["sample_stats/log_evidence"], rtol=1e-5)
+
+
+def test_particles_of_equal_series_are_independent_and_unbiased():
+    """Sixty copies of one series: their evidence is right on average, and differs from copy to copy."""
+    copies = 60
+    ys, inputs = np.repeat(DATA[:1], copies, 0), Constant(np.ones(1))
+    whole = poseppl.infer_batch(
+        POSED.model, {"y": ys}, lambda model: poseppl.particle_filter(model, 200), KEY, inputs, chunk=60
+    )
+    found = whole["sample_stats/log_evidence"].sum("frame").values
+    true = kalman_filter(POSED.matrices, ys[0], inputs=np.ones((FRAMES, 1))).log_evidence.sum()
+    ratios = np.exp(found - true)
+    assert len(np.unique(found)) == copies
+    assert abs(ratios.mean() - 1) < 5 * ratios.std(ddof=1) / np.sqrt(copies)
+    assert ratios.std(ddof=1) < 1.0  # else any mean would do
+
+
+def test_what_does_not_fit_is_said():
+    build = poseppl.kalman_filter
+    with pytest.raises(InputError, match="data: data of shapes"):
+        poseppl.infer_batch(POSED.model, {"y": np.zeros(3)}, build, KEY)
+    with pytest.raises(InputError, match="lengths: lengths of shape .*7 numbers from 1 to 6"):
+        poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, INPUTS, lengths=[1, 2])
+    with pytest.raises(InputError, match="inputs: an array of shape .*Constant"):
+        poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, np.zeros((SERIES, 1)))
+    with pytest.raises(InputError, match="no series"):
+        poseppl.infer_batch(POSED.model, [], build, KEY)
