@@ -37,6 +37,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
     from poseppl.diagnostics import (
+        calibrate as calibrate,
+        calibrate_parameters as calibrate_parameters,
         compare as compare,
         comparison_table as comparison_table,
         diagnose as diagnose,
@@ -88,6 +90,8 @@ _HOMES = {
     "add_predictive": "runs.posterior_predictive",
     "to_arviz": "runs.arviz_groups",
     "collect_draws": "runs.collectors",
+    "calibrate": "diagnostics",
+    "calibrate_parameters": "diagnostics",
     "compare": "diagnostics",
     "comparison_table": "diagnostics",
     "diagnose": "diagnostics",

@@ -29,6 +29,11 @@ from poseppl.diagnostics.marker_errors import (
     virtual_markers as virtual_markers,
 )
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
+from poseppl.diagnostics.simulation_based import (
+    Calibration as Calibration,
+    calibrate as calibrate,
+    calibrate_parameters as calibrate_parameters,
+)
 from poseppl.diagnostics.survival import (
     effective_number as effective_number,
     survival as survival,

@@ -16,4 +16,5 @@ from poseppl.report.figures import (
     plot_track as plot_track,
 )
 from poseppl.report.picture import new_picture as new_picture, save_picture as save_picture
+from poseppl.report.rank_chart import plot_ranks as plot_ranks
 from poseppl.report.run_page import report_html as report_html, write_report as write_report

@@ -5,7 +5,6 @@ x_0 ~ p(x_0),   x_t ~ p(x_t | x_t-1),   z_t ~ p(z_t | x_t)
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -41,12 +40,12 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
     """
     check_at_least(1, num_frames=num_frames)
     keys = jax.random.split(rng_key, (num_frames, 2))
-    states, values = _simulate(model, keys, inputs)
+    states, values = jax.jit(draw_sequence, static_argnums=0)(model, keys, inputs)
     return Simulation(states, values)
 
 
-@partial(jax.jit, static_argnums=0)
-def _simulate(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
+def draw_sequence(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array, dict[str, Array]]:
+    """States (T, d) and data by site (T, ...), from keys (T, 2); pure, to be vmapped and jitted."""
     first = model.sample_initial(keys[0, 0], rows_of(inputs, 0))
 
     def advance(x: Array, row: Any) -> tuple[Array, Array]:

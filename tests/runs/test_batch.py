@@ -71,13 +71,12 @@ def test_a_list_of_series_is_padded(batch):
 
 def test_particles_of_equal_series_are_independent_and_unbiased():
     """Sixty copies of one series: their evidence is right on average, and differs from copy to copy."""
-    copies = 60
-    ys, inputs = np.repeat(DATA[:1], copies, 0), Constant(np.ones(1))
-    whole = poseppl.infer_batch(
-        POSED.model, {"y": ys}, lambda model: poseppl.particle_filter(model, 200), KEY, inputs, chunk=60
-    )
+    copies, inputs = 60, np.ones((FRAMES, 1))
+    _, one = simulate(POSED.matrices, FRAMES, 3, inputs)
+    particles, ys = poseppl.particle_filter(POSED.model, 200), np.repeat(one[None], copies, 0)
+    whole = poseppl.infer_batch(POSED.model, {"y": ys}, particles, KEY, Constant(np.ones(1)), chunk=60)
     found = whole["sample_stats/log_evidence"].sum("frame").values
-    true = kalman_filter(POSED.matrices, ys[0], inputs=np.ones((FRAMES, 1))).log_evidence.sum()
+    true = kalman_filter(POSED.matrices, one, inputs=inputs).log_evidence.sum()
     ratios = np.exp(found - true)
     assert len(np.unique(found)) == copies
     assert abs(ratios.mean() - 1) < 5 * ratios.std(ddof=1) / np.sqrt(copies)

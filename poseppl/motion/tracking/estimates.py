@@ -13,7 +13,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.opensim import Coordinate, circular_summary, opensim_coordinates, states_to_values
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.walk import ASSUMED_RATE
-from poseppl.runs.contents import frame_numbers, names_of, variable
+from poseppl.runs.contents import flat_draws, frame_numbers, names_of, variable
 
 
 class Clock(NamedTuple):
@@ -88,7 +88,7 @@ def angle_estimates(
         InputError: The level is no share, or the model cannot be built.
     """
     ends, body = _ends(level), recorded_model(tree, model).body
-    kept = np.asarray(tree["posterior"].dataset["state"].values)
+    kept = np.asarray(flat_draws(tree).values)
     draws = kept.reshape(-1, *kept.shape[2:])
     free = list(body.free_coordinates)
     if len(free) < body.tree.dimension:
