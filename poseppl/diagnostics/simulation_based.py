@@ -8,7 +8,8 @@ Rubin 2006, doi:10.1198/106186006X136976; Talts et al. 2018, arXiv:1804.06788). 
 
 Neighbouring frames have similar ranks, but simulations are independent, so that the test counts simulations: the mean over
 the frames of u - 1/2 (is the posterior off to one side?) and of 12 (u - 1/2)^2 - 1 (too narrow, or too wide?) has expectation
-0, and a standard error from the spread between simulations. Their t statistics, two for each coordinate, are judged together (Bonferroni).
+0, and a standard error from the spread between simulations. Their t statistics, two for each coordinate, are judged together
+(Bonferroni).
 
 >>> rng = np.random.default_rng(0)
 >>> right, narrow = (calibration_of(rng.uniform(size=(100, 9, 2)) ** power, ("x", "y")) for power in (1.0, 0.5))
