@@ -95,9 +95,8 @@ def collect_draws(
     def told(
         kept: dict[str, Array], summary: dict[str, Array], values: Mapping[str, Array], weights: Array | None, inputs: Any
     ) -> Draws:
-        """What is kept, with the sites that are parts of the flat state, and probabilities of finite ones."""
         state = kept.pop("state")
-        flat = state.reshape(-1, state.shape[-1])
+        flat = state.reshape(-1, model.dimension)
         sites = {name: v.reshape(*state.shape[:2], *v.shape[1:]) for name, v in sites_of(model, flat, inputs).items()}
         extras = {name: value for name, value in kept.items() if name not in sites}
         return Draws(state, sites, extras, {**summary, **summary_of_sites(model, summary, values["state"], weights)})

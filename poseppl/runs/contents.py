@@ -49,9 +49,9 @@ def draws_of(tree: xr.DataTree, name: str) -> NDArray[Any] | None:
     return variable(tree, FLAT if name == "state" else "posterior", name)
 
 
-def names_of(tree: xr.DataTree, dim: str) -> list[str]:
-    """Names along a dimension (``dof``, ``marker``, ``camera``), none where the result has no such names."""
-    data = group_of(tree, _HOMES.get(dim, "posterior"))
+def names_of(tree: xr.DataTree, dim: str, group: str | None = None) -> list[str]:
+    """Names along a dimension (``dof``, ``marker``, ``camera``) of its own group or of another, none where it has none."""
+    data = group_of(tree, group or _HOMES.get(dim, "posterior"))
     return [str(name) for name in data[dim].values] if dim in data.coords else []
 
 

@@ -56,6 +56,9 @@ _STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "aut
 """Predictive checks of the coordinates of the state, rather than of the data's entries."""
 
 
+_LEADING = ("chain", "draw", "frame")
+
+
 class Truth(NamedTuple):
     """Known truth: ``state`` (frame, dof) and ``markers`` (frame, marker, axis) in mm, each None if unknown."""
 
@@ -117,11 +120,10 @@ def build_result(
     if draws.ndim != 4:
         raise ValueError(f"state has shape {draws.shape}; expected (chain, draw, frame, dof)")
     known = coordinates(names, draws.shape, frames, quantiles)
-    leading = ("chain", "draw", "frame")
     posterior = {**(extras or {}), **({"state": draws} if sites is None else sites)}
     groups = {
-        "posterior": labelled(posterior, leading, known),
-        FLAT: labelled({"state": draws}, leading, known),
+        "posterior": labelled(posterior, _LEADING, known),
+        FLAT: labelled({"state": draws}, _LEADING, known),
         "sample_stats": labelled(sample_stats or {}, ("frame",), known),
         "summary": _summary({**posterior, "state": draws}, summary or {}, known),
     }
@@ -140,9 +142,7 @@ def build_result(
     if inputs is not None:
         groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
-        checks = {name: np.asarray(values) for name, values in predictive.items()}
-        axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
-        groups["predictive"] = checked({name: (axes[name], values) for name, values in checks.items()}, known)
+        groups["predictive"] = _predictive(predictive, known)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
@@ -250,6 +250,12 @@ def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) 
     steps = {name: (("frame", "dof"), arrays.pop(name)) for name in ("step_scale",) if name in arrays}
     rest = {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
     return checked(steps, known).assign(rest)
+
+
+def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
+    checks = {name: np.asarray(values) for name, values in predictive.items()}
+    axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
+    return checked({name: (axes[name], values) for name, values in checks.items()}, known)
 
 
 def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
