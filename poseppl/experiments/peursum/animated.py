@@ -18,9 +18,8 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
-from poseppl.errors import InputError
 from poseppl.experiments.images.systems import Problem, System
-from poseppl.experiments.peursum.training import BODY
+from poseppl.experiments.peursum.training import BODY, motion_at
 from poseppl.experiments.recordings import Recording
 from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.bodies.image_system import SeenPerson, Sight, build_system
@@ -28,7 +27,7 @@ from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.geometry.flesh import parts_of
 from poseppl.motion.geometry.silhouette_bits import body_bits, unpack_bits
-from poseppl.motion.io import read_motion, resample, slice_frames
+from poseppl.motion.io import slice_frames
 from poseppl.motion.io.opencv import Image, opencv
 from poseppl.motion.tracking.placing import cameras_of_records, place_cameras, records_of_cameras
 from poseppl.motion.vision import FeatureSettings, background_from_plate, extract
@@ -96,10 +95,7 @@ def _filmed(scene: AnimatedScene) -> tuple[SeenPerson, Floats, list[Image]]:
 
 def _animated(scene: AnimatedScene) -> tuple[Any, Floats]:
     """The published body in the person's size, and its poses (T, d)."""
-    path = scene.recording.path
-    if path is None:
-        raise InputError("the built-in walk is of nobody", field="--motion", expected="a recorded walk, with its skeleton")
-    motion = resample(read_motion(path, scene.recording.skeleton), scene.rate)
+    motion = motion_at(scene.recording, scene.rate)
     walk = fit_subject(slice_frames(motion, f"0:{min(scene.num_frames, len(motion.positions))}"), load_builder(BODY))
     own = np.asarray(virtual_markers(walk.body.tree.marker_names, walk.body.places(walk.states)), np.float64)
     fitting: Any = load_builder(PERSON)

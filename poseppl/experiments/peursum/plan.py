@@ -130,9 +130,12 @@ def learned(num_particles: int) -> Method:
 
 
 def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
-    """Table 1 on walks in circles and among furniture; the last recording is the one that the motion is learned from."""
+    """Table 1 on walks in circles and among furniture; the last recording is the one that the motion is learned from.
+
+    A single recording is its own.
+    """
     many, few = scale.particles
-    *seen, training = recordings
+    seen, training = recordings[:-1] or recordings, recordings[-1]
     circles, cluttered = scale.walks
     scenes = circle_scenes(seen, circles, scale.walk_frames) + clutter_scenes(seen, cluttered, scale.walk_frames)
     after_learned, after_generic = scale.rounds
@@ -173,7 +176,7 @@ def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
 def plan_runtimes(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Table 4: the first circle and the first walk among furniture, with the published numbers of particles."""
     many, few = scale.particles
-    *seen, training = recordings
+    seen, training = recordings[:-1] or recordings, recordings[-1]
     scenes = circle_scenes(seen, 1, scale.walk_frames) + clutter_scenes(seen, 1, scale.walk_frames)
     after_learned, after_generic = scale.rounds
     runs = (0, 1)
