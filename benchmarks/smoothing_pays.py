@@ -1,11 +1,13 @@
-"""Does smoothing pay? Filters and smoothers that are not bound to the filter's particles, on walks in circles seen as points.
+"""Does smoothing pay? Filters and smoothers that are not bound to the filter's particles, on walks in circles.
 
     POSEPPL_DATA=FOLDER python benchmarks/smoothing_pays.py [--quick] [--cameras 1,2,4] [--seeds 3] [--output smoothing-pays]
+        [--seen points] [--methods ...] [--frames 40]
 
-Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras, noise 0.003 focal lengths. The filter
-is the default tracker; a smoother takes its draws. Of all joints: mean distance of posterior means from the truth, mm, and
-the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers with compilation. Rows
-of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws them.
+Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras: as points, noise 0.003 focal lengths,
+or as silhouettes, found in videos of 320 x 240 px that are rendered in a room with a camera in each corner; the random walk is
+then told 40 mm a frame. The filter is the default tracker; a smoother takes its draws. Of all joints: mean distance of means from the
+truth, mm, and the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers with
+compilation. Rows of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws those of points.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import itertools
 import os
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +25,15 @@ from rendered_walks import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
+from poseppl.experiments.images.scenes import Scene as RenderedScene, see
 from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.recordings import Recording
 from poseppl.experiments.tables import Table, write_csv
+from poseppl.motion.io import VideoWarning
 from poseppl.motion.tracking import Scene, SmoothSettings, TrackSettings, observe_motion, recorded_subject, smooth, track
 from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
+from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 from poseppl.report.picture import Picture, new_picture, save_picture
 
 WALKS, RADIUS, NOISE = ("05_01", "06_01", "16_16", "08_04"), 1200.0, 0.003
@@ -36,13 +44,26 @@ SMOOTHERS: dict[str, dict[str, Any]] = {
     "particle-mgrad": {},
     "trajectory": {"num_draws": 100},
 }
-_COLUMNS = ("walk", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
+POINTS, SILHOUETTES = "points", "silhouettes"
+SIZE = 320, 240
+"""Of the videos, px."""
+_KEY = 4
+"""So many columns tell which run it was."""
+_COLUMNS = ("walk", "seen", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
 
 
-def watch(data: Path, name: str, cameras: int, num_frames: int, seed: int) -> Scene[Any]:
-    """The first frames of a walk along a circle."""
+def watch(data: Path, name: str, seen: str, cameras: int, num_frames: int, seed: int) -> Scene[Any]:
+    """The first frames of a walk along a circle; silhouettes are the same for all seeds."""
     folder = data / "cmu_walks"
     skeleton = folder / f"{name.partition('_')[0]}.asf"
+    if seen == SILHOUETTES:
+        recording = Recording.of_file(f"w{name}", folder / f"{name}.amc", skeleton)
+        scene = RenderedScene(recording, False, num_frames, 30.0, *SIZE, RADIUS)
+        see(scene)  # renders it
+        sources = sources_of_scene(scene.folder, camera_names(4)[:cameras])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VideoWarning)
+            return see_silhouettes(sources, settings=SilhouetteSettings())
     subject = recorded_subject(folder / f"{name}.amc", skeleton, frames="::4", turn=RADIUS)
     placed = cameras_around(subject, count=cameras)
     return observe_motion(subject, placed, camera_names(cameras), noise=NOISE, seed=seed).first_frames(num_frames)
@@ -58,10 +79,12 @@ def judge(tree: xr.DataTree) -> tuple[float, float, float]:
     return float(error), shares[0], shares[1]
 
 
-def runs_of(data: Path, key: tuple[str, str, str], methods: list[str], num_frames: int) -> list[tuple[Any, ...]]:
-    """Rows of a walk, cameras and a seed: the filter's and those of smoothers."""
-    name, cameras, seed = key
-    filtered = track(watch(data, name, int(cameras), num_frames, int(seed)), TrackSettings(seed=int(seed)))
+def runs_of(data: Path, key: tuple[str, str, str, str], methods: list[str], num_frames: int) -> list[tuple[Any, ...]]:
+    """Rows of a walk, what is seen of it, cameras and a seed: the filter's and those of smoothers."""
+    name, seen, cameras, seed = key
+    walk = {"sigma_position": 40.0 * 30.0**0.5} if seen == SILHOUETTES else {}
+    scene = watch(data, name, seen, int(cameras), num_frames, int(seed))
+    filtered = track(scene, TrackSettings(seed=int(seed), **walk))
     rows = [(*key, FILTER, *judge(filtered), float(filtered.attrs["wall_seconds"]) / num_frames)]
     for method in methods:
         began = time.perf_counter()
@@ -71,7 +94,11 @@ def runs_of(data: Path, key: tuple[str, str, str], methods: list[str], num_frame
 
 
 def draw(table: Table) -> Picture:
-    """What each smoother takes away of the filter's error, and what 90 % intervals hold, over the number of cameras."""
+    """What each smoother takes away of the filter's error, and what 90 % intervals hold, over the number of cameras.
+
+    By points, where there are any.
+    """
+    table = table._replace(rows=table.select(seen=POINTS) or table.rows)
     picture = new_picture(10.0, 3.6)
     gain, held = picture.subplots(1, 2)
     counts = sorted({row["cameras"] for row in table.records()}, key=int)
@@ -97,17 +124,20 @@ def draw(table: Table) -> Picture:
 
 
 def main() -> None:
-    options = arguments(__doc__, cameras="1,2,4", methods=",".join(SMOOTHERS), seeds=3, frames=40, output="smoothing-pays")
+    options = arguments(
+        __doc__, cameras="1,2,4", seen=POINTS, methods=",".join(SMOOTHERS), seeds=3, frames=40, output="smoothing-pays"
+    )
     start_jax()
     data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
     output.mkdir(parents=True, exist_ok=True)
     num_frames, seeds = (5, 1) if options.quick else (options.frames, options.seeds)
     about = "Runs of smoothing_pays.py: errors in mm, shares of the joints' coordinates, seconds a frame."
     table = Table("smoothing_pays", _COLUMNS, read_runs(output / "smoothing_pays.csv"), about)
-    done = {row[:3] for row in table.rows}
-    for seed, cameras, name in itertools.product(map(str, range(seeds)), options.cameras.split(","), WALKS):
-        if (name, cameras, seed) not in done:
-            for row in runs_of(data, (name, cameras, seed), options.methods.split(","), num_frames):
+    done = {row[:_KEY] for row in table.rows}
+    wanted = itertools.product(map(str, range(seeds)), options.seen.split(","), options.cameras.split(","), WALKS)
+    for seed, seen, cameras, name in wanted:
+        if (name, seen, cameras, seed) not in done:
+            for row in runs_of(data, (name, seen, cameras, seed), options.methods.split(","), num_frames):
                 table.rows.append(tuple(f"{value:.5g}" if isinstance(value, float) else value for value in row))
                 print(*table.rows[-1], flush=True)
             write_csv(table, output)

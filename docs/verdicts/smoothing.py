@@ -17,8 +17,8 @@ def smoothing_pays(tables: Tables) -> str:
     """Errors, coverage and cost by cameras and method, and which smoothers have smaller errors than the filter."""
     records = tables["smoothing_pays"].records()
     rows, told = [], []
-    for cameras in sorted({row["cameras"] for row in records}, key=int):
-        seen = [row for row in records if row["cameras"] == cameras]
+    for kind, cameras in sorted({(row["seen"], row["cameras"]) for row in records}, key=lambda pair: (pair[0], int(pair[1]))):
+        seen = [row for row in records if (row["seen"], row["cameras"]) == (kind, cameras)]
         before = {_run(row): float(row["error"]) for row in seen if row["method"] == FILTER}
         better, number = [], len({_run(row) for row in seen})
         for method in dict.fromkeys(row["method"] for row in seen):
@@ -29,10 +29,10 @@ def smoothing_pays(tables: Tables) -> str:
                 better.append(f"{method} by {share:.0f} % ({low:.0f} to {high:.0f})")
             gain = "" if method == FILTER else f"{share:.0f} ({low:.0f} to {high:.0f})"
             shares = [f"{100 * _mean(own, column):.0f}" for column in ("coverage_50", "coverage_90")]
-            rows.append([cameras, method, f"{_mean(own, 'error'):.0f}", gain, *shares, f"{_seconds(own):.2g}"])
+            rows.append([kind, cameras, method, f"{_mean(own, 'error'):.0f}", gain, *shares, f"{_seconds(own):.2g}"])
         verdict = f"holds: {', '.join(better)}" if better else "does not hold"
-        told.append(f"- {_plural(int(cameras))}, {number} runs: smoothing pays: {verdict}.")
-    columns = ("cameras", "", "error", "% less", "in 50 %", "in 90 %", "s a frame")
+        told.append(f"- {kind.capitalize()}, {_plural(int(cameras))}, {number} runs: smoothing pays: {verdict}.")
+    columns = ("seen", "cameras", "", "error", "% less", "in 50 %", "in 90 %", "s a frame")
     return f"{markdown(columns, rows)}\n\n" + "\n".join(told)
 
 

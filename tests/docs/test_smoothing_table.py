@@ -11,21 +11,22 @@ from verdicts.smoothing import smoothing_pays  # noqa: E402
 
 from poseppl.experiments.tables import Table  # noqa: E402
 
-COLUMNS = ("walk", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
+COLUMNS = ("walk", "seen", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
 
 
 def told(smoothed: list[float]) -> list[str]:
     rows = []
     for seed, error in enumerate(smoothed):
-        rows += [("a", "2", seed, "filter", 100.0, 0.5, 0.9, 0.1), ("a", "2", seed, "window", error, 0.45, 0.88, 1.0)]
+        key = ("a", "points", "2", seed)
+        rows += [(*key, "filter", 100.0, 0.5, 0.9, 0.1), (*key, "window", error, 0.45, 0.88, 1.0)]
     return smoothing_pays({"smoothing_pays": Table("", COLUMNS, rows)}).splitlines()
 
 
 def test_a_gain_has_an_interval() -> None:
     found = told([80.0, 82.0, 78.0])
     # 20, 18 and 22 %: deviation 2 over the root of 3, times 4.30
-    assert found[3] == "| 2 | window | 80 | 20 (15 to 25) | 45 | 88 | 1 |"
-    assert found[-1] == "- 2 cameras, 3 runs: smoothing pays: holds: window by 20 % (15 to 25)."
+    assert found[3] == "| points | 2 | window | 80 | 20 (15 to 25) | 45 | 88 | 1 |"
+    assert found[-1] == "- Points, 2 cameras, 3 runs: smoothing pays: holds: window by 20 % (15 to 25)."
 
 
 def test_no_gain_is_said_so() -> None:

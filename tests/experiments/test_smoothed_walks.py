@@ -95,6 +95,8 @@ def test_the_plan_learns_from_what_it_does_not_track():
     assert sorted(run for job in learned if job.scene == jobs[0].scene for run in job.runs) == list(range(10))
     assert len({job.key for job in jobs}) == len(jobs)
     assert len({job.scene for job in plan_walks(QUICK, recordings[:2])["walks"].jobs}) == 2
+    alone = plan_walks(QUICK, [BUILT_IN])["walks"].jobs
+    assert {job.scene.recording for job in alone} == {BUILT_IN} and {job.training for job in alone} == {BUILT_IN, None}
     with pytest.raises(InputError, match="walks"):
         plan_walks(FULL, [BUILT_IN])
 
