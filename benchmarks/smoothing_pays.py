@@ -5,9 +5,9 @@
 
 Recorded walks are bent to circles of 1.2 m and seen at 30 Hz by one, two or four cameras: as points, noise 0.003 focal lengths,
 or as silhouettes, found in videos of 320 x 240 px that are rendered in a room with a camera in each corner; the random walk is
-then told 40 mm a frame. The filter is the default tracker; a smoother takes its draws. Of all joints: mean distance of means from the
-truth, mm, and the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers with
-compilation. Rows of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws those of points.
+then told 40 mm a frame. The filter is the default tracker; a smoother takes its draws. Of all joints: mean distance of means
+from the truth, mm, and the shares of coordinates that central 50 % and 90 % intervals hold; seconds a frame, those of smoothers
+with compilation. Rows of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/smoothing_pays.png draws those of points.
 """
 
 from __future__ import annotations

@@ -92,6 +92,7 @@ def test_the_plans_are_the_papers():
     jobs = plan_monocular(FULL, recordings)["monocular"].jobs
     assert {(job.method.name, job.system.name, job.rounds) for job in jobs} == {
         (NAMES[0], PUBLISHED.name, 5_000),
+        ("Simple-PF, 1,000", PUBLISHED.name, 5_000),
         (NAMES[1], LEARNED.name, 2_000),
         ("FSHHMM-PF of 25 Hz, 1,000", LEARNED.name, 2_000),
     }

@@ -165,7 +165,8 @@ def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
     after_learned, after_generic = scale.rounds
     blocks = [tuple(range(first, min(first + 5, scale.runs))) for first in range(0, scale.runs, 5)]
     one_eyed = [replace(system, views=1) for system in (PUBLISHED, LEARNED)]
-    jobs = [SmoothedAnimation(scene, one_eyed[0], plain(many), runs, after_generic) for runs in blocks]
+    generic = (plain(many), plain(few))
+    jobs = [SmoothedAnimation(scene, one_eyed[0], method, runs, after_generic) for method in generic for runs in blocks]
     own, rate = learned(few), scene.rate
     matched = replace(own, name=f"FSHHMM-PF of {rate:g} Hz, {few:,}")
     for method, trained in ((own, TRAINING_RATE), (matched, rate)):
