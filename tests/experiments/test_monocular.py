@@ -90,13 +90,18 @@ def test_densities_of_a_walk_are_those_of_its_steps():
 def test_the_plans_are_the_papers():
     recordings = [Recording(name, f"/there/{name}.amc", "/there/a.asf", name) for name in "ab"]
     jobs = plan_monocular(FULL, recordings)["monocular"].jobs
-    assert {(job.method.name, job.system.name, job.rounds) for job in jobs} == {
+    plain_jobs = [job for job in jobs if "lambda" not in job.method.name]
+    assert {(job.method.name, job.system.name, job.rounds) for job in plain_jobs} == {
         (NAMES[0], PUBLISHED.name, 5_000),
         ("Simple-PF, 1,000", PUBLISHED.name, 5_000),
         (NAMES[1], LEARNED.name, 2_000),
         ("FSHHMM-PF of 25 Hz, 1,000", LEARNED.name, 2_000),
     }
     assert {job.training_rate for job in jobs if job.method.name == NAMES[1]} == {50.0}
+    sharper = {
+        job.method.name.partition(",")[0]: dict(job.system.settings)["exponent"] for job in jobs if job not in plain_jobs
+    }
+    assert sharper == {"Simple-PF": 40.0, "FSHHMM-PF": 32.0, "FSHHMM-PF of 25 Hz": 32.0}
     assert all(job.system.views == 1 and job.scene.rate == 25.0 for job in jobs)
     assert all(job.training in (None, job.scene.recording) for job in jobs) and len({job.key for job in jobs}) == len(jobs)
     timed = plan_runtimes(FULL, recordings)["runtimes"].jobs

@@ -26,6 +26,8 @@ from poseppl.experiments.tables import Table, markdown
 BURN_IN_FRAMES = 5
 COLUMNS = ("scene", "frames", "filter", "smoother", "run", "relative", "absolute", "ess_share")
 FILTER, SMOOTHERS = ALGORITHMS[0], ALGORITHMS[1:]
+SHARPER = "lambda"
+"""In the names of filters whose likelihood is sharpened as one camera in place of four would have it."""
 GENERIC = "Simple-PF"
 """First word of the filter's name whose motion is not learned."""
 THEIRS = {GENERIC: (111.1, 112.1, 120.1, 111.7), "FSHHMM-PF": (54.1, 47.6, 57.3, 57.1)}
@@ -149,7 +151,8 @@ def monocular_claims(tables: Tables) -> list[Claim]:
         found.append(Claim(what, f"mm less: {theirs}", f"mm less: {', '.join(told)}", "; ".join(verdicts), _WHY))
     generic = [filter for filter in _filters(table) if filter.startswith(GENERIC)]
     learned = [filter for filter in _filters(table) if not filter.startswith(GENERIC)]
-    return found + [_halved(table, own, other) for other in generic for own in learned]
+    pairs = [(own, other) for other in generic for own in learned if (SHARPER in own) == (SHARPER in other)]
+    return found + [_halved(table, own, other) for own, other in pairs]
 
 
 def _halved(table: Table, filter: str, generic: str) -> Claim:
