@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -30,6 +31,7 @@ def main() -> int:
     os.environ |= {"POSEPPL_SITE_NOTEBOOKS": given.notebooks, "POSEPPL_SITE_CACHE": str(work / "site-notebooks")}
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), str(ROOT / "models"), os.environ.get("PYTHONPATH", "")])
     assemble(source)
+    shutil.rmtree(given.output / "_modules", ignore_errors=True)  # Sphinx keeps sources whose links have changed
     options = ["-c", str(HERE), "-d", str(work / "site-doctrees"), "--fail-on-warning", "--keep-going", "--quiet"]
     if build_main([*options, str(source), str(given.output)]):
         return 1

@@ -24,6 +24,7 @@ SERVES = {
     "vision": "track --video, masks, overlays",
     "motion-models": "poseppl fit-motion",
     "render": "simulate --video",
+    "opensim": "tests of what is exported for OpenSim",
 }
 """The use of each extra; one that is not listed is shown all the same."""
 EPILOG = """
