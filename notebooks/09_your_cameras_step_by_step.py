@@ -40,7 +40,15 @@ from poseppl.motion.tracking.estimates import angle_estimates
 from poseppl.motion.tracking.export import export
 from poseppl.motion.tracking.keypoints import scene_of_keypoints, triangulate
 from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
-from poseppl.report import new_picture, save_picture
+from poseppl.report import new_picture, plot_pose3d, save_picture
+
+
+def shown(picture, name):
+    """A picture, which the page "your cameras, step by step" shows, too."""
+    if "POSEPPL_PICTURES" in os.environ:
+        save_picture(picture, Path(os.environ["POSEPPL_PICTURES"]) / f"{name}.png")
+    return picture
+
 
 folder = Path(tempfile.mkdtemp(prefix="poseppl-"))
 rng = np.random.default_rng(0)
@@ -131,6 +139,9 @@ print({name: f"{degrees:.1f} degrees" for name, degrees in zip(found.scene.camer
 filtered = track(found.scene, TrackSettings(filter="kalman", max_draws=200))
 smoothed = smooth(filtered, SmoothSettings("laplace", errors="lasting", max_draws=300))
 
+# %%
+shown(plot_pose3d(smoothed, 20), "your_cameras_pose")
+
 # %% [markdown]
 # ## 5. Export, and read it back
 #
@@ -204,9 +215,7 @@ lower_axes.plot(seconds, laid[:, ankle, 2], color="black", linewidth=1)
 lower_axes.plot(seconds, straight[:, seen[ankle], 2], ".", color="grey", markersize=4, label="triangulated")
 lower_axes.legend(frameon=False, loc="upper left")
 lower_axes.set(ylabel="height of ankle_r, mm", xlabel="s")
-if "POSEPPL_PICTURES" in os.environ:  # the page "your cameras, step by step" shows this one
-    save_picture(picture, Path(os.environ["POSEPPL_PICTURES"]) / "your_cameras.png")
-picture
+shown(picture, "your_cameras")
 
 # %% [markdown]
 # ## What not to trust

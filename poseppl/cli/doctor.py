@@ -16,7 +16,7 @@ import click
 
 from poseppl.files.cache_folder import cache_folder
 
-FOR_DEVELOPERS = ("dev", "site", "test")
+FOR_DEVELOPERS = ("dev", "opensim", "site", "test")
 """Extras that no command needs."""
 SERVES = {
     "mocap": "recordings in C3D and BVH",

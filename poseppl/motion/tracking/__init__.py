@@ -1,5 +1,6 @@
 """Tracking a body in images: the scene, the cameras, a start, the run, and its result."""
 
+from poseppl.motion.tracking.export import export as export
 from poseppl.motion.tracking.metrics import Metrics as Metrics, measure_run as measure_run
 from poseppl.motion.tracking.placing import place_cameras as place_cameras
 from poseppl.motion.tracking.problem import (

@@ -160,6 +160,11 @@ def c3d_bytes(
     return header.ljust(512, b"\0") + section + stored.ljust(512, b"\0")
 
 
+MOT = (
+    "Coordinates\nversion=1\nnRows=2\nnColumns=3\ninDegrees=yes\n\nUnits are S.I. units (second, meters, Newtons, ...)\n"
+    "endheader\ntime\tknee_angle_r\tpelvis_tx\n0.00\t12.5\t0.31\n0.02\t13.5\t0.32\n"
+)
+
 TRC = (
     "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
     "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"

@@ -16,6 +16,7 @@ from recording_samples import (
     DEEPLABCUT,
     EXPONENTIAL_MAPS,
     EXPONENTIAL_SKELETON,
+    MOT,
     TOML,
     TRC,
     c3d_bytes,
@@ -28,6 +29,7 @@ from poseppl.motion.io.c3d_layout import check_layout
 from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras import read_cameras
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
+from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.observations import read_observations
 from poseppl.motion.io.recording import read_motion
 
@@ -124,6 +126,13 @@ def test_asf(write, asf):
 def test_amc(write, amc):
     motion = accept(read_motion, write("leg.amc", amc), write("leg.asf", ASF))
     assert motion is None or np.isfinite(motion.positions).all()
+
+
+@fuzz(150)
+@given(mot=damaged(MOT))
+def test_mot(write, mot):
+    found = accept(read_mot, write("walk.mot", mot))
+    assert found is None or all(np.isfinite(values).all() for values in found.columns.values())
 
 
 @fuzz(60)
