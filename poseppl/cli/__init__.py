@@ -1,4 +1,4 @@
-"""The command line: track, smooth, simulate, report, export, compare, reproduce, fit-gait, fit-motion, doctor, and lists.
+"""The command line: track, run, batch, smooth, simulate, report, export, compare, reproduce, and others; and lists.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -12,6 +12,7 @@ from io import TextIOWrapper
 
 import click
 
+from poseppl.cli.batch import batch as batch_command
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.export import export as export_command
@@ -19,6 +20,7 @@ from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
+from poseppl.cli.run import run as run_command
 from poseppl.cli.settings import filters as filters_command, smoothers as smoothers_command
 from poseppl.cli.signals import end_by_signal, signal_of, signals_interrupt
 from poseppl.cli.simulate import simulate as simulate_command
@@ -43,6 +45,7 @@ Exit status:
 Examples:
   poseppl track                              a built-in walk, seen by one camera
   poseppl track 02_01.amc --skeleton 02.asf  a recorded walk
+  poseppl run model.py --data series.csv     your own model on your own data
   poseppl smooth poseppl-02_01.nc            every frame given all frames
   poseppl filters                            the algorithms of track --filter, and their settings
   poseppl report poseppl-02_01.nc            its report, one HTML file
@@ -60,6 +63,8 @@ def cli() -> None:
 
 for command in (
     track_command,
+    run_command,
+    batch_command,
     smooth_command,
     filters_command,
     smoothers_command,

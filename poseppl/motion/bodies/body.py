@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -26,6 +25,7 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
+from poseppl.files.user_code import import_named
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
 from poseppl.motion.io.text_parsing import some
@@ -167,10 +167,7 @@ def load_builder(name: str) -> Callable[..., Any]:
     place, colon, attribute = _entry_points().get(name, name).rpartition(":")
     if not colon:
         raise InputError(f"{name!r} names no builder", field="--model", expected="package.module:builder or file.py:builder")
-    try:
-        module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except Exception as error:  # the module's own code raises anything at all
-        raise InputError(f"cannot import {place!r}: {error}", field="--model") from error
+    module = import_named(place, "--model")
     found: Callable[..., Any] | None = getattr(module, attribute, None)
     if not callable(found):
         known = sorted(key for key, value in vars(module).items() if callable(value) and not key.startswith("_"))
@@ -222,12 +219,3 @@ def source_of_model(name: str) -> str | None:
 def _entry_points() -> dict[str, str]:
     """``package.module:builder`` by the name of the entry point."""
     return {entry.name: entry.value for entry in entry_points(group=_GROUP)}
-
-
-def _load_file(path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise ImportError(f"no such file: {path}")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -1,0 +1,104 @@
+"""The command `poseppl batch`: one's own model on every table of a folder."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.cli.run import model_options
+from poseppl.cli.settings import CommandWithSettings
+from poseppl.errors import InputError
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl batch trials/ --model model.py --filter kalman
+  poseppl batch trials/ --model model.py --settings run.toml --workers 2 -o results/
+  poseppl batch trials/ --model model.py --scheduler tcp://host:8786
+
+\b
+Files written, into --output:
+  NAME.nc, NAME.png  the result of each table, and its picture; with --smooth NAME-METHOD.nc, .png
+  table.csv          one row a table: frames, evidence, seconds, the worst verdict
+  page.md            the same to read
+  jobs/              what is done; the same command again goes on from there
+
+\b
+Exit status: 0 done, 1 bad input or tables that failed (the others are done), 2 wrong usage, 130 Ctrl-C.
+"""
+
+_KINDS = (".csv", ".parquet", ".pq", ".nc")
+
+
+@click.command(cls=CommandWithSettings, epilog=EXAMPLES, short_help="Run your own model on every table of a folder.")
+@click.argument("folder", type=click.Path())
+@click.option("--model", metavar="MODEL", required=True, help="FILE.py[:NAME] or package.module[:NAME].")
+@model_options
+@click.option("--output", "-o", metavar="DIR", default="batch", show_default=True, help="Where everything goes.")
+@click.option("--workers", metavar="N", type=click.IntRange(1), help="Processes; 1 is this one. [default: one a core]")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of processes.")
+@common_options
+def batch(folder: str, model: str, **options: Any) -> None:
+    """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""
+    from poseppl.cli.batch_jobs import TableJob, run_table, write_overview
+    from poseppl.cli.console import ConsoleProgress, start_jax
+    from poseppl.cli.user_model import source_digest
+    from poseppl.experiments.jobs import Inline, Processes, run_jobs
+    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+
+    if options["workers"] is not None and options["scheduler"]:
+        raise click.UsageError("--workers does not go with --scheduler")
+    FILTERS[options["filter_name"]].check(options["settings"])
+    if options["smooth"]:
+        SMOOTHERS[options["smooth"]]
+    tables, target = _tables(Path(folder)), Path(options["output"])
+    target.mkdir(parents=True, exist_ok=True)
+    source = Path(model.partition(":")[0])
+    jobs = [
+        TableJob(
+            table=str(path.resolve()),
+            digest=_digest(path),
+            model=str(source.resolve()) + model[len(str(source)) :] if source.suffix == ".py" else model,
+            source=source_digest(model),
+            folder=str(target.resolve()),
+            filter_name=options["filter_name"],
+            settings=tuple(sorted(options["settings"].items())),
+            inputs=tuple(options["inputs"]),
+            params=tuple(sorted(options["params"].items())),
+            smooth=options["smooth"] or "",
+            seed=options["seed"],
+            max_draws=options["max_draws"],
+        )
+        for path in tables
+    ]
+    start_jax()
+    here = Inline() if options["workers"] == 1 else Processes(options["workers"], prepare=start_jax)
+    executor = options["scheduler"] or here
+    with ConsoleProgress(options["quiet"], doing="filtering", unit="jobs").running() as progress:
+        found = run_jobs(run_table, jobs, target / "jobs", executor=executor, progress=progress)
+    failed = write_overview([found[job.key] for job in jobs], target)
+    if not options["quiet"]:
+        click.echo(f"{target}/page.md")
+    if failed:
+        raise InputError(f"{len(failed)} of {len(jobs)} tables failed: {failed[0]}", file=target / "page.md")
+
+
+def _tables(folder: Path) -> list[Path]:
+    """The tables of a folder, by name."""
+    if not folder.is_dir():
+        raise InputError("no such folder", file=folder, expected="a folder of tables")
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in _KINDS and path.is_file())
+    stems = [path.stem for path in found]
+    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
+    if not found or twice:
+        problem = f"two tables are called {twice[0]}" if twice else "there is no table in it"
+        raise InputError(problem, file=folder, expected="tables of different names, .csv, .parquet or .nc")
+    return found
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

@@ -1,0 +1,114 @@
+"""Jobs of `poseppl batch`, one a table, and the overview of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from poseppl.cli.model_runs import described, filtered, smoothed
+from poseppl.cli.outputs import write_outputs
+from poseppl.errors import PosepplError
+from poseppl.experiments.jobs import Job
+from poseppl.files.atomic_writing import write_atomically, write_rows
+
+_COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")
+
+
+@dataclass(frozen=True)
+class TableJob(Job):
+    """A table, the model and what is done with it; the digests tell a file that has changed."""
+
+    table: str
+    digest: str
+    model: str
+    source: str
+    folder: str
+    filter_name: str
+    settings: tuple[tuple[str, str], ...]
+    inputs: tuple[str, ...]
+    params: tuple[tuple[str, float], ...]
+    smooth: str
+    seed: int
+    max_draws: int
+
+    @property
+    def name(self) -> str:
+        """That of the table."""
+        return Path(self.table).stem
+
+    @property
+    def cost(self) -> float:
+        """The table's size."""
+        return float(max(Path(self.table).stat().st_size, 1))
+
+
+class _Notes:
+    """What a run says on the way, kept for the overview."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def stage(self, description: str, total: int | None = None) -> None:
+        """Nothing is shown."""
+
+    def advance(self, frames: int) -> None:
+        """Nothing is shown."""
+
+    def note(self, message: str) -> None:
+        """Keep it."""
+        self.said.append(message)
+
+
+def run_table(job: TableJob) -> dict[str, Any]:
+    """Filter a table, write its result and picture, and tell what came of it, as JSON, with ``error`` where it failed."""
+    options = {
+        "filter_name": job.filter_name,
+        "settings": dict(job.settings),
+        "inputs": job.inputs,
+        "params": dict(job.params),
+        "smooth": job.smooth,
+        "seed": job.seed,
+        "max_draws": job.max_draws,
+    }
+    notes = _Notes()
+    try:
+        found = filtered(job.model, job.table, options, notes)
+        target = Path(job.folder) / f"{job.name}.nc"
+        told = described(found.result, write_outputs(found.result, target, notes.note))
+        if job.smooth:
+            write_outputs(smoothed(found, options, notes), target.with_name(f"{job.name}-{job.smooth}.nc"), notes.note)
+    except PosepplError as error:
+        told = {"input": Path(job.table).name, "error": str(error)}
+    return {"told": np.array(json.dumps({**told, "notes": notes.said}))}
+
+
+def write_overview(results: Sequence[dict[str, Any]], folder: Path) -> list[str]:
+    """Write ``table.csv`` and ``page.md``, and say which tables failed, and why."""
+    rows = [json.loads(str(each["told"])) for each in results]
+    head = [*_COLUMNS, "severity", "verdict"]
+    lines = [[*(_cell(row.get(name)) for name in _COLUMNS), *_verdict(row)] for row in rows]
+    write_rows(folder / "table.csv", [head, *lines])
+    shown = [f"| {' | '.join(word.replace('|', '/') for word in line)} |" for line in lines]
+    failed = [f"{row['input']}: {row['error']}" for row in rows if "error" in row]
+    about = f"{len(rows)} tables, {len(failed)} failed. Each has its result NAME.nc and its picture NAME.png beside this page."
+    page = ["# Results", "", about, "", f"| {' | '.join(head)} |", "| --- " * len(head) + "|", *shown, ""]
+    write_atomically(folder / "page.md", "\n".join(page))
+    return failed
+
+
+def _verdict(row: dict[str, Any]) -> tuple[str, str]:
+    """The worst verdict, or why there is none."""
+    if "error" in row:
+        return "failed", row["error"]
+    return (row["verdicts"][0]["severity"], row["verdicts"][0]["text"]) if row["verdicts"] else ("", "")
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,124 @@
+"""Runs of a user's own model for `poseppl run` and `poseppl batch`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+
+from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
+from poseppl.diagnostics import diagnose, verdicts
+from poseppl.errors import InputError
+from poseppl.program import CompiledModel
+from poseppl.runs.algorithms import FILTERS, SMOOTHERS
+from poseppl.runs.collectors import collect_draws
+from poseppl.runs.infer import infer, smooth
+from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.results import provenance
+
+
+class Filtered(NamedTuple):
+    """A result, and the model and inputs (T, ...) that a smoother of it wants."""
+
+    result: xr.DataTree
+    model: CompiledModel
+    inputs: Any
+
+
+def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) -> Filtered:
+    """Filter the data of a file.
+
+    Args:
+        name: The model, ``FILE.py[:NAME]``.
+        path: The table.
+        options: Those of the command.
+        progress: Who is told.
+
+    Raises:
+        InputError: The model, the data or a setting cannot be used.
+    """
+    algorithm = FILTERS[options["filter_name"]]
+    algorithm.check(options["settings"])
+    if options["smooth"]:
+        SMOOTHERS[options["smooth"]]
+    progress.stage("reading")
+    table, inputs = read_series(path, tuple(options["inputs"]), _rows(options.get("frames")))
+    model = _compiled(name, source_digest(name), tuple(options["inputs"]), tuple(sorted(options["params"].items())))
+    series = series_of(model, table, inputs, path)
+    filter, settings = algorithm.build(model, options["settings"])
+    number = len(next(iter(table.values())))
+    progress.stage("compiling", total=number)
+    first = None if inputs is None else {key: values[0] for key, values in inputs.items()}
+    checks = None if model.prediction_obstacle(first) else predictive_checks(model)
+    attrs = {"input": Path(path).name, "model": name, "filter": algorithm.name, "settings": settings, "seed": options["seed"]}
+    key = jax.random.key(options["seed"])
+    collect = collect_draws(model, max_draws=options["max_draws"])
+    about: dict[str, Any] = {"frames": series.frames, "rate": options.get("rate"), "attrs": attrs}
+    try:
+        result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
+    except ValueError as error:
+        raise InputError(str(error), file=path) from error
+    return Filtered(diagnose(result), model, inputs)
+
+
+@lru_cache(maxsize=4)
+def _compiled(name: str, digest: str, inputs: tuple[str, ...], params: tuple[tuple[str, float], ...]) -> CompiledModel:
+    """The model, once for all tables of a process, so that its filters are compiled once."""
+    example = {key: np.zeros(1, np.float32) for key in inputs} or None
+    return compile_programs(load_programs(name), example, dict(params) or None)
+
+
+def smoothed(found: Filtered, options: Mapping[str, Any], progress: Any) -> xr.DataTree:
+    """Smooth a result.
+
+    Raises:
+        InputError: The smoother is not for such a model.
+    """
+    progress.stage("smoothing")
+    smoother, _ = SMOOTHERS[options["smooth"]].build(found.model, {})
+    collect = collect_draws(found.model, max_draws=options["max_draws"])
+    key, attrs = jax.random.key(options["seed"]), {"smoother": options["smooth"]}
+    try:
+        return diagnose(smooth(found.result, smoother, key, found.inputs, collect=collect, attrs=attrs))
+    except ValueError as error:
+        raise InputError(str(error), field="--smooth") from error
+
+
+def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str, Any]:
+    """What came of a run, as JSON can hold it."""
+    known, stats = provenance(tree), tree["sample_stats"].dataset
+    evidence = float(stats["log_evidence"].sum()) if "log_evidence" in stats else math.nan
+    last = tree["summary"].dataset.isel(frame=-1)
+    means = {str(name).removesuffix("_mean"): last[name].values for name in last if str(name).endswith("_mean")}
+    return {
+        "input": known.get("input"),
+        "model": known.get("model"),
+        "filter": known.get("filter"),
+        **({"smoother": known["smoother"]} if "smoother" in known else {}),
+        "frames": int(stats.sizes["frame"]),
+        "impossible frames": int(np.asarray(stats["failed"]).sum()),
+        "log evidence": evidence if math.isfinite(evidence) else None,
+        "seconds": round(float(known.get("wall_seconds", math.nan)), 3),
+        "compilation, seconds": round(float(known.get("compile_seconds", math.nan)), 3),
+        **{what: str(path) for what, path in files},
+        "last frame": {name: value.tolist() for name, value in means.items() if name != "state" and np.isfinite(value).all()},
+        "verdicts": [{"severity": each.severity, "text": each.text} for each in verdicts(tree)],
+    }
+
+
+def _rows(text: str | None) -> slice:
+    """Rows A:B:C."""
+    parts = (text or ":").split(":")
+    try:
+        numbers = [int(part) if part else None for part in parts]
+    except ValueError:
+        numbers = []
+    if not 1 < len(numbers) < 4 or (len(numbers) == 3 and numbers[2] is not None and numbers[2] < 1):
+        raise InputError(f"{text!r}", field="--frames", expected="A:B or A:B:C, such as 0:200:2")
+    return slice(*numbers)

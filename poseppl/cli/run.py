@@ -1,0 +1,154 @@
+"""The command `poseppl run`: one's own model on one's own data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options, option_group
+from poseppl.cli.settings import CommandWithSettings, settings_option
+from poseppl.errors import InputError
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl run model.py --data heights.csv
+      The programs `model = StateSpaceModel(...)` of a file, on the columns that are called like its data.
+  poseppl run model.py:trend --data series.parquet --filter kalman --inputs temperature
+      Another name in the file; a column that the programs get as inputs["temperature"].
+  poseppl run model.py --data heights.csv --filter particle --set num_particles=5000 --smooth backward-simulation
+      Filtered, and smoothed as well.
+  poseppl run model.py --data heights.csv --settings run.toml --json
+      Options from a file; what came of it as JSON on stdout.
+
+\b
+The model: a file of three NumPyro programs (docs/your_model.md); it is run, as any script of yours.
+The data: one row a frame. A site y without a shape is the column y, the entries of one of shape (2,) the
+columns y[0] and y[1]; what is empty or NaN is missing; a column `frame` has frame numbers.
+Settings: lines such as filter = "particle", seed = 3 and set = {num_particles = 5000}; the command line goes first.
+
+\b
+Files written:
+  poseppl-NAME.nc           the result; NAME is that of the data
+  poseppl-NAME.png          a picture of it
+  poseppl-NAME-METHOD.nc    with --smooth, the smoothed result, and its picture
+
+\b
+Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+def _read_settings(context: click.Context, option: click.Parameter, path: str | None) -> str | None:
+    """Take defaults of the other options from a TOML file."""
+    if path is None:
+        return None
+    from poseppl.files.bounded_reading import read_toml
+
+    known = {p.opts[0].lstrip("-"): p for p in context.command.params if isinstance(p, click.Option)} | {
+        p.opts[0].lstrip("-").replace("-", "_"): p for p in context.command.params if isinstance(p, click.Option)
+    }
+    defaults: dict[str, Any] = {}
+    for name, value in read_toml(path).items():
+        if name not in known or name == "settings":
+            raise InputError(f"no option {name!r}", file=path, expected=", ".join(sorted(known)))
+        given = [f"{key}={each}" for key, each in value.items()] if isinstance(value, dict) else value
+        defaults[str(known[name].name)] = given
+    context.default_map = {**(context.default_map or {}), **defaults}
+    return path
+
+
+def _numbers(context: click.Context, option: click.Parameter, words: tuple[str, ...]) -> dict[str, float]:
+    pairs = [word.partition("=") for word in words]
+    try:
+        return {name.strip(): float(value) for name, _, value in pairs}
+    except ValueError:
+        raise click.BadParameter("expected NAME=NUMBER, such as noise=0.3") from None
+
+
+model_options = option_group(
+    click.option(
+        "--settings",
+        "settings_file",
+        metavar="TOML",
+        type=click.Path(),
+        is_eager=True,
+        callback=_read_settings,
+        help="Options from a file; those of the command line go first.",
+    ),
+    click.option(
+        "--inputs",
+        metavar="NAME",
+        multiple=True,
+        help="A column that the programs get as inputs[NAME]; may be given several times. [default: no inputs]",
+    ),
+    click.option(
+        "--param",
+        "params",
+        metavar="NAME=NUMBER",
+        multiple=True,
+        callback=_numbers,
+        help="A parameter that the programs get as params[NAME]; may be given several times.",
+    ),
+    click.option(
+        "--filter",
+        "filter_name",
+        metavar="NAME",
+        default="particle",
+        show_default=True,
+        help="Which filter; poseppl filters lists them.",
+    ),
+    settings_option,
+    click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
+    click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True),
+    click.option(
+        "--max-draws", metavar="N", type=click.IntRange(1), default=200, show_default=True, help="Draws kept of a frame."
+    ),
+)
+"""The model and what is done with it, as poseppl run and poseppl batch take them."""
+
+
+@click.command(cls=CommandWithSettings, epilog=EXAMPLES, short_help="Run a filter of your own model on your own data.")
+@click.argument("model")
+@click.option(
+    "--data",
+    metavar="FILE",
+    type=click.Path(),
+    required=True,
+    help="A table, one row a frame: .csv, .parquet, or variables in .nc.",
+)
+@model_options
+@click.option("--frames", metavar="A:B:C", help="Rows A to B - 1 of the table in steps of C. [default: all]")
+@click.option("--rate", metavar="HZ", type=float, help="Frames a second.")
+@click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
+@click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON, and no table.")
+@common_options
+def run(model: str, data: str, **options: Any) -> None:
+    """Run a filter of the state-space model in MODEL, FILE.py[:NAME] or package.module[:NAME], on a table of data."""
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
+    from poseppl.cli.files import check_writable, output_path
+    from poseppl.cli.model_runs import described, filtered, smoothed
+    from poseppl.cli.outputs import write_outputs
+
+    target = output_path(options["output"], f"poseppl-{Path(data).stem}", ".nc")
+    second = target.with_name(f"{target.stem}-{options['smooth']}.nc") if options["smooth"] else None
+    targets = [target, *([second] if second else [])]
+    check_writable([path.with_suffix(end) for path in targets for end in (".nc", ".png")], [data])
+    progress = ConsoleProgress(options["quiet"] or options["as_json"], "filtering")
+    start_jax()
+    with progress.running():
+        found = filtered(model, data, options, progress)
+        results = {target: found.result} | ({second: smoothed(found, options, progress)} if second else {})
+        progress.stage("drawing")
+        files = {path: write_outputs(tree, path, progress.note) for path, tree in results.items()}
+    if options["as_json"]:
+        click.echo(json.dumps([described(results[path], files[path]) for path in results], indent=2))
+        return
+    for path, tree in results.items():
+        if not options["quiet"]:
+            about = described(tree, files[path])
+            rows = [(name, str(value)) for name, value in about.items() if name not in ("verdicts", "last frame")]
+            print_table("poseppl run", rows)
+        print_verdict(tree, path, options["quiet"])

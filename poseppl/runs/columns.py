@@ -1,0 +1,66 @@
+"""From the columns of a table to a model's data and inputs.
+
+A site without a shape is the column of its name; the entries of one of shape (k,) are the columns ``y[0]``, ``y[1]``, ...,
+named as its coordinates are, or one variable ``y`` (T, k) of a file that has such.
+
+>>> columns_of({"y[0]": np.zeros(3), "y[1]": np.ones(3)}, {"y": (2,)}, "data.csv")["y"].shape
+(3, 2)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poseppl.errors import FilePath, InputError
+
+FRAME = "frame"
+"""The column of frame numbers."""
+
+
+def columns_of(
+    table: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], path: FilePath
+) -> dict[str, NDArray[Any]]:
+    """Arrays (T, ...) by name, of such shapes.
+
+    Args:
+        table: Columns by name.
+        shapes: Shapes of a frame's values by name.
+        path: The file, for messages.
+
+    Raises:
+        InputError: A column is missing, or a variable has another shape.
+    """
+    return {name: _array(table, name, shape, path) for name, shape in shapes.items()}
+
+
+def _array(table: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...], path: FilePath) -> NDArray[Any]:
+    if name in table:
+        if table[name].shape[1:] != shape:
+            entries = f"; in a CSV file the columns {name}[0], ..." if shape else ""
+            expected = f"{shape} in each frame{entries}"
+            raise InputError(f"{table[name].shape[1:]} in each frame", file=path, field=name, expected=expected)
+        return table[name]
+    names = [f"{name}[{','.join(map(str, index))}]" for index in itertools.product(*map(range, shape))] if shape else [name]
+    missing = [each for each in names if each not in table]
+    if missing:
+        raise InputError(f"no column {missing[0]!r}", file=path, expected=f"{', '.join(names[:6])}; it has {', '.join(table)}")
+    return np.stack([table[each] for each in names], -1).reshape(-1, *shape)
+
+
+def frames_of(table: Mapping[str, NDArray[Any]], path: FilePath) -> NDArray[np.int64] | None:
+    """Frame numbers (T,), where the table has them.
+
+    Raises:
+        InputError: They are no whole numbers, or do not increase.
+    """
+    if FRAME not in table:
+        return None
+    numbers = table[FRAME]
+    if not np.array_equal(numbers, np.round(numbers)) or (np.diff(numbers) <= 0).any():
+        raise InputError("frame numbers", file=path, field=FRAME, expected="whole numbers that increase")
+    return numbers.astype(np.int64)

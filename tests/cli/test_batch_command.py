@@ -1,0 +1,42 @@
+"""A folder of tables: each has its result, what cannot be used is named, and a second call does only what has changed."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+
+from test_run_command import exact_evidence, folder as folder  # noqa: F401  a fixture
+
+from poseppl.cli import main
+from poseppl.runs.results import load_result
+
+
+def test_a_folder_of_tables(folder, capsys):  # noqa: F811
+    tables = folder / "trials"
+    tables.mkdir()
+    shutil.copy("data.csv", tables / "first.csv")
+    (tables / "second.csv").write_text("push,y[0],y[1]\n0,x,1\n")
+    command = ["batch", "trials", "--model", "model.py", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman"]
+    command += ["--workers", "1", "-o", "out"]
+    assert main(command) == 1
+    told = capsys.readouterr().err
+    assert "1 of 2 tables failed: second.csv" in told and "line 2, y[0]: 'x'" in told
+    first, second = csv.DictReader((folder / "out/table.csv").read_text().splitlines())
+    assert abs(float(first["log evidence"]) - exact_evidence()) < 1e-3 and first["frames"] == "6"
+    assert second["severity"] == "failed"
+    written = (folder / "out/first.nc").stat().st_mtime_ns
+    # the table that was mended is done, the other is not done again
+    shutil.copy("data.csv", tables / "second.csv")
+    assert main(command) == 0
+    assert (folder / "out/first.nc").stat().st_mtime_ns == written
+    rows = list(csv.DictReader((folder / "out/table.csv").read_text().splitlines()))
+    assert [row["input"] for row in rows] == ["first.csv", "second.csv"]
+    assert abs(float(rows[1]["log evidence"]) - exact_evidence()) < 1e-3
+    assert load_result(folder / "out/second.nc")["posterior"].sizes["frame"] == 6
+    assert "| second.csv | 6 |" in (folder / "out/page.md").read_text()
+
+
+def test_a_folder_without_tables_is_said(folder, capsys):  # noqa: F811
+    (folder / "none").mkdir()
+    assert main(["batch", "none", "--model", "model.py"]) == 1
+    assert "there is no table in it" in capsys.readouterr().err

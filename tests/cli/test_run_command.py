@@ -1,0 +1,127 @@
+"""One's own model on one's own data: tables of three kinds, settings of a file, JSON, and messages for what does not fit."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from poseppl.cli import main
+from poseppl.errors import InputError
+from poseppl.files.table_reading import read_table
+from poseppl.runs.results import load_result, provenance
+
+MODEL = """
+import numpyro, numpyro.distributions as dist
+from poseppl import StateSpaceModel
+
+def initial(params, inputs):
+    numpyro.sample("level", dist.Normal(0.0, 1.0))
+
+def transition(params, state, inputs):
+    numpyro.sample("level", dist.Normal(0.9 * state["level"] + inputs["push"], 0.5))
+
+def observation(params, state, inputs):
+    numpyro.sample("y", dist.Normal(state["level"].repeat(2), params["noise"]))
+
+def shifted():
+    return StateSpaceModel(initial, transition, observation)
+
+model = StateSpaceModel(initial, transition, observation)
+number = 7
+"""
+ROWS = np.random.default_rng(0).normal(size=(6, 2))
+PUSH = np.array([0.0, 1.0, -1.0, 0.5, 0.0, 2.0])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.py").write_text(MODEL)
+    lines = [f"{10 + t},{PUSH[t]},{a},{'' if t == 2 else b}" for t, (a, b) in enumerate(ROWS)]
+    (tmp_path / "data.csv").write_text("\n".join(["frame,push,y[0],y[1]", *lines, "\n"]))
+    return tmp_path
+
+
+def exact_evidence() -> float:
+    """Of the Kalman filter, written out for one level seen twice."""
+    mean, variance, total, noise = 0.0, 1.0, 0.0, 0.3**2
+    for t, row in enumerate(ROWS):
+        if t:
+            mean, variance = 0.9 * mean + PUSH[t], 0.81 * variance + 0.25
+        for value in row[: 1 if t == 2 else 2]:
+            spread = variance + noise
+            total -= 0.5 * ((value - mean) ** 2 / spread + math.log(2 * math.pi * spread))
+            gain = variance / spread
+            mean, variance = mean + gain * (value - mean), variance * (1 - gain)
+    return total
+
+
+def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
+    command = ["run", "model.py", "--data", "data.csv", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman"]
+    assert main([*command, "--smooth", "rauch-tung-striebel", "--json"]) == 0
+    filtered, smoothed = json.loads(capsys.readouterr().out)
+    assert abs(filtered["log evidence"] - exact_evidence()) < 1e-3
+    assert filtered["frames"] == 6 and filtered["verdicts"] and smoothed["smoother"] == "rauch-tung-striebel"
+    tree = load_result("poseppl-data.nc")
+    assert tree["posterior"]["frame"].values.tolist() == [10, 11, 12, 13, 14, 15]
+    assert provenance(tree)["model"] == "model.py" and (folder / "poseppl-data.png").stat().st_size > 10_000
+    assert (folder / "poseppl-data-rauch-tung-striebel.nc").exists()
+    # a settings file, another name in the file, NetCDF data: the same again; the command line goes first
+    xr.Dataset({"y": (("t", "k"), np.where(np.isnan(tree["observed_data/y"]), np.nan, ROWS)), "push": ("t", PUSH)}).to_netcdf(
+        "data.nc", engine="h5netcdf"
+    )
+    (folder / "run.toml").write_text(
+        'filter = "kalman"\ninputs = ["push"]\nparam = {noise = 7.0}\nseed = 3\nset = {num_particles = 50}\n'
+    )
+    again = ["run", "model.py:shifted", "--data", "data.nc", "--settings", "run.toml", "--param", "noise=0.3", "--json"]
+    assert main(again) == 0
+    (told,) = json.loads(capsys.readouterr().out)
+    assert abs(told["log evidence"] - exact_evidence()) < 1e-3
+    known = provenance(load_result("poseppl-data.nc"))
+    assert known["seed"] == 3 and known["settings"]["num_particles"] == 50
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["model.py:absent", "--data", "data.csv"], "model.py has no 'absent' (expected model)"),
+        (["model.py:number", "--data", "data.csv"], "model.py:number is a int"),
+        (["nowhere.py", "--data", "data.csv"], "cannot import 'nowhere.py': no such file"),
+        (["model.py", "--data", "data.csv", "--inputs", "pull"], "no column 'pull'"),
+        (["model.py", "--data", "data.csv", "--inputs", "push", "--frames", "20:30"], "--frames: there is no such row"),
+        (["model.py", "--data", "bad.csv", "--inputs", "push", "--param", "noise=1"], "bad.csv, line 3, push: 'x'"),
+        (["model.py", "--data", "few.csv", "--inputs", "push", "--param", "noise=1"], "few.csv: no column 'y[0]'"),
+        (["model.py", "--data", "data.txt"], "data.txt: a file of the kind"),
+        (["model.py", "--data", "data.csv", "--filter", "kalmann"], "expected kalman"),
+        (["model.py", "--data", "data.csv", "--settings", "wrong.toml"], "wrong.toml: no option 'filtre'"),
+    ],
+)
+def test_what_does_not_fit_is_said(folder, capsys, words, message):
+    (folder / "bad.csv").write_text("push,y[0],y[1]\n1,2,3\nx,2,3\n")
+    (folder / "few.csv").write_text("push,z\n1,2\n2,3\n")
+    (folder / "wrong.toml").write_text('filtre = "kalman"\n')
+    assert main(["run", *words]) == 1
+    assert message in capsys.readouterr().err
+    assert not list(folder.glob("poseppl-*"))
+
+
+def test_tables_of_three_kinds_are_one(folder):
+    pandas = pytest.importorskip("pandas")
+    table = read_table("data.csv")
+    pandas.DataFrame(table).to_parquet("data.parquet")
+    xr.Dataset({name: ("t", values) for name, values in table.items()}).to_netcdf("data.nc", engine="h5netcdf")
+    assert np.isnan(table["y[1]"][2]) and list(table) == ["frame", "push", "y[0]", "y[1]"]
+    for name in ("data.parquet", "data.nc"):
+        other = read_table(name)
+        for column, values in table.items():
+            np.testing.assert_array_equal(other[column], values)
+    (folder / "text.parquet").write_bytes(b"no parquet")
+    with pytest.raises(InputError, match="no Parquet"):
+        read_table("text.parquet")
+    (folder / "twice.csv").write_text("a,a\n1,2\n")
+    with pytest.raises(InputError, match="line 1: its head"):
+        read_table("twice.csv")
