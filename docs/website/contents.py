@@ -18,7 +18,11 @@ class Part(NamedTuple):
 
 PARTS = (
     Part("Start", ("docs/quickstart", "notebooks/index")),
-    Part("Guides", ("docs/choosing", "docs/keypoints", "docs/likelihoods", "docs/verdicts", "docs/security"), "docs/*.md"),
+    Part(
+        "Guides",
+        ("docs/your_model", "docs/choosing", "docs/keypoints", "docs/likelihoods", "docs/verdicts", "docs/security"),
+        "docs/*.md",
+    ),
     Part("Background", ("docs/conventions", "docs/compared", "docs/measurements", "docs/architecture")),
     Part("Experiments", (), "docs/*/page.md"),
     Part("Reference", ("algorithms", "reference/index", "CONTRIBUTING", "CHANGELOG")),

@@ -20,6 +20,7 @@ FOR_DEVELOPERS = ("dev", "opensim", "site", "test")
 """Extras that no command needs."""
 SERVES = {
     "mocap": "recordings in C3D and BVH",
+    "tables": "tables in Parquet, for poseppl run",
     "experiments": "poseppl reproduce",
     "vision": "track --video, masks, overlays",
     "motion-models": "poseppl fit-motion",

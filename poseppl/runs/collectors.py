@@ -72,8 +72,7 @@ def collect_draws(
         The collector; it returns :class:`Draws`.
     """
     check_at_least(1, max_draws=max_draws)
-    of_state = model.extras if extras is None else extras
-    levels = jnp.asarray(quantiles)
+    of_state, levels = model.extras if extras is None else extras, jnp.asarray(quantiles)
 
     def values_of(states: Array, inputs: Any) -> dict[str, Array]:
         """State, bent sites and extras of states (N, d), each (N, ...)."""
@@ -96,8 +95,8 @@ def collect_draws(
         kept: dict[str, Array], summary: dict[str, Array], values: Mapping[str, Array], weights: Array | None, inputs: Any
     ) -> Draws:
         state = kept.pop("state")
-        flat = state.reshape(-1, model.dimension)
-        sites = {name: v.reshape(*state.shape[:2], *v.shape[1:]) for name, v in sites_of(model, flat, inputs).items()}
+        flat = sites_of(model, state.reshape(-1, model.dimension), inputs)
+        sites = {name: value.reshape(*state.shape[:2], *value.shape[1:]) for name, value in flat.items()}
         extras = {name: value for name, value in kept.items() if name not in sites}
         return Draws(state, sites, extras, {**summary, **summary_of_sites(model, summary, values["state"], weights)})
 
