@@ -1,10 +1,11 @@
 """Filters of a chaotic state in high dimension: Lorenz's model of 1996, half of its coordinates seen, 100 frames.
 
-    python benchmarks/ensembles.py [--quick] [--dimensions 40,400] [--filters NAMES] [--seeds 3] [--frames 100] [--output ensembles]
+    python benchmarks/ensembles.py [--quick] [--dimensions 40,400] [--filters NAMES] [--seeds 3] [--frames 100]
+        [--output ensembles]
 
 Beside each filter: the error of its means (root mean square over frames and coordinates), the share of the truth in its 90 %
-intervals, whether verdicts that need no truth find an error in the run, and the seconds of a run that compiles nothing. Data are
-simulated from the model, with a seed each, noise 1; the first state is known within 1. Runs that OUTPUT/ensembles.csv holds are
+intervals, whether verdicts that need no truth find an error, and the seconds of a run that compiles nothing. Data are simulated
+from the model, with a seed each, noise 1; the first state is known within 1. Runs that OUTPUT/ensembles.csv holds are
 not made again. The ensemble filters' tapers reach 20 coordinates to either side, of which half are seen.
 """
 

@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from poseppl.runs.collectors import collect_draws as collect_draws
     from poseppl.runs.forecasting import forecast as forecast
     from poseppl.runs.infer import infer as infer, smooth as smooth
+    from poseppl.runs.log_likelihood import log_likelihood as log_likelihood
     from poseppl.runs.online import Online as Online
     from poseppl.runs.outcome import result_of_run as result_of_run
     from poseppl.runs.posterior_predictive import add_predictive as add_predictive
@@ -120,6 +121,7 @@ _HOMES = {
     "StateSpaceModel": "program",
     "write_report": "report",
     "load_result": "runs.results",
+    "log_likelihood": "runs.log_likelihood",
     "save_result": "runs.results",
     "Constant": "runs.run",
     "Online": "runs.online",

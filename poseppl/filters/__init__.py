@@ -16,6 +16,11 @@ from poseppl.filters.hidden_markov import hidden_markov_filter as hidden_markov_
 from poseppl.filters.hmc import hmc_filter as hmc_filter
 from poseppl.filters.kalman import KalmanState as KalmanState, kalman_filter as kalman_filter
 from poseppl.filters.particle import particle_filter as particle_filter
+from poseppl.filters.rao_blackwellised import (
+    CollapsedState as CollapsedState,
+    rao_blackwellised_filter as rao_blackwellised_filter,
+    site_probabilities as site_probabilities,
+)
 from poseppl.filters.sequential_monte_carlo import ParticleState as ParticleState
 from poseppl.filters.sharding import sharded as sharded
 from poseppl.filters.switching import SwitchingState as SwitchingState, switching_filter as switching_filter

@@ -1,4 +1,10 @@
-"""Adaptive resampling: ancestors are drawn by weight at the frames where ESS <= threshold * N, and elsewhere kept."""
+r"""Adaptive resampling: ancestors are drawn by weight at the frames where ESS <= threshold * N, and elsewhere kept.
+
+Derivatives are those of Scibior and Wood 2021 (arXiv:2106.10314): ancestors are drawn as they are, and a child starts with the
+weight of value 1 and derivative d log w of its ancestor, w / stopped(w). So the evidence's estimate, which is linear in the
+weights, has a derivative whose mean is the derivative of the evidence; without it the derivative would leave out that other
+parameters choose other ancestors. That of the estimate's logarithm is biased as the logarithm is, by O(1 / N).
+"""
 
 from __future__ import annotations
 
@@ -61,8 +67,8 @@ class AdaptiveResampling(NamedTuple):
             log_drawn, log_start, ess = staged.log_weights, staged.log_mean - lookahead, staged.ess
 
         def resampled() -> Ancestry:
-            ancestors = self.scheme(rng_key, log_drawn, self.num_particles)
-            return Ancestry(ancestors, log_start[ancestors], ess)
+            ancestors = self.scheme(rng_key, jax.lax.stop_gradient(log_drawn), self.num_particles)
+            return Ancestry(ancestors, _children(log_start, log_drawn, ancestors), ess)
 
         if self.ess_threshold == 0:
             return self.keep(log_weights)
@@ -71,6 +77,19 @@ class AdaptiveResampling(NamedTuple):
         needed = effective_sample_size(log_drawn) <= self.ess_threshold * self.num_particles
         chosen: Ancestry = jax.lax.cond(needed, resampled, lambda: self.keep(log_weights))
         return chosen
+
+
+@jax.custom_jvp
+def _children(log_start: Array, log_drawn: Array, ancestors: Array) -> Array:
+    """Log-weights (N,) of children; their derivatives know the weights that their ancestors were drawn by."""
+    return log_start[ancestors]
+
+
+@_children.defjvp
+def _children_jvp(primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+    (log_start, log_drawn, ancestors), (start, drawn, _) = primals, tangents
+    known = jnp.isfinite(log_drawn[ancestors])
+    return log_start[ancestors], start[ancestors] + jnp.where(known, drawn[ancestors], 0.0)
 
 
 def adaptive_resampling(num_particles: int, resampling: Scheme, ess_threshold: float) -> AdaptiveResampling:

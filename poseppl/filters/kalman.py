@@ -1,7 +1,10 @@
 """The Kalman filter, and for programs that are not linear the extended and the unscented one.
 
 The posterior of each frame is kept as a Gaussian; transition and observation are linearised around it, by a first-order
-expansion (the extended Kalman filter) or over sigma points (the unscented one); see :mod:`poseppl.gaussians.linearisation`.
+expansion (the extended Kalman filter), over sigma points (the unscented one) or a Gauss-Hermite grid; see
+:mod:`poseppl.gaussians.linearisation`. With more than one iteration the observation is linearised again, around the posterior
+that the last line gave, and the prediction takes in the data anew: posterior linearisation (Garcia-Fernandez, Svensson,
+Morelande and Sarkka 2015, doi:10.1109/TSP.2015.2454485), for first-order lines the iterated extended Kalman filter.
 Exact for linear Gaussian programs. In others it knows one mode, and where the data are ambiguous its intervals are wrong: it is
 a baseline and an oracle.
 
@@ -20,7 +23,7 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import Method, condition, linearise, predict
+from poseppl.gaussians.linearisation import Method, condition, linearise, linearise_about, predict
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 
@@ -42,13 +45,16 @@ class KalmanState(NamedTuple):
 
 
 @built_once
-def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order") -> Filter:
+def kalman_filter(
+    model: CompiledModel, num_particles: int = 1000, *, linearisation: Method = "first-order", num_iterations: int = 1
+) -> Filter:
     """The Kalman filter, extended or unscented where programs are not linear: one Gaussian.
 
     Args:
         model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
         num_particles: N, draws from each frame's Gaussian.
-        linearisation: "first-order" (extended Kalman filter) or "unscented".
+        linearisation: "first-order" (extended Kalman filter), "unscented" or "gauss-hermite" (up to 6 coordinates).
+        num_iterations: Linearisations of each frame's observation, the first around the prediction.
 
     Returns:
         The filter; its state is :class:`KalmanState`.
@@ -56,7 +62,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
     Raises:
         ValueError: A number below 1 or an unknown linearisation; a program without Gaussian moments when the filter is traced.
     """
-    check_at_least(1, num_particles=num_particles)
+    check_at_least(1, num_particles=num_particles, num_iterations=num_iterations)
     check_choice(Method, linearisation=linearisation)
 
     def initial_state(observation: Observation, inputs: Any = None) -> KalmanState:
@@ -69,7 +75,7 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
         # both are finite at every frame, and with them the gradient of the one that is not chosen
         initial, moved = Gaussian(*model.initial_moments(inputs)), predict(state.posterior, linear)
         predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
-        posterior, log_evidence, failed = update(model, predicted, observation, inputs, linearisation)
+        posterior, log_evidence, failed = update(model, predicted, observation, inputs, linearisation, num_iterations)
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
         draws = posterior.mean + noise @ jnp.linalg.cholesky(posterior.covariance).T
@@ -84,19 +90,51 @@ def kalman_filter(model: CompiledModel, num_particles: int = 1000, *, linearisat
 
 
 def update(
-    model: CompiledModel, predicted: Gaussian, observation: Observation, inputs: Any, method: Method
+    model: CompiledModel,
+    predicted: Gaussian,
+    observation: Observation,
+    inputs: Any,
+    method: Method,
+    num_iterations: int = 1,
+    about: Gaussian | None = None,
 ) -> tuple[Gaussian, Array, Array]:
     """Condition a prediction on a frame's data.
+
+    Args:
+        model: The compiled model.
+        predicted: The prediction.
+        observation: The frame's data.
+        inputs: Its inputs.
+        method: How the observation is linearised.
+        num_iterations: How often, each time but the first around the last posterior.
+        about: What it is linearised around at first; the prediction if None.
 
     Returns:
         The posterior, the log-evidence (-inf if it failed), and whether the data were impossible: the posterior is then the
         prediction.
     """
-    linear = linearise(
-        lambda x: model.observation_moments(x, inputs), predicted, method, lambda x: model.observation_jacobian(x, inputs)
-    )
     data, seen = model.flat_observation(observation)
-    posterior, log_evidence = condition(predicted, linear, data, seen)
+
+    def conditioned(about: Gaussian) -> tuple[Gaussian, Array]:
+        linear = linearise_about(
+            lambda x: model.observation_moments(x, inputs),
+            predicted,
+            about,
+            method,
+            lambda x: model.observation_jacobian(x, inputs),
+        )
+        return condition(predicted, linear, data, seen)
+
+    posterior, log_evidence = conditioned(predicted if about is None else about)
+    if num_iterations > 1:
+
+        def again(_: int, found: tuple[Gaussian, Array]) -> tuple[Gaussian, Array]:
+            new = conditioned(found[0])
+            usable = jnp.all(jnp.isfinite(new[0].mean)) & jnp.isfinite(new[1])
+            kept: tuple[Gaussian, Array] = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
+            return kept
+
+        posterior, log_evidence = jax.lax.fori_loop(1, num_iterations, again, (posterior, log_evidence))
     failed = ~(jnp.isfinite(log_evidence) & jnp.all(jnp.isfinite(posterior.mean)))
     kept = jax.tree.map(lambda new, old: jnp.where(failed, old, new), posterior, predicted)
     return kept, jnp.where(failed, -jnp.inf, log_evidence), failed

@@ -26,9 +26,8 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.scipy.linalg import cho_solve, solve_triangular
 
-from poseppl.gaussians.gaussian import diagonal
+from poseppl.gaussians.gaussian import diagonal, lower_inverse
 
 Form = Literal["square-root", "stochastic"]
 
@@ -94,16 +93,15 @@ def increment(rng_key: Array, predicted: PredictedData, form: Form, taper: Array
     deviations, residual, noise, num_seen = predicted
     covariance = _tapered(deviations.T @ deviations / (len(deviations) - 1), taper) + noise
     upper, lower = jnp.linalg.cholesky(covariance), jnp.linalg.cholesky(noise)
+    whiten = lower_inverse(upper)
     if form == "stochastic":
         drawn = jax.random.normal(rng_key, deviations.shape, deviations.dtype) @ lower.T
         # entries that were not seen have no weight, for their deviations are 0
         own = residual + drawn - jnp.mean(drawn, 0) - deviations
-        weights = cho_solve((upper, True), own.T).T
+        weights = own @ whiten.T @ whiten
     else:
-        shared = cho_solve((upper, True), residual)
-        inner = solve_triangular(upper + lower, deviations.T, lower=True)
-        weights = shared - solve_triangular(upper, inner, lower=True, trans=1).T
-    white = solve_triangular(upper, residual, lower=True)
+        weights = (whiten @ residual - deviations @ lower_inverse(upper + lower).T) @ whiten
+    white = whiten @ residual
     log_evidence = -0.5 * (white @ white + num_seen * jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(diagonal(upper)))
     return Increment(weights, deviations, log_evidence)
 
@@ -150,14 +148,13 @@ def adapted_inflation(inflation: Array, predicted: PredictedData, drift: float) 
         The factor for the next frame, at least 1.
     """
     deviations, residual, noise, num_seen = predicted
-    lower = jnp.linalg.cholesky(noise)
-    white = solve_triangular(lower, jnp.concatenate([residual[None], deviations]).T, lower=True)
+    whiten = lower_inverse(jnp.linalg.cholesky(noise))
     many = jnp.maximum(num_seen, 1.0)
-    spread = jnp.sum(white[:, 1:] ** 2) / (len(deviations) - 1) / many
+    spread = jnp.sum((deviations @ whiten.T) ** 2) / (len(deviations) - 1) / many
     told = (num_seen > 0) & (spread > 0)
     spread = jnp.where(told, spread, 1.0)
     before = inflation**2
-    observed = (jnp.sum(white[:, 0] ** 2) / many - 1.0) / spread
+    observed = (jnp.sum((whiten @ residual) ** 2) / many - 1.0) / spread
     variance = 2.0 / many * ((before * spread + 1.0) / spread) ** 2
     after = before + drift**2 / (drift**2 + variance) * (observed - before)
     return jnp.where(told & jnp.isfinite(after), jnp.sqrt(jnp.maximum(after, 1.0)), inflation)

@@ -8,25 +8,34 @@ or by statistical linear regression over sigma points x_j with weights w_j (Juli
 doi:10.1109/JPROC.2003.823141; \kappa = max(0, 3 - d), which for d >= 3 is the cubature rule of Arasaratnam and Haykin 2009,
 doi:10.1109/TAC.2009.2019800):
 
-    A m + b = E[h],    A = Cov[h, x] P^-1,    \Omega = Cov[h] - A P A^T + E[R].
+    A m + b = E[h],    A = Cov[h, x] P^-1,    \Omega = Cov[h] - A P A^T + E[R],
 
-For linear Gaussian programs both are exact. The Kalman filter and the Rauch-Tung-Striebel smoother below are those of Sarkka
+or the same over a Gauss-Hermite grid of five points in each direction, exact for polynomials up to degree 9 (5^d points, for d
+up to 6). The Gaussian that is linearised for need not be the one that is propagated: linearising for the posterior instead of
+the prior, again and again, is posterior linearisation (Garcia-Fernandez, Svensson, Morelande and Sarkka 2015,
+doi:10.1109/TSP.2015.2454485; first-order, the iterated extended Kalman filter).
+
+For linear Gaussian programs all are exact. The Kalman filter and the Rauch-Tung-Striebel smoother below are those of Sarkka
 and Svensson 2023 (Bayesian Filtering and Smoothing, 2nd edition, chapters 6 to 8, 12 and 14), in Joseph's form.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
-from jax.scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from poseppl.gaussians.gaussian import Gaussian
+from poseppl.errors import UnsuitableModelError
+from poseppl.gaussians.gaussian import Gaussian, lower_inverse
 
-Method = Literal["first-order", "unscented"]
+Method = Literal["first-order", "unscented", "gauss-hermite"]
+_ORDER = 5
+"""Points of the Gauss-Hermite rule in a direction."""
+_MOST_DIRECTIONS = 6
 Conditional = Callable[[Array], tuple[Array, Array]]
 """Mean and covariance of y given x."""
 
@@ -59,20 +68,49 @@ def linearise(
             return first_order(conditional, x.mean)
         mean, noise = conditional(x.mean)
         return Linear(mean, jacobian_at(x.mean), noise)
-    dimension = x.mean.shape[0]
-    kappa = max(0.0, 3.0 - dimension)
-    spread = jnp.sqrt(jnp.asarray(dimension + kappa, x.mean.dtype)) * jnp.eye(dimension, dtype=x.mean.dtype)
-    white = jnp.concatenate([jnp.zeros((1, dimension), x.mean.dtype), spread, -spread])
-    side = jnp.full(2 * dimension, 0.5 / (dimension + kappa), x.mean.dtype)
-    weights = jnp.concatenate([jnp.full(1, kappa / (dimension + kappa), x.mean.dtype), side])
+    white, weights = (jnp.asarray(part, x.mean.dtype) for part in _points(x.mean.shape[0], method))
     lower = jnp.linalg.cholesky(x.covariance)
     means, noises = jax.vmap(conditional)(x.mean + white @ lower.T)
     mean = weights @ means
     centred = means - mean
     white_jacobian = (centred * weights[:, None]).T @ white
-    jacobian = solve_triangular(lower.T, white_jacobian.T, lower=False).T
+    jacobian = white_jacobian @ lower_inverse(lower)
     noise = (centred * weights[:, None]).T @ centred - white_jacobian @ white_jacobian.T + jnp.tensordot(weights, noises, 1)
     return Linear(mean, jacobian, noise)
+
+
+def linearise_about(
+    conditional: Conditional,
+    x: Gaussian,
+    about: Gaussian,
+    method: Method,
+    jacobian_at: Callable[[Array], Array] | None = None,
+) -> Linear:
+    """Linearise a conditional for one Gaussian, and tell the line as of another one, x."""
+    linear = linearise(conditional, about, method, jacobian_at)
+    return linear._replace(mean=linear.mean + linear.jacobian @ (x.mean - about.mean))
+
+
+def _points(dimension: int, method: Method) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Points (n, d) and weights (n,) of a standard Gaussian.
+
+    Raises:
+        UnsuitableModelError: A Gauss-Hermite grid of too many directions.
+    """
+    if method == "gauss-hermite":
+        if dimension > _MOST_DIRECTIONS:
+            raise UnsuitableModelError(
+                f"A Gauss-Hermite grid of {dimension} coordinates has {_ORDER}^{dimension} points. Expected at most "
+                f"{_MOST_DIRECTIONS} coordinates; use unscented."
+            )
+        nodes, masses = np.polynomial.hermite_e.hermegauss(_ORDER)
+        white = np.stack(np.meshgrid(*[nodes] * dimension, indexing="ij"), -1).reshape(-1, dimension)
+        weights = np.stack(np.meshgrid(*[masses / masses.sum()] * dimension, indexing="ij"), -1).reshape(-1, dimension)
+        return white, weights.prod(1)
+    kappa = max(0.0, 3.0 - dimension)
+    spread = np.sqrt(dimension + kappa) * np.eye(dimension)
+    side = np.full(2 * dimension, 0.5 / (dimension + kappa))
+    return np.concatenate([np.zeros((1, dimension)), spread, -spread]), np.append(kappa / (dimension + kappa), side)
 
 
 def predict(x: Gaussian, linear: Linear) -> Gaussian:
@@ -96,12 +134,13 @@ def condition(x: Gaussian, linear: Linear, y: Array, seen: Array) -> tuple[Gauss
     both = seen[:, None] & seen
     noise = jnp.where(both, linear.noise, jnp.eye(y.shape[0], dtype=y.dtype))
     residual = jnp.where(seen, y - linear.mean, 0.0)
-    factor = cho_factor(jacobian @ x.covariance @ jacobian.T + noise, lower=True)
-    gain = cho_solve(factor, jacobian @ x.covariance).T
+    factor = jnp.linalg.cholesky(jacobian @ x.covariance @ jacobian.T + noise)
+    whiten = lower_inverse(factor)
+    gain = (whiten @ jacobian @ x.covariance).T @ whiten
     kept = jnp.eye(x.mean.shape[0], dtype=y.dtype) - gain @ jacobian
     covariance = _symmetric(kept @ x.covariance @ kept.T + gain @ noise @ gain.T)
-    log_density = -0.5 * (residual @ cho_solve(factor, residual) + jnp.sum(seen) * jnp.log(2 * jnp.pi))
-    log_density = log_density - jnp.sum(jnp.log(jnp.diagonal(factor[0])))
+    log_density = -0.5 * (jnp.sum((whiten @ residual) ** 2) + jnp.sum(seen) * jnp.log(2 * jnp.pi))
+    log_density = log_density - jnp.sum(jnp.log(jnp.diagonal(factor)))
     return Gaussian(x.mean + gain @ residual, covariance), log_density
 
 

@@ -74,7 +74,7 @@ def stacked_inputs(inputs: Any, num_frames: int) -> Any:
         ValueError: An array does not have T rows.
     """
     layout, varying, constant = _split_inputs(inputs)
-    _check_rows(jax.tree.map(np.asarray, varying), num_frames)
+    _check_rows(jax.tree.map(jnp.asarray, varying), num_frames)
     return _stacked(layout, varying, constant, num_frames)
 
 

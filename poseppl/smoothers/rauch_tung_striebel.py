@@ -6,21 +6,24 @@ With the filtered N(m_t, P_t), the transition linearised there with Jacobian A a
 
 Exact for linear Gaussian programs. The forward pass is made anew from the data, as a history of particles does not hold the
 Gaussians; draws are whole trajectories, drawn backwards, x_t ~ N(m_t + G (x_(t+1) - m'), P_t - G P' G^T).
+
+With more than one iteration transitions and observations are linearised again, around the smoothed Gaussians of the last pass,
+and both passes begin anew at the initial program: the iterated posterior linearisation smoother (Garcia-Fernandez, Svensson and
+Sarkka 2017, doi:10.1109/TAC.2016.2592681).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.scipy.linalg import cho_factor, cho_solve
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.kalman import update
-from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import Method, linearise, predict
+from poseppl.gaussians.gaussian import Gaussian, lower_inverse
+from poseppl.gaussians.linearisation import Method, linearise_about, predict
 from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -29,23 +32,24 @@ from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
 
 @built_once
 def rauch_tung_striebel_smoother(
-    model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order"
+    model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order", num_iterations: int = 1
 ) -> Smoother:
     """Rauch-Tung-Striebel smoothing of a Kalman filter, extended or unscented: one Gaussian.
 
     Args:
         model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
         num_draws: Trajectories to draw.
-        linearisation: "first-order" or "unscented".
+        linearisation: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
+        num_iterations: Passes, each but the first linearised around what the last one smoothed.
 
     Raises:
         ValueError: A number below 1 or an unknown linearisation.
     """
-    check_at_least(1, num_draws=num_draws)
+    check_at_least(1, num_draws=num_draws, num_iterations=num_iterations)
     check_choice(Method, linearisation=linearisation)
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
-        filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
+        filtered, predicted, gains = _passes(model, observations, inputs, linearisation, num_iterations)
         num_frames = filtered.mean.shape[0]
         keys = jax.random.split(rng_key, num_frames)
         last = rows_of(filtered, -1)
@@ -68,10 +72,40 @@ def rauch_tung_striebel_smoother(
 
 
 def smoothed_moments(
-    model: CompiledModel, observations: Observation, inputs: Any = None, *, linearisation: Method = "first-order"
+    model: CompiledModel,
+    observations: Observation,
+    inputs: Any = None,
+    *,
+    linearisation: Method = "first-order",
+    num_iterations: int = 1,
 ) -> Gaussian:
     """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
-    filtered, predicted, gains = _forward(model, observations, inputs, linearisation)
+    return _backward(_passes(model, observations, inputs, linearisation, num_iterations))
+
+
+class _Forward(NamedTuple):
+    """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
+
+    filtered: Gaussian
+    predicted: Gaussian
+    gains: Array
+
+
+def _passes(model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int) -> _Forward:
+    """The last forward pass."""
+    found = _forward(model, observations, inputs, method)
+
+    def again(_: int, found: _Forward) -> _Forward:
+        new = _forward(model, observations, inputs, method, _backward(found))
+        usable = jnp.all(jnp.isfinite(new.filtered.mean)) & jnp.all(jnp.isfinite(new.gains))
+        kept: _Forward = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
+        return kept
+
+    return found if num_iterations == 1 else jax.lax.fori_loop(1, num_iterations, again, found)
+
+
+def _backward(forward: _Forward) -> Gaussian:
+    filtered, predicted, gains = forward
     last = rows_of(filtered, -1)
 
     def back(later: Gaussian, row: Any) -> tuple[Gaussian, Gaussian]:
@@ -86,23 +120,27 @@ def smoothed_moments(
     return append(rest, last)
 
 
-def _forward(model: CompiledModel, observations: Observation, inputs: Any, method: Method) -> tuple[Gaussian, Gaussian, Array]:
-    """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
+def _forward(
+    model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: Gaussian | None = None
+) -> _Forward:
+    """The forward pass, linearised around given Gaussians (T, ...), or as a Kalman filter if None."""
     first, later = split_first((observations, inputs))
     predicted = Gaussian(*model.initial_moments(first[1]))
-    filtered = update(model, predicted, first[0], first[1], method)[0]
+    filtered = update(model, predicted, *first, method, about=rows_of(about, 0))[0]
 
-    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, tuple[Gaussian, Gaussian, Array]]:
-        observation, inputs = row
-        linear = linearise(lambda x: model.transition_moments(x, inputs), filtered, method)
+    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, _Forward]:
+        (observation, inputs), before, now = row
+        around = filtered if before is None else before
+        linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
         predicted = predict(filtered, linear)
-        gain = cho_solve(cho_factor(predicted.covariance), linear.jacobian @ filtered.covariance).T
-        new = update(model, predicted, observation, inputs, method)[0]
-        return new, (new, predicted, gain)
+        whiten = lower_inverse(jnp.linalg.cholesky(predicted.covariance))
+        gain = (whiten @ linear.jacobian @ filtered.covariance).T @ whiten
+        new = update(model, predicted, observation, inputs, method, about=now)[0]
+        return new, _Forward(new, predicted, gain)
 
-    _, rest = jax.lax.scan(advance, filtered, later)
-    start = (filtered, predicted, jnp.zeros_like(filtered.covariance))
-    return prepend(start, rest)
+    rows = later, rows_of(about, slice(-1)), rows_of(about, slice(1, None))
+    _, rest = jax.lax.scan(advance, filtered, rows)
+    return prepend(_Forward(filtered, predicted, jnp.zeros_like(filtered.covariance)), rest)
 
 
 def _draw(rng_key: Array, means: Array, covariance: Array) -> Array:

@@ -24,7 +24,7 @@ every_algorithm = pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda al
 
 
 def test_the_exports_are_the_algorithms():
-    assert len(FILTERS) == 14 and len(SMOOTHERS) == 14
+    assert len(FILTERS) == 15 and len(SMOOTHERS) == 14
     assert FILTERS["hidden-markov"].builder is poseppl.filters.hidden_markov_filter
     assert SMOOTHERS["rauch-tung-striebel"].builder is poseppl.smoothers.rauch_tung_striebel_smoother
     with pytest.raises(InputError, match=r"'kalmann' is no filter \(expected kalman\)"):

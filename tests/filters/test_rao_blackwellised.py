@@ -1,0 +1,89 @@
+"""The Rao-Blackwellised filter against the sum over all histories of the finite site."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from law_problems import run, z_scores
+from test_switching import posed
+
+from poseppl.errors import UnsuitableModelError
+from poseppl.filters import rao_blackwellised_filter, switching_filter
+from poseppl.filters.rao_blackwellised import site_probabilities
+from poseppl.program import StateSpaceModel
+
+REPLICATES = 400
+KEPT = 0.7
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Probabilities (K, T) of the second value, means (K, T), second moments (K, T) of x, and evidence (K, T)."""
+    problem = posed(KEPT)
+    built = rao_blackwellised_filter(problem.model, 50)
+
+    def one(key, data):
+        states, infos = run(built, key, data, None)
+        weights = jnp.exp(states.log_weights)
+        mean = states.real.mean[..., 0]
+        chance = jax.vmap(lambda state: site_probabilities(problem.model, state)["k"][1])(states)
+        seconds = jnp.sum(weights * (states.real.covariance[..., 0, 0] + mean**2), 1)
+        draws = jnp.sum(weights * states.particles[..., 1], 1)
+        return chance, jnp.sum(weights * mean, 1), seconds, draws, infos.log_evidence
+
+    run_all = jax.jit(lambda keys, data: jax.lax.map(lambda key: one(key, data), keys))
+    keys = jax.random.split(jax.random.key(0), REPLICATES)
+    return [np.asarray(part, float) for part in run_all(keys, problem.observations)]
+
+
+def test_it_is_the_sum_over_all_histories(found):
+    """Probabilities, means and variances, of a state that remembers its past; weights' bias is O(1 / N)."""
+    exact = posed(KEPT).exact
+    chances, means, seconds, draws, _ = found
+    for samples, truth in (
+        (chances, exact.means[:, 0]),
+        (means, exact.means[:, 1]),
+        (seconds, exact.covariances[:, 1, 1] + exact.means[:, 1] ** 2),
+        (draws, exact.means[:, 1]),
+    ):
+        assert np.abs(samples.mean(0) - truth).max() < 0.01
+        assert (np.abs(samples.mean(0) - truth) < 5 * samples.std(0, ddof=1) / np.sqrt(REPLICATES) + 0.002).all()
+
+
+def test_its_evidence_is_unbiased(found):
+    exact = posed(KEPT).exact
+    ratio = np.exp(found[-1].sum(1) - exact.log_evidence.sum())
+    assert abs(z_scores(ratio, 1.0)) < 5
+    assert ratio.std() < 0.5
+
+
+def test_matched_moments_are_noticed(found):
+    """The switching filter, which matches two moments of the past, is farther off than the error of the replicates."""
+    problem = posed(KEPT)
+    built = switching_filter(problem.model, 10)
+    states, _ = jax.jit(lambda key, data: run(built, key, data, None))(jax.random.key(0), problem.observations)
+    matched = np.sum(np.exp(states.log_masses) * states.means[:, :, 0], 1)
+    errors = found[1].std(0, ddof=1) / np.sqrt(REPLICATES)
+    assert (np.abs(matched - problem.exact.means[:, 1]) / errors).max() > 5
+
+
+def test_a_finite_site_that_depends_on_a_real_one_is_refused():
+    def start(params, inputs):
+        numpyro.sample("k", dist.Bernoulli(0.5))
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def move(params, state, inputs):
+        numpyro.sample("k", dist.Bernoulli(logits=state["x"]))
+        numpyro.sample("x", dist.Normal(state["x"], 1.0))
+
+    model = StateSpaceModel(
+        start, move, lambda params, state, inputs: numpyro.sample("y", dist.Normal(state["x"], 1.0))
+    ).compile()
+    built, data = rao_blackwellised_filter(model, 5), model.observe({"y": 0.3})
+    state, _ = jax.eval_shape(built.init, jax.random.key(0), data)
+    with pytest.raises(UnsuitableModelError, match="finite site of the transition program.*depends on real ones"):
+        jax.eval_shape(built.step, jax.random.key(1), state, data)
