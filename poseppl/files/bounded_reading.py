@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,25 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_json(path: FilePath) -> Any:
+    """Read a JSON file of at most 64 MiB.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What it holds.
+
+    Raises:
+        InputError: The file is missing, too large or no JSON.
+    """
+    text = read_text(path)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"malformed JSON: {error}", file=path, expected="a whole file; it may have been cut off") from error
 
 
 def read_toml(path: FilePath) -> dict[str, Any]:

@@ -6,11 +6,14 @@ and right.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _MARKERS = frozenset({"neck", "pelvis", "skull", "crown", *(f"{limb}_{side}" for limb in _LIMBS for side in "lr")})
+
+_SYNONYMS = {"mid_hip": "pelvis", "midhip": "pelvis", "root": "pelvis", "head_top": "crown", "top_head": "crown"}
 
 
 class Layout(NamedTuple):
@@ -31,6 +34,31 @@ class Layout(NamedTuple):
     def markers(self) -> dict[str, int]:
         """The points' numbers by the names of a body's markers; other points are not used."""
         return {name: number for number, name in enumerate(self.names) if name in _MARKERS}
+
+
+def plain_name(name: str) -> str:
+    """A point's name in our form: "LShoulder", "left_shoulder" and "Shoulder L" are ``shoulder_l``.
+
+    >>> [plain_name(name) for name in ("LShoulder", "left_shoulder", "Right Knee", "r_ankle", "ankle1", "MidHip", "mouth_left")]
+    ['shoulder_l', 'shoulder_l', 'knee_r', 'ankle_r', 'ankle1', 'pelvis', 'mouth_l']
+    """
+    apart = re.sub("([a-z0-9])([A-Z])|([LR])([A-Z][a-z])", r"\1\3_\2\4", name.strip())
+    words = [word for word in re.split("[^a-z0-9]+", apart.lower()) if word]
+    sides = {"left": "l", "right": "r", "l": "l", "r": "r"}
+    side = [sides[word] for word in words if word in sides]
+    rest = "_".join(word for word in words if word not in sides)
+    whole = _SYNONYMS.get(rest, rest)
+    return f"{whole}_{side[0]}" if len(side) == 1 and whole else whole
+
+
+def markers_of_names(names: Sequence[str]) -> dict[str, int]:
+    """Numbers of points by the names of a body's markers, where their names tell; others are not used."""
+    found: dict[str, int] = {}
+    for number, name in enumerate(names):
+        plain = plain_name(name)
+        if plain in _MARKERS:
+            found.setdefault(plain, number)
+    return found
 
 
 def _layout(text: str) -> Layout:

@@ -8,23 +8,13 @@ the eyes in one and the ankles in the other, which their distance from the nose 
 
 from __future__ import annotations
 
-import json
-import re
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
-from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.detections import MAX_FRAMES, MAX_PEOPLE, DetectedPeople, detected_people
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
-from poseppl.motion.io.text_parsing import LARGEST
-
-_EYE, _NOSE, _TOE = 15, 0, 19
-_NEAR = 0.3
-"""Point 15 is an eye if it is nearer to the nose than this share of the nose's distance from a toe."""
+from poseppl.errors import FilePath, Location
+from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople
+from poseppl.motion.io.json_people import numbered_files, numbers, read_json, same_points
+from poseppl.motion.io.layout_guess import with_layout
 
 
 def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople:
@@ -37,81 +27,16 @@ def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople
     Raises:
         InputError: The folder holds no such file, a file is malformed, or the number of points belongs to no layout.
     """
-    files = _numbered_files(Path(folder))
+    files = numbered_files(folder, "a folder of OpenPose's JSON files, one a frame")
     people = {number: _people(file) for number, file in files.items()}
-    counts = {len(person) for found in people.values() for person in found}
     at = Location(folder)
-    if not counts:
-        raise at.error(f"nobody was found in any of {len(files)} files", "at least one person in one frame")
-    if len(counts) > 1:
-        raise at.error(f"people with {sorted(counts)} points", "one number of points in all files")
-    found = detected_people(people, [str(number) for number in range(counts.pop())], at)
-    chosen = layout_of(found.points, at) if layout is None else check_layout(layout, len(found.names), at)
-    return found._replace(layout=chosen, names=LAYOUTS[chosen].names)
-
-
-def layout_of(points: Floats, at: Location) -> str:
-    """Which points (..., K, 2) these are.
-
-    Raises:
-        InputError: No layout has K points.
-    """
-    count = points.shape[-2]
-    fitting = [name for name, layout in LAYOUTS.items() if layout.num_points == count]
-    if not fitting:
-        known = ", ".join(f"{name} ({layout.num_points})" for name, layout in LAYOUTS.items())
-        raise at.error(f"people with {count} points", known)
-    if fitting != ["body25", "body25b"]:
-        return fitting[0]
-    with np.errstate(invalid="ignore"):
-        nose = points[..., _NOSE, :]
-        ratio = np.linalg.norm(points[..., _EYE, :] - nose, axis=-1) / np.linalg.norm(points[..., _TOE, :] - nose, axis=-1)
-    known = ratio[np.isfinite(ratio)]
-    return "body25" if known.size and np.median(known) < _NEAR else "body25b"
-
-
-def check_layout(layout: str, count: int, at: Location) -> str:
-    """Check that a layout is known and has as many points.
-
-    Raises:
-        InputError: It is not, or has not.
-    """
-    if layout not in LAYOUTS:
-        raise InputError(f"{layout!r}", field="--layout", expected=", ".join(LAYOUTS))
-    if LAYOUTS[layout].num_points != count:
-        raise at.error(f"people with {count} points", f"{LAYOUTS[layout].num_points}, as {layout} has")
-    return layout
-
-
-def _numbered_files(folder: Path) -> dict[int, Path]:
-    at = Location(folder)
-    if not folder.is_dir():
-        raise at.error("no such folder", "a folder of OpenPose's JSON files, one a frame")
-    found: dict[int, Path] = {}
-    for file in sorted(folder.glob("*.json")):
-        numbers = re.findall("[0-9]+", file.stem)
-        if not numbers or len(numbers[-1]) > 12:
-            raise Location(file).error(
-                "no frame number in the file's name", "cam1_000000000012_keypoints.json, or cam1.0012.json"
-            )
-        number = int(numbers[-1])
-        if number in found:
-            raise Location(file).error(f"frame {number} is also {found[number].name}", "one file a frame")
-        found[number] = file
-    if not found:
-        raise at.error("no JSON file in the folder", "OpenPose's JSON files, one a frame")
-    if max(found) - min(found) >= MAX_FRAMES:
-        raise at.error(f"frames {min(found)} to {max(found)}", f"at most {MAX_FRAMES} frames")
-    return found
+    return with_layout(same_points(people, at), layout, at)
 
 
 def _people(file: Path) -> list[Floats]:
     """Points (K, 3) of each person in a file; those without points, as some writers leave them, are left out."""
     at = Location(file)
-    try:
-        document: Any = json.loads(read_text(file))
-    except (ValueError, RecursionError) as error:
-        raise at.error(f"malformed JSON: {error}") from error
+    document = read_json(file)
     people = document.get("people") if isinstance(document, dict) else None
     if not isinstance(people, list) or len(people) > MAX_PEOPLE:
         raise at.in_field("people").error("not a list of people", '{"people": [{"pose_keypoints_2d": [...]}]}')
@@ -121,11 +46,6 @@ def _people(file: Path) -> list[Floats]:
 
 def _person(at: Location, person: object) -> Floats:
     values = person.get("pose_keypoints_2d") if isinstance(person, dict) else None
-    if not isinstance(values, list) or len(values) % 3 or len(values) > 3000:
+    if not isinstance(values, list) or len(values) % 3 or len(values) > 3 * MAX_POINTS:
         raise at.error("not a list of x, y, confidence", "three numbers a point")
-    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
-        raise at.error("not a list of numbers", "x, y, confidence, x, y, ...")
-    table = np.array([float(value) for value in values]).reshape(-1, 3)
-    if np.any(np.abs(table[np.isfinite(table)]) > LARGEST):
-        raise at.error("a number is too large", "pixels, at most 1e9")
-    return table
+    return numbers(values, 3, at)

@@ -72,10 +72,10 @@ def test_what_was_not_found_is_missing(tmp_path: Path) -> None:
         ("{", "malformed JSON"),
         ("[]", "people: not a list of people"),
         ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', r"people\[0\].pose_keypoints_2d: not a list of x, y, confidence"),
-        ('{"people": [{"pose_keypoints_2d": [1, "2", 3]}]}', "not a list of numbers"),
+        ('{"people": [{"pose_keypoints_2d": [1, "2", 3]}]}', "'2' is not a number"),
         ('{"people": [{"pose_keypoints_2d": [1e12, 2, 3]}]}', "too large"),
         ('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}', r"people with 1 points \(expected coco17 \(17\)"),
-        ('{"people": []}', "nobody was found in any of 1 files"),
+        ('{"people": []}', "nobody was found in any of 1 frames"),
     ],
 )
 def test_what_is_wrong_is_told(tmp_path: Path, document: str, words: str) -> None:

@@ -1,0 +1,113 @@
+"""Arrays of HDF5 files from anywhere: what a file declares is bounded before it is read, and nothing leads out of it.
+
+Refused are links, virtual and external data, and arrays of more than :data:`MAX_BYTES`, or of more than any compression could
+have packed into a file of that size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import h5py
+import numpy as np
+
+from poseppl.errors import FilePath, InputError, Location
+from poseppl.files.bounded_reading import check_file
+
+MAX_BYTES = 2**30
+MAX_ATTRIBUTE_BYTES = 2**24
+_DEFLATE = 1032
+"""No stream of deflate unpacks to more times its size."""
+_SLACK = 2**20
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+@contextmanager
+def open_hdf5(path: FilePath, expected: str) -> Iterator[h5py.File]:
+    """Open a file to read; whatever HDF5 raises on damaged bytes becomes one error.
+
+    Args:
+        path: The file.
+        expected: What it should be, for messages.
+
+    Raises:
+        InputError: The file is missing, larger than 1 GiB, no HDF5, or damaged.
+    """
+    source = check_file(path, max_bytes=MAX_BYTES)
+    try:
+        with h5py.File(source, "r") as file:
+            yield file
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise InputError("it does not fit into memory", file=path) from error
+    except Exception as error:  # HDF5 raises anything at all on damaged bytes
+        told = "not an HDF5 file, a damaged one, or packed by a filter that HDF5 does not have"
+        raise InputError(told, file=path, expected=expected) from error
+
+
+def child(group: Any, name: str, at: Location) -> Any:
+    """A member of a group.
+
+    Raises:
+        InputError: It is missing, or a link.
+    """
+    where = at.in_field(f"{group.name.rstrip('/')}/{name}"[:80])
+    link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
+    if link is None:
+        raise where.error("it is missing")
+    if not isinstance(link, h5py.HardLink):
+        raise where.error("a link", "data in the file itself")
+    return group[name]
+
+
+def array(group: Any, name: str, at: Location) -> Any:
+    """An array of a group, as NumPy has it.
+
+    Raises:
+        InputError: It is missing, a link, elsewhere, too large, or holds anything but numbers and texts of bounded length.
+    """
+    item = child(group, name, at)
+    where = at.in_field(f"{group.name.rstrip('/')}/{name}"[:80])
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        raise where.error("no array", "numbers or texts")
+    if item.is_virtual or item.id.get_create_plist().get_external_count():
+        raise where.error("its values lie elsewhere", "data in the file itself")
+    text = h5py.check_string_dtype(item.dtype)
+    count = math.prod(item.shape)
+    if text is not None and text.length is None:
+        if count > 10_000:
+            raise where.error(f"{count} texts", "at most 10000")
+        values = [bytes(item[index]) for index in np.ndindex(item.shape)]
+        if sum(map(len, values)) > _SLACK:
+            raise where.error("texts without end", f"at most {_SLACK} bytes")
+        return np.array(values, "S") if values else np.zeros(0, "S1")
+    if item.dtype.hasobject or item.dtype.kind not in "iufbSV":
+        raise where.error(f"values of type {str(item.dtype)[:60]}", "numbers or texts")
+    declared = count * item.dtype.itemsize
+    if declared > MAX_BYTES or declared > _DEFLATE * item.file.id.get_filesize() + _SLACK:
+        expected = f"at most {MAX_BYTES // 2**20} MiB, and what a file of this size can hold"
+        raise where.error(f"it declares {declared / 2**20:.0f} MiB", expected)
+    return item[()]
+
+
+def attribute(item: Any, name: str, at: Location) -> Any:
+    """An attribute, or None where there is none.
+
+    Raises:
+        InputError: It has more than 16 MiB, or refers to something.
+    """
+    if name not in item.attrs:
+        return None
+    stored = item.attrs.get_id(name)
+    if stored.get_storage_size() > MAX_ATTRIBUTE_BYTES or h5py.check_ref_dtype(stored.dtype) is not None:
+        raise at.in_field(name[:80]).error("an attribute that is too large, or a reference", "a text or numbers")
+    return item.attrs[name]
+
+
+def texts(values: Any) -> list[str]:
+    """Texts of an array of bytes."""
+    return [bytes(value).decode("utf-8", "replace") for value in np.ravel(values)]

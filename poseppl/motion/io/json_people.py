@@ -1,0 +1,106 @@
+"""What several detectors' JSON files have in common: lists of numbers, people of frames, and frames in the names of files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_json as read_json
+from poseppl.motion.io.detections import MAX_POINTS, DetectedPeople, detected_people
+
+
+def numbers(value: object, width: int, at: Location) -> Floats:
+    """A table (K, width) of a flat list of numbers, or of a list of lists of ``width`` numbers at least.
+
+    None and NaN are numbers that are not known.
+
+    Raises:
+        InputError: It is neither.
+    """
+    rows = value if isinstance(value, list) else None
+    if rows is None or len(rows) > 4 * MAX_POINTS:
+        raise at.error("not a list of numbers", f"{width} numbers a point")
+    if rows and all(isinstance(row, list) for row in rows):
+        if any(len(row) < width for row in rows):
+            raise at.error("a point of too few numbers", f"{width} numbers a point")
+        flat = [entry for row in rows for entry in row[:width]]
+    else:
+        flat = rows
+    if len(flat) % width:
+        raise at.error(f"{len(flat)} numbers", f"{width} numbers a point")
+    return np.array([number(entry, at) for entry in flat]).reshape(-1, width)
+
+
+def number(value: object, at: Location) -> float:
+    """A number; NaN for None.
+
+    Raises:
+        InputError: It is none.
+    """
+    if value is None:
+        return float("nan")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise at.error(f"{str(value)[:40]!r} is not a number", "x, y, confidence, ...")
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise at.error("a number is too large", "at most 1e9") from error
+
+
+def frame_number(value: object, at: Location) -> int:
+    """A frame's number: a whole number, or the last one in the name of a picture.
+
+    Raises:
+        InputError: There is none.
+    """
+    if isinstance(value, str) and len(value) <= 1000:
+        found = re.findall("[0-9]+", Path(value).stem if not value.isdigit() else value)
+        if found and len(found[-1]) <= 12:
+            return int(found[-1])
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 10**12:
+        return value
+    raise at.error(f"{str(value)[:40]!r} tells no frame", "a whole number, or a picture's name such as 0012.jpg")
+
+
+def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
+    """The JSON files of a folder by the last number in their names.
+
+    Raises:
+        InputError: There is no such folder, none in it, one without a number, or two of the same.
+    """
+    at = Location(folder)
+    if not Path(folder).is_dir():
+        raise at.error("no such folder", expected)
+    found: dict[int, Path] = {}
+    for file in sorted(Path(folder).glob("*.json")):
+        digits = re.findall("[0-9]+", file.stem)
+        if not digits or len(digits[-1]) > 12:
+            raise Location(file).error(
+                "no frame number in the file's name", "cam1_000000000012_keypoints.json, or cam1.0012.json"
+            )
+        frame = int(digits[-1])
+        if frame in found:
+            raise Location(file).error(f"frame {frame} is also {found[frame].name}", "one file a frame")
+        found[frame] = file
+    if not found:
+        raise at.error("no JSON file in the folder", expected)
+    return found
+
+
+def same_points(people: dict[int, list[Floats]], at: Location, times: dict[int, float] | None = None) -> DetectedPeople:
+    """Lay out people, of whom all have the same number of points, under the numbers of the points.
+
+    Raises:
+        InputError: There is nobody, or they have not.
+    """
+    counts = sorted({len(person) for found in people.values() for person in found if len(person)})
+    if not counts:
+        raise at.error(f"nobody was found in any of {len(people)} frames", "at least one person in one frame")
+    if len(counts) > 1:
+        raise at.error(f"people with {counts} points", "one number of points in all frames")
+    seen = {frame: [person for person in found if len(person)] for frame, found in people.items()}
+    return detected_people(seen, [str(point) for point in range(counts[0])], at, times=times)

@@ -1,0 +1,75 @@
+"""Which layout a detector's points have, from their number, their names or their places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.errors import InputError, Location
+from poseppl.motion.io.detections import DetectedPeople
+from poseppl.motion.io.keypoint_layouts import LAYOUTS
+
+_EYE, _NOSE, _TOE = 15, 0, 19
+_NEAR = 0.3
+"""Point 15 is an eye if it is nearer to the nose than this share of the nose's distance from a toe."""
+_WHOLE_BODIES = {133: "coco17", 136: "halpe26"}
+"""Points of the whole body, of which the first ones are those of a layout: COCO-WholeBody, and Halpe's with hands and face."""
+
+
+def layout_of(points: Floats, at: Location) -> str:
+    """Which points (..., K, 2) these are.
+
+    Raises:
+        InputError: No layout has K points.
+    """
+    count = points.shape[-2]
+    fitting = [name for name, layout in LAYOUTS.items() if layout.num_points == count]
+    if not fitting:
+        known = ", ".join(f"{name} ({layout.num_points})" for name, layout in LAYOUTS.items())
+        raise at.error(f"people with {count} points", known)
+    if fitting != ["body25", "body25b"]:
+        return fitting[0]
+    with np.errstate(invalid="ignore"):
+        nose = points[..., _NOSE, :]
+        ratio = np.linalg.norm(points[..., _EYE, :] - nose, axis=-1) / np.linalg.norm(points[..., _TOE, :] - nose, axis=-1)
+    known = ratio[np.isfinite(ratio)]
+    return "body25" if known.size and np.median(known) < _NEAR else "body25b"
+
+
+def check_layout(layout: str, count: int, at: Location) -> str:
+    """Check that a layout is known and has as many points.
+
+    Raises:
+        InputError: It is not, or has not.
+    """
+    if layout not in LAYOUTS:
+        raise InputError(f"{layout!r}", field="--layout", expected=", ".join(LAYOUTS))
+    if LAYOUTS[layout].num_points != count:
+        raise at.error(f"people with {count} points", f"{LAYOUTS[layout].num_points}, as {layout} has")
+    return layout
+
+
+def with_layout(found: DetectedPeople, layout: str | None, at: Location, names: Sequence[str] = ()) -> DetectedPeople:
+    """Name the points of a people's detector.
+
+    Args:
+        found: What was read, its points unnamed.
+        layout: Which points these are; found from their number and places if None.
+        at: The file, for messages.
+        names: Names that the file has for them, taken where no layout has as many points.
+
+    Raises:
+        InputError: No layout has as many points, or the given one has not, and the file has no names.
+    """
+    count = found.points.shape[2]
+    of_body = _WHOLE_BODIES.get(count)
+    if of_body is not None and layout in (None, of_body):
+        kept = LAYOUTS[of_body].num_points
+        found = found._replace(points=found.points[:, :, :kept], confidence=found.confidence[:, :, :kept])
+        return found._replace(layout=of_body, names=LAYOUTS[of_body].names)
+    if layout is None and len(names) == count and count not in {known.num_points for known in LAYOUTS.values()}:
+        return found._replace(layout="", names=tuple(names))
+    chosen = layout_of(found.points, at) if layout is None else check_layout(layout, count, at)
+    return found._replace(layout=chosen, names=LAYOUTS[chosen].names)

@@ -1,0 +1,92 @@
+"""Points as SLEAP exports them for analysis, an HDF5 file.
+
+``tracks`` are the places of all animals' nodes in all frames, NaN where there is none.
+``tracks`` is (tracks, 2, nodes, frames), and ``point_scores`` (tracks, nodes, frames); newer exports have other orders,
+which their attribute ``dims`` tells. Without scores, what is there has a confidence of 1.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, Location
+from poseppl.files.hdf5_reading import array, attribute, open_hdf5, texts
+from poseppl.motion.io.detections import (
+    MAX_FRAMES,
+    MAX_PEOPLE,
+    MAX_POINTS,
+    MAX_VALUES,
+    DetectedPeople,
+    check_names,
+    people_of_table,
+)
+
+_EXPECTED = "an analysis file of SLEAP (Export Analysis HDF5)"
+_TRACKS, _SCORES = ("track", "xy", "node", "frame"), ("track", "node", "frame")
+
+
+def read_sleap(path: FilePath) -> DetectedPeople:
+    """Read an analysis file of SLEAP.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The points under the names of the nodes; ``individuals`` are the tracks where they have names.
+
+    Raises:
+        InputError: The file is none, is damaged, or holds no point.
+    """
+    at = Location(path)
+    with open_hdf5(path, _EXPECTED) as file:
+        nodes = texts(array(file, "node_names", at))
+        tracks = texts(array(file, "track_names", at)) if "track_names" in file else []
+        points = _ordered(file, "tracks", _TRACKS, at)
+        scores = _ordered(file, "point_scores", _SCORES, at) if "point_scores" in file else None
+    check_names(nodes, "nodes", at)
+    people, _, count, frames = points.shape
+    if count != len(nodes) or (tracks and len(tracks) != people):
+        raise at.in_field("tracks").error(f"shape {points.shape}", f"{len(tracks) or 1} tracks and {len(nodes)} nodes")
+    if people > MAX_PEOPLE or count > MAX_POINTS or frames > MAX_FRAMES or 3 * people * count * frames > MAX_VALUES:
+        expected = f"at most {MAX_PEOPLE}, {MAX_POINTS} and {MAX_FRAMES}, and {MAX_VALUES} numbers"
+        raise at.in_field("tracks").error(f"{people} tracks of {count} nodes in {frames} frames", expected)
+    if scores is not None and scores.shape != (people, count, frames):
+        raise at.in_field("point_scores").error(f"shape {scores.shape}", f"{(people, count, frames)}, as tracks has")
+    table = np.ones((frames, people, count, 3))
+    table[..., :2] = points.transpose(3, 0, 2, 1)
+    if scores is not None:
+        table[..., 2] = scores.transpose(2, 0, 1)
+    found = people_of_table(table, np.arange(frames), nodes, at)
+    return found._replace(individuals=tuple(tracks) if len(set(tracks)) == people else ())
+
+
+def _ordered(file: Any, name: str, axes: tuple[str, ...], at: Location) -> Floats:
+    """An array with its axes in our order."""
+    values = array(file, name, at)
+    where = at.in_field(name)
+    if values.dtype.kind != "f" or values.ndim != len(axes):
+        raise where.error(f"values of type {values.dtype} and shape {values.shape}", f"numbers by {', '.join(axes)}")
+    stored = _dimensions(file, name, at)
+    order = axes if stored is None else [axis for axis in stored if axis in axes]
+    if sorted(order) != sorted(axes):
+        raise where.in_field("dims").error(f"axes {', '.join(map(str, order))[:80]}", ", ".join(axes))
+    values = values.transpose([order.index(axis) for axis in axes])
+    if "xy" in axes and values.shape[1] != 2:
+        raise where.error(f"shape {values.shape}", f"numbers by {', '.join(axes)}, two of xy")
+    return np.asarray(values, np.float64)
+
+
+def _dimensions(file: Any, name: str, at: Location) -> tuple[str, ...] | None:
+    """Names of axes, where they are told."""
+    stored = attribute(file[name], "dims", at)
+    if stored is None:
+        return None if attribute(file, "transpose", at) in (None, True, 1) else ("frame", "node", "xy", "track")
+    try:
+        names = json.loads(stored)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise at.in_field("dims").error("no names of axes", ", ".join(_TRACKS)) from error
+    return tuple(map(str, names)) if isinstance(names, list) else ()

@@ -1,0 +1,177 @@
+"""JSON and CSV of AlphaPose, MMPose and MediaPipe, and what a file is, found from its content."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from poseppl.errors import InputError
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.io.keypoints import detector_of, read_keypoints
+from poseppl.motion.io.mediapipe import read_mediapipe
+
+TABLE = np.round(np.random.default_rng(1).uniform(1, 900, (3, 2, 17, 3)), 2)
+"""Three frames of two people."""
+TABLE[..., 2] /= 1000
+
+
+def alphapose(table: np.ndarray = TABLE) -> list[dict[str, Any]]:
+    return [
+        {"image_id": f"{frame + 4}.jpg", "category_id": 1, "keypoints": person.ravel().tolist(), "score": 2.0}
+        for frame, people in enumerate(table)
+        for person in people
+    ]
+
+
+def instances(people: np.ndarray) -> list[dict[str, Any]]:
+    return [{"keypoints": person[:, :2].tolist(), "keypoint_scores": person[:, 2].tolist()} for person in people]
+
+
+def mmpose(table: np.ndarray = TABLE) -> dict[str, Any]:
+    frames = [{"frame_id": frame + 1, "instances": instances(people)} for frame, people in enumerate(table)]
+    return {"meta_info": {"keypoint_id2name": {str(k): f"p{k}" for k in range(table.shape[2])}}, "instance_info": frames}
+
+
+def landmarks(frame: int) -> list[dict[str, float]]:
+    return [{"x": 0.01 * k, "y": 0.02 * frame + 0.1, "z": -0.3, "visibility": 0.9} for k in range(1, 34)]
+
+
+def write(path: Path, document: Any) -> Path:
+    path.write_text(document if isinstance(document, str) else json.dumps(document))
+    return path
+
+
+def test_alphapose(tmp_path: Path) -> None:
+    path = write(tmp_path / "alphapose-results.json", alphapose())
+    found = read_keypoints(path)
+    assert detector_of(path) == "alphapose" and found.layout == "coco17" and found.frames.tolist() == [4, 5, 6]
+    np.testing.assert_array_equal(found.points, TABLE[..., :2])
+    np.testing.assert_array_equal(found.confidence, TABLE[..., 2])
+
+
+@pytest.mark.parametrize("form", ["whole", "list", "bare", "folder"])
+def test_mmpose(tmp_path: Path, form: str) -> None:
+    document: Any = mmpose()
+    if form == "list":
+        document = document["instance_info"]
+    if form == "bare":
+        document = [frame["instances"] for frame in document["instance_info"]]
+    if form == "folder":
+        for frame in document["instance_info"]:
+            write(tmp_path / f"img_{frame['frame_id']:04d}.json", {"meta_info": {}, "instance_info": frame["instances"]})
+    path = tmp_path if form == "folder" else write(tmp_path / "predictions.json", document)
+    found = read_keypoints(path)
+    assert detector_of(path) == "mmpose" and found.layout == "coco17"
+    assert found.frames.tolist() == ([0, 1, 2] if form == "bare" else [1, 2, 3])
+    np.testing.assert_array_equal(found.points, TABLE[..., :2])
+
+
+def test_names_of_a_file_serve_where_no_layout_does(tmp_path: Path) -> None:
+    found = read_keypoints(write(tmp_path / "p.json", mmpose(TABLE[:, :, :5])))
+    assert found.layout == "" and found.names == ("p0", "p1", "p2", "p3", "p4")
+
+
+@pytest.mark.parametrize(("count", "layout"), [(133, "coco17"), (136, "halpe26")])
+def test_whole_bodies_are_cut_to_the_body(tmp_path: Path, count: int, layout: str) -> None:
+    table = np.random.default_rng(0).uniform(1, 2, (2, 1, count, 3))
+    found = read_keypoints(write(tmp_path / "p.json", alphapose(table)))
+    kept = LAYOUTS[layout].num_points
+    assert found.layout == layout and found.names == LAYOUTS[layout].names
+    np.testing.assert_array_equal(found.points, table[:, :, :kept, :2])
+
+
+def wide(visible: str = "0.9") -> str:
+    names = LAYOUTS["mediapipe33"].names
+    header = ["frame", "timestamp", *(f"{name}_{kind}" for name in names for kind in ("x", "y", "z", "visibility"))]
+    rows = [
+        [str(frame), str(frame / 50), *(w for mark in landmarks(frame) for w in (f"{mark['x']}", f"{mark['y']}", "-0.3", visible))]
+        for frame in (0, 1)
+    ]
+    return "\n".join(",".join(row) for row in [header, *rows]) + "\n"
+
+
+def long() -> str:
+    names = [*LAYOUTS["mediapipe33"].names[:-1], "32"]
+    rows = [f"{f},{f / 50},{n},{m['x']},{m['y']},0.9" for f in (0, 1) for n, m in zip(names, landmarks(f), strict=True)]
+    return "\n".join(["frame,timestamp,landmark,x,y,visibility", *rows]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "document"),
+    [
+        ("a.json", [{"frame": f, "timestamp_ms": 20 * f, "landmarks": landmarks(f)} for f in (0, 1)]),
+        ("b.json", {"frames": [{"frame": f, "time": f / 50, "pose_landmarks": [landmarks(f)]} for f in (0, 1)]}),
+        ("c.json", [{"timestamp": f / 50, "landmarks": [[m["x"], m["y"], 0.0, 0.9] for m in landmarks(f)]} for f in (0, 1)]),
+        ("d.csv", wide()),
+        ("e.csv", long()),
+    ],
+)
+def test_mediapipe(tmp_path: Path, name: str, document: Any) -> None:
+    path = write(tmp_path / name, document)
+    assert detector_of(path) == "mediapipe"
+    found = read_keypoints(path, size=(1000, 500))
+    assert found.layout == "mediapipe33" and found.times is not None
+    np.testing.assert_allclose(found.times, [0, 0.02])
+    np.testing.assert_allclose(found.points[1, 0, 11], [120.0, 60.0])
+    assert LAYOUTS["mediapipe33"].markers["shoulder_l"] == 11 and LAYOUTS["mediapipe33"].markers["ankle_r"] == 28
+    with pytest.raises(InputError, match="shares of the picture's size, which is unknown"):
+        read_mediapipe(path)
+
+
+def test_several_people_and_nobody(tmp_path: Path) -> None:
+    document = [{"landmarks": [landmarks(0), landmarks(1)]}, {"landmarks": []}, {"landmarks": None}, {"landmarks": [landmarks(2)]}]
+    found = read_mediapipe(write(tmp_path / "a.json", document), (1000, 500))
+    assert np.isfinite(found.points).all((2, 3)).tolist() == [[True, True], [False, False], [False, False], [True, False]]
+
+
+def test_names_tell_markers() -> None:
+    names = ("LShoulder", "right_knee", "Hip L", "tail", "MidHip", "l_wrist")
+    assert markers_of_names(names) == {"shoulder_l": 0, "knee_r": 1, "hip_l": 2, "pelvis": 4, "wrist_l": 5}
+    for layout in ("coco17", "halpe26", "body25", "mediapipe33"):
+        assert markers_of_names(LAYOUTS[layout].names) == LAYOUTS[layout].markers
+
+
+@pytest.mark.parametrize(
+    ("name", "document", "words"),
+    [
+        ("a.json", {"a": 1}, "no keypoints of a detector that is known .*--detector says which"),
+        ("a.txt", "hello", "no keypoints of a detector that is known"),
+        ("a.csv", "a,b\n1,2\n", "no keypoints of a detector that is known"),
+        ("a.json", [{"image_id": "x.jpg", "keypoints": [1, 2, 3]}], r"\[0\]\.image_id: 'x\.jpg' tells no frame"),
+        ("a.json", [{"image_id": "1.jpg", "keypoints": [1, 2]}], r"\[0\]\.keypoints: 2 numbers .expected 3 numbers a point"),
+        ("a.json", [{"image_id": "1.jpg", "keypoints": [1, 2, 3] * 5}], "people with 5 points"),
+        ("a.json", [{"image_id": "1.jpg"}], "not a list of numbers"),
+        ("a.json", [{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}], "1 keypoints and 0 scores"),
+        ("a.json", [{"instances": [{}]}], "no person"),
+        ("a.json", [{"frame_id": 1, "instances": []}, {"frame_id": 1, "instances": []}], "frame 1 comes twice"),
+        ("a.json", [{"frame_id": 1, "instances": []}], "nobody was found in any of 1 frames"),
+        ("a.json", [{"landmarks": [{"x": 1, "y": 2}]}], "1 landmarks .expected 33"),
+        ("a.json", [{"landmarks": [{"x": 1}] * 33}], r"landmarks\[0\]: no landmark"),
+        ("a.csv", "frame,x,y\n0,1,2\n", "no columns nose_x and nose_y"),
+        ("a.csv", "frame,landmark,x,y\n0,tail,1,2\n", "line 2, landmark: 'tail' .expected 0 to 32"),
+        ("a.csv", "frame,landmark,x,y\n0,nose,1,2\n0,0,1,2\n", "line 3: landmark nose of frame 0 comes twice"),
+        ("a.csv", "frame,landmark,x,y\n0,nose,1\n", "line 2: 3 values"),
+        ("a.json", [{"image_id": "1.jpg", "keypoints": [1e10, 2, 3] * 17}], "person 1, 0, x: the number 1e.10 is too large"),
+    ],
+)
+def test_a_wrong_file_is_told(tmp_path: Path, name: str, document: Any, words: str) -> None:
+    with pytest.raises(InputError, match=rf"a\.(json|csv|txt).*{words}"):
+        read_keypoints(write(tmp_path / name, document), size=(1000, 500))
+
+
+def test_detectors_and_layouts_that_do_not_fit(tmp_path: Path, data_dir: Path) -> None:
+    with pytest.raises(InputError, match="--detector: 'mine'"):
+        read_keypoints(tmp_path, "mine")
+    (file,) = (data_dir / "fly_legs").glob("*Cam-A*rng=0.csv")
+    assert detector_of(file) == "deeplabcut" and read_keypoints(file).names[0] == "L1A"
+    with pytest.raises(InputError, match="people with 12 points .expected 17, as coco17 has"):
+        read_keypoints(file, layout="coco17")
+    board = data_dir / "charuco_board" / "xy_CHARUCO.csv"
+    assert detector_of(board) == "caliscope" and read_keypoints(board, camera="2").points.shape[2] == 9 + 3
+    with pytest.raises(InputError, match="no points of the camera 'left' .expected 0, 1, 2, 3"):
+        read_keypoints(board, camera="left")
+    assert detector_of(data_dir / "pose2sim_balancing" / "pose" / "cam01_json") == "openpose"
