@@ -8,24 +8,32 @@ from typing import Any
 import click
 
 from poseppl.cli.options import option_group
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import InputError, Location, PosepplError
+from poseppl.motion.io.text_parsing import parse_number
 
-_ONLY = ("layout", "person", "keep_calibration", "online", "no_export")
+_ONLY = ("layout", "person", "keep_calibration", "online", "no_export", "detector", "offset", "camera_rate", "keep_clocks")
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
 keypoint_options = option_group(
     click.option(
         "--keypoints",
-        metavar="CAMERA=FOLDER...",
+        metavar="CAMERA=FILE...",
         multiple=True,
         type=click.Path(),
-        help="Keypoints to track instead of a recording: for each camera of --calibration that is used, a folder of "
-        "OpenPose's JSON files, one a frame. Files of the same number are of one time.",
+        help="Keypoints to track instead of a recording: for each camera of --calibration that is used, a detector's file, or "
+        "its folder of one file a frame. Frames of the same number are of one time, but for offsets that are found, and told.",
+    ),
+    click.option(
+        "--detector",
+        metavar="NAME",
+        help="--keypoints: what wrote them: openpose, alphapose, mmpose, mediapipe, deeplabcut, sleap or caliscope. [default: "
+        "found from their content]",
     ),
     click.option(
         "--layout",
         metavar="NAME",
-        help="--keypoints: which points they are: coco17, coco18, body25, body25b or halpe26. [default: found from them]",
+        help="--keypoints: which points they are: coco17, coco18, body25, body25b, halpe26 or mediapipe33. "
+        "[default: found from them]",
     ),
     click.option(
         "--person",
@@ -47,6 +55,27 @@ keypoint_options = option_group(
         help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
     ),
     click.option(
+        "--offset",
+        metavar="CAMERA=FRAMES",
+        multiple=True,
+        default=None,
+        help="--keypoints: frames by which a camera is late: what the others have in frame n, it has in frame n + FRAMES. "
+        "[default: found from what several cameras see of the person, and told]",
+    ),
+    click.option(
+        "--keep-clocks",
+        is_flag=True,
+        default=None,
+        help="--keypoints: frames of the same number are of one time; no offset is sought.",
+    ),
+    click.option(
+        "--camera-rate",
+        metavar="CAMERA=RATE",
+        multiple=True,
+        default=None,
+        help="--keypoints: frames a second of a camera that has others than --rate.",
+    ),
+    click.option(
         "--keep-calibration",
         is_flag=True,
         default=None,
@@ -58,20 +87,50 @@ keypoint_options = option_group(
 
 
 def words_of_keypoints(words: tuple[str, ...]) -> dict[str, str]:
-    """Folders by camera.
+    """Files and folders by camera.
 
     Raises:
-        InputError: A word is no CAMERA=FOLDER, or names a camera again.
+        InputError: A word is no CAMERA=FILE, or names a camera again.
     """
-    folders: dict[str, str] = {}
+    return _by_camera(words, "--keypoints", "CAMERA=FILE, such as cam1=pose/cam1_json")
+
+
+def numbers_of_cameras(words: tuple[str, ...] | None, option: str) -> dict[str, float]:
+    """Numbers by camera.
+
+    Raises:
+        InputError: A word is no CAMERA=NUMBER, or names a camera again.
+    """
+    found = {}
+    for camera, text in _by_camera(words or (), option, "CAMERA=NUMBER, such as cam2=3.5").items():
+        found[camera] = parse_number(text.strip(), Location(field=option))
+    return found
+
+
+def _by_camera(words: tuple[str, ...], option: str, expected: str) -> dict[str, str]:
+    found: dict[str, str] = {}
     for word in words:
-        camera, equals, folder = str(word).partition("=")
-        if not (camera and equals and folder):
-            raise InputError(f"{str(word)[:80]!r}", field="--keypoints", expected="CAMERA=FOLDER, such as cam1=pose/cam1_json")
-        if camera in folders:
-            raise InputError(f"the camera {camera!r} comes twice", field="--keypoints", expected="one folder a camera")
-        folders[camera] = folder
-    return folders
+        camera, equals, value = str(word).partition("=")
+        if not (camera and equals and value):
+            raise InputError(f"{str(word)[:80]!r}", field=option, expected=expected)
+        if camera in found:
+            raise InputError(f"the camera {camera!r} comes twice", field=option, expected="each camera once")
+        found[camera] = value
+    return found
+
+
+def _clocks(options: dict[str, Any], rate: float | None) -> Any:
+    from poseppl.motion.tracking.keypoint_sources import Clocks
+    from poseppl.motion.tracking.walk import ASSUMED_RATE
+
+    rates = numbers_of_cameras(options["camera_rate"], "--camera-rate")
+    for camera, own in rates.items():
+        if not 1e-3 <= own <= 1e5:
+            raise InputError(f"{camera}={own:g}", field="--camera-rate", expected="0.001 to 100000 frames a second")
+    if rates and rate is None:
+        raise InputError("it needs --rate, that of the other cameras", field="--camera-rate")
+    offsets = numbers_of_cameras(options["offset"], "--offset")
+    return Clocks(rate or ASSUMED_RATE, rates, offsets, not options["keep_clocks"])
 
 
 def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
@@ -83,7 +142,7 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
     """
     if not options["keypoints"]:
         for name in _ONLY:
-            if options[name] is not None:
+            if options[name] not in (None, ()):
                 raise click.UsageError(f"--{name.replace('_', '-')} goes with --keypoints")
         return
     if others:
@@ -106,6 +165,8 @@ def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
         read_cameras(options["calibration"]),
         model=model,
         layout=options["layout"],
+        detector=options["detector"],
+        clocks=_clocks(options, given_rate(options)),
         person=options["person"] or 1,
         frames=options["frames"],
         noise=options["noise"],

@@ -21,10 +21,11 @@ from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
-from poseppl.motion.io.openpose import read_openpose
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
+from poseppl.motion.tracking.keypoint_sources import Clocks, common_frames, points_of, read_sources
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
@@ -75,6 +76,7 @@ class KeypointScene(NamedTuple):
         errors: What remains of them.
         refined: How the cameras differ from their calibration; None where that was not sought.
         agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
+        told: What reading the files and bringing their clocks together found, a sentence each.
     """
 
     scene: Scene[PointData]
@@ -82,6 +84,7 @@ class KeypointScene(NamedTuple):
     errors: CameraErrors
     refined: RefinedCameras | None
     agreement: Floats
+    told: tuple[str, ...] = ()
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -99,7 +102,8 @@ class KeypointScene(NamedTuple):
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
-        told = [f"keypoints are taken for {self.layout} (--layout)"]
+        known = f"for {self.layout} (--layout)" if self.layout else "by their names"
+        told = [f"keypoints are taken {known}", *self.told]
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
             if share < LEAST_AGREEMENT:
                 told.append(
@@ -122,6 +126,8 @@ def scene_of_keypoints(
     *,
     model: str = DEFAULT_MODEL,
     layout: str | None = None,
+    detector: str | None = None,
+    clocks: Clocks | None = None,
     person: int = 1,
     frames: str | None = None,
     noise: float | None = None,
@@ -133,10 +139,13 @@ def scene_of_keypoints(
     """Read what a detector found, and pick one person.
 
     Args:
-        folders: Folders of OpenPose's JSON files by the names of their cameras; frames of the same number are of one time.
+        folders: Files or folders of keypoints by the names of their cameras; frames of the same number are of one time, but for
+            what ``clocks`` knows.
         records: The calibrated cameras; those without a folder are left out.
         model: Builder of the body.
         layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
+        detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
+        clocks: What is known of the cameras' clocks; nothing, so that offsets are sought, if None.
         person: 1 for the person who is seen best, 2 for the next.
         frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
         noise: Standard deviation as a fraction of the focal length; what the data tell if None.
@@ -149,21 +158,18 @@ def scene_of_keypoints(
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
     """
     known = {record.name: record for record in records}
-    for name in folders:
-        if name not in known:
-            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+    people, told = read_sources(folders, known, detector, layout)
     cameras = cameras_of_records([known[name] for name in folders])
-    people, numbers = _common_frames([read_openpose(folder, layout) for folder in folders.values()], frames)
-    layouts = {found.layout for found in people}
-    if len(layouts) > 1:
-        raise InputError(f"cameras with {' and '.join(sorted(layouts))}", field="--keypoints", expected="one layout in all")
+    clocks = clocks or Clocks(rate or ASSUMED_RATE)
+    aligned, clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
+    people, numbers = aligned.people, aligned.frames
     step = FrameRange.parse(frames).step
-    pace = (rate or ASSUMED_RATE) / step
+    pace = clocks.rate / step
     chosen = choose_person(cameras, people, pace, person)
-    points, confidence = _points_of(people, chosen)
+    points, confidence = points_of(people, chosen)
     build = body_builder(model)
     markers = build(None).tree.marker_names
-    points, confidence = _marker_points(points, confidence, layouts.copy().pop(), markers)
+    points, confidence = _marker_points(points, confidence, people[0], markers)
     places = triangulate(cameras, points, confidence)
     refined = None
     if refine and np.isfinite(places).all(-1).sum() >= _LEAST_RESIDUALS:
@@ -180,25 +186,9 @@ def scene_of_keypoints(
     data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)))
     source = ", ".join(map(str, folders.values()))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
-    found = KeypointScene(scene, layouts.pop(), errors, refined, _agreement(people, chosen))
+    notes = (*told, *clock_notes)
+    found = KeypointScene(scene, people[0].layout, errors, refined, _agreement(people, chosen), notes)
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
-
-
-def _common_frames(people: Sequence[DetectedPeople], frames: str | None) -> tuple[list[DetectedPeople], Integers]:
-    first, last = max(found.frames[0] for found in people), min(found.frames[-1] for found in people)
-    if first > last:
-        spans = ", ".join(f"{found.frames[0]} to {found.frames[-1]}" for found in people)
-        raise InputError(f"no common frame: {spans}", field="--keypoints", expected="files of the same frame numbers")
-    numbers = np.arange(first, last + 1)
-    part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
-    cut = []
-    for found in people:
-        start = int(first - found.frames[0])
-        span = slice(start, start + len(numbers))
-        cut.append(
-            found._replace(points=found.points[span][part], confidence=found.confidence[span][part], frames=numbers[part])
-        )
-    return cut, numbers[part]
 
 
 def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
@@ -207,21 +197,15 @@ def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
     return np.asarray((sees & (chosen >= 0)).sum(0) / np.maximum(sees.sum(0), 1))
 
 
-def _points_of(people: Sequence[DetectedPeople], chosen: Integers) -> tuple[Floats, Floats]:
-    """Points (T, C, K, 2) and confidence (T, C, K) of one person."""
-    rows = np.arange(len(chosen))
-    absent = chosen < 0
-    points = np.stack([found.points[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
-    confidence = np.stack([found.confidence[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
-    return np.where(absent[..., None, None], np.nan, points), np.where(absent[..., None], 0.0, confidence)
-
-
-def _marker_points(points: Floats, confidence: Floats, layout: str, markers: Sequence[str]) -> tuple[Floats, Floats]:
+def _marker_points(
+    points: Floats, confidence: Floats, found_in: DetectedPeople, markers: Sequence[str]
+) -> tuple[Floats, Floats]:
     """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
-    table = LAYOUTS[layout].markers
+    table = LAYOUTS[found_in.layout].markers if found_in.layout else markers_of_names(found_in.names)
     found = [name for name in markers if name in table]
     if not found:
-        raise InputError(f"{layout} has none of the body's markers", field="--model", expected=", ".join(table))
+        named = found_in.layout or f"points called {some(found_in.names)}"
+        raise InputError(f"none of the body's markers is among {named}", field="--model", expected=some(markers))
     into, of = [markers.index(name) for name in found], [table[name] for name in found]
     seen = np.full((*points.shape[:2], len(markers), 2), np.nan)
     sure = np.zeros(seen.shape[:3])

@@ -1,4 +1,4 @@
-"""Points in HDF5: DeepLabCut's tables as pandas wrote them, SLEAP's analysis, and files that are wrong, damaged or malicious."""
+"""Points in HDF5: DeepLabCut's tables as pandas wrote them, SLEAP's analysis, and wrong, damaged or malicious files."""
 
 from __future__ import annotations
 

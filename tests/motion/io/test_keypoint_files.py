@@ -88,7 +88,7 @@ def wide(visible: str = "0.9") -> str:
     names = LAYOUTS["mediapipe33"].names
     header = ["frame", "timestamp", *(f"{name}_{kind}" for name in names for kind in ("x", "y", "z", "visibility"))]
     rows = [
-        [str(frame), str(frame / 50), *(w for mark in landmarks(frame) for w in (f"{mark['x']}", f"{mark['y']}", "-0.3", visible))]
+        [str(frame), str(frame / 50), *(w for mark in landmarks(frame) for w in (str(mark["x"]), str(mark["y"]), "0", visible))]
         for frame in (0, 1)
     ]
     return "\n".join(",".join(row) for row in [header, *rows]) + "\n"
@@ -123,7 +123,8 @@ def test_mediapipe(tmp_path: Path, name: str, document: Any) -> None:
 
 
 def test_several_people_and_nobody(tmp_path: Path) -> None:
-    document = [{"landmarks": [landmarks(0), landmarks(1)]}, {"landmarks": []}, {"landmarks": None}, {"landmarks": [landmarks(2)]}]
+    poses: list[Any] = [[landmarks(0), landmarks(1)], [], None, [landmarks(2)]]
+    document = [{"landmarks": found} for found in poses]
     found = read_mediapipe(write(tmp_path / "a.json", document), (1000, 500))
     assert np.isfinite(found.points).all((2, 3)).tolist() == [[True, True], [False, False], [False, False], [True, False]]
 

@@ -1,0 +1,188 @@
+"""Keypoints of several cameras in common frames: read, rid of what cannot be, and their clocks brought together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from poseppl.arrays import Floats, Integers
+from poseppl.errors import FilePath, InputError
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io.keypoints import read_keypoints
+from poseppl.motion.tracking.clock_offsets import coarse_offsets, fine_offsets
+from poseppl.motion.tracking.clocks import Aligned, Clock, align
+from poseppl.motion.tracking.people import choose_person
+
+FAR_OUTSIDE = 1.0
+"""A point farther outside of the picture than this share of its width or height is none."""
+LEAST_OFFSET, SURE = 0.5, 3.0
+"""An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
+_TOLD_FRAMES = 5
+_FEW = 0.5
+"""A camera that sees someone in a smaller share of its frames is told of."""
+
+
+class Clocks(NamedTuple):
+    """What is known of the cameras' clocks.
+
+    Attributes:
+        rate: Frames a second of the recording.
+        rates: Frames a second of cameras that have others.
+        offsets: Frames by which cameras are late, where that is known.
+        find: Whether offsets that are not known are sought.
+    """
+
+    rate: float
+    rates: Mapping[str, float] = {}
+    offsets: Mapping[str, float] = {}
+    find: bool = True
+
+
+def read_sources(
+    sources: Mapping[str, FilePath], records: Mapping[str, CameraRecord], detector: str | None, layout: str | None
+) -> tuple[list[DetectedPeople], list[str]]:
+    """Read the keypoints of cameras.
+
+    Args:
+        sources: Files or folders by the names of their cameras.
+        records: Cameras by name.
+        detector: What wrote them; found from their content if None.
+        layout: Which points these are; found from them if None.
+
+    Returns:
+        What each camera saw, and what the user should know of it.
+
+    Raises:
+        InputError: A camera is unknown, a file cannot be read, or they have different points.
+    """
+    for name in sources:
+        if name not in records:
+            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(records))
+    people, notes = [], []
+    for name, source in sources.items():
+        size = records[name].size
+        found = read_keypoints(source, detector, layout=layout, size=size, camera=name)
+        found, note = without_strays(found, size, name)
+        people.append(found)
+        notes += note
+        seen = np.isfinite(found.points).any((1, 2, 3)).mean()
+        if seen < _FEW:
+            notes.append(f"{name}: nobody was found in {1 - seen:.0%} of its {len(found.frames)} frames")
+    if len({(found.layout, found.names) for found in people}) > 1:
+        kinds = sorted({found.layout or ", ".join(found.names)[:60] for found in people})
+        raise InputError(f"cameras with {' and '.join(kinds)}", field="--keypoints", expected="one layout in all")
+    return people, notes
+
+
+def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:
+    """Take away points that lie far outside of the picture, and tell of them."""
+    extent = np.array(size, float)
+    with np.errstate(invalid="ignore"):
+        stray = ((found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)).any(-1)
+    if not stray.any():
+        return found, []
+    t, p, k = np.argwhere(stray)[0]
+    x, y = found.points[t, p, k]
+    note = (
+        f"{name}: {stray.sum()} points lie far outside of its picture of {size[0]} x {size[1]} px and count as not seen, "
+        f"the first in frame {found.frames[t]}, {found.names[k]}, at ({x:.4g}, {y:.4g})"
+    )
+    points = np.where(stray[..., None], np.nan, found.points)
+    return found._replace(points=points, confidence=np.where(stray, 0.0, found.confidence)), [note]
+
+
+def common_frames(
+    names: Sequence[str], cameras: Cameras, people: Sequence[DetectedPeople], clocks: Clocks, frames: str | None
+) -> tuple[Aligned, list[str]]:
+    """Bring cameras to common frames; offsets of their clocks that are not known are sought, and told.
+
+    Args:
+        names: C names of cameras.
+        cameras: The cameras.
+        people: What each saw, in its own frames.
+        clocks: What is known of the clocks.
+        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+
+    Raises:
+        InputError: A name is none, the cameras have no common frame, or only some have times.
+    """
+    for field, known in (("--offset", clocks.offsets), ("--camera-rate", clocks.rates)):
+        for name in known:
+            if name not in names:
+                raise InputError(f"no keypoints of a camera {name!r}", field=field, expected=", ".join(names))
+    timed = [found.times is not None for found in people]
+    if any(timed) and not all(timed):
+        missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
+        raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
+    own = [
+        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate)
+        for name in names
+    ]
+    aligned, notes = align(people, own), []
+    free = [c for c, name in enumerate(names) if name not in clocks.offsets]
+    if clocks.find and len(free) > 1:
+        late, notes = _found_offsets(names, cameras, people, own, free, clocks.rate)
+        own = [clock._replace(offset=clock.offset + late[c] * clock.ratio) for c, clock in enumerate(own)]
+    aligned = align(people, own, frames)
+    return aligned, notes + _span_notes(names, aligned)
+
+
+def _found_offsets(
+    names: Sequence[str],
+    cameras: Cameras,
+    people: Sequence[DetectedPeople],
+    own: Sequence[Clock],
+    free: Sequence[int],
+    rate: float,
+) -> tuple[Floats, list[str]]:
+    """Frames of the recording by which cameras are late beside what is known, 0 where it is not sure; what to tell."""
+    late = np.zeros(len(names))
+    start = coarse_offsets(cameras, align(people, own).people)
+    start -= start[[c for c in range(len(names)) if c not in free] or [0]][0]
+    shifted = [clock._replace(offset=clock.offset + start[c] * clock.ratio) for c, clock in enumerate(own)]
+    try:
+        aligned = align(people, shifted).people
+        points, confidence = points_of(aligned, choose_person(cameras, aligned, rate))
+    except InputError:  # nobody is seen by two cameras: what follows says so
+        return late, []
+    found = fine_offsets(cameras, points, confidence, rate)
+    if found is None:
+        return late, []
+    anchor = next((c for c in range(len(names)) if c not in free), free[0])
+    total = start + found.frames
+    total -= total[anchor]
+    deviation = np.maximum(found.deviation, found.deviation[found.deviation > 0].min())
+    notes = []
+    for c in free:
+        if c != anchor and abs(total[c]) >= LEAST_OFFSET and abs(total[c]) >= SURE * deviation[c]:
+            late[c] = total[c]
+            low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
+            notes.append(
+                f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
+                f"{high:+.1f}); this is mended (--offset gives another, --keep-clocks takes frames of the same number for one time)"
+            )
+    return late, notes
+
+
+def _span_notes(names: Sequence[str], aligned: Aligned) -> list[str]:
+    """Cameras that begin later or end earlier than the frames that are taken."""
+    first, last = aligned.frames[0], aligned.frames[-1]
+    notes = []
+    for name, (begin, end) in zip(names, aligned.spans, strict=True):
+        if begin > first + _TOLD_FRAMES:
+            notes.append(f"{name}: it begins at frame {begin:.0f}, the others at {first}; before that it sees nobody")
+        if end < last - _TOLD_FRAMES:
+            notes.append(f"{name}: it ends at frame {end:.0f}, the others at {last}; after that it sees nobody")
+    return notes
+
+
+def points_of(people: Sequence[DetectedPeople], chosen: Integers) -> tuple[Floats, Floats]:
+    """Points (T, C, K, 2) and confidence (T, C, K) of one person."""
+    rows = np.arange(len(chosen))
+    absent = chosen < 0
+    points = np.stack([found.points[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    confidence = np.stack([found.confidence[rows, chosen[:, c]] for c, found in enumerate(people)], 1)
+    return np.where(absent[..., None, None], np.nan, points), np.where(absent[..., None], 0.0, confidence)
