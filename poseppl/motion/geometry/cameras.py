@@ -3,7 +3,7 @@
 A world point p (mm) has camera coordinates ``R (p - centre)``, with the optical axis along the camera's z; the image point is
 ``focal * distort(x / z, y / z) + principal``, in the camera's units: pixels for a calibrated one, and pure numbers for the
 camera of Choo and Fleet 2001 (Eq. 18), whose optical axis is the world's Y axis, image x along X and image y along Z.
-Distortion is the model of Brown and Conrady (k1, k2, p1, p2, k3), as in OpenCV.
+Distortion is one of :mod:`poseppl.motion.geometry.lenses`, as in OpenCV.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.motion.geometry.lenses import distort
+
 NEAREST = 1.0
 """Depth (mm) to which a point at or behind the camera is moved, so that projections and gradients stay finite."""
 
@@ -22,7 +24,7 @@ NEAREST = 1.0
 class Cameras(NamedTuple):
     """C cameras: ``rotation`` (C, 3, 3) world to camera, ``centre`` (C, 3) mm, ``focal`` and ``principal`` (C, 2).
 
-    ``distortion`` is (C, 5) or None, which costs nothing.
+    ``distortion`` is (C, 5), (C, 8), (C, 9), see :mod:`~poseppl.motion.geometry.lenses`, or None, which costs nothing.
     """
 
     rotation: Array
@@ -59,15 +61,18 @@ def look_at(centre: Sequence[float], target: Sequence[float], focal: float = 1.0
 
 
 def join_cameras(cameras: Sequence[Cameras]) -> Cameras:
-    """Stack camera sets into one; where only some have distortion, the others get zeros."""
-    bent = any(camera.distortion is not None for camera in cameras)
-    if bent:
-        cameras = [
-            camera if camera.distortion is not None else camera._replace(distortion=jnp.zeros((camera.centre.shape[0], 5)))
-            for camera in cameras
-        ]
+    """Stack camera sets into one; where only some have distortion, or fewer coefficients, the others get zeros."""
+    width = max((0 if camera.distortion is None else camera.distortion.shape[1] for camera in cameras), default=0)
+    if width:
+        cameras = [camera._replace(distortion=_padded(camera, width)) for camera in cameras]
     joined: Cameras = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *cameras)
     return joined
+
+
+def _padded(cameras: Cameras, width: int) -> Array:
+    """The coefficients (C, width), zeros where there are none."""
+    own = jnp.zeros((cameras.centre.shape[0], 0)) if cameras.distortion is None else cameras.distortion
+    return jnp.pad(own, ((0, 0), (0, width - own.shape[1])))
 
 
 def project(cameras: Cameras, points: Array) -> Array:
@@ -107,16 +112,5 @@ def project_components(camera: Cameras, x: Array, y: Array, z: Array) -> tuple[A
     inverse = 1.0 / jnp.maximum(c, NEAREST)
     u, v = a * inverse, b * inverse
     if camera.distortion is not None:
-        u, v = _distort(camera.distortion, u, v)
+        u, v = distort(camera.distortion, u, v)
     return camera.focal[0] * u + camera.principal[0], camera.focal[1] * v + camera.principal[1]
-
-
-def _distort(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array]:
-    k1, k2, p1, p2, k3 = coefficients
-    squared = u * u + v * v
-    radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
-    cross = u * v
-    return (
-        u * radial + 2.0 * p1 * cross + p2 * (squared + 2.0 * u * u),
-        v * radial + p1 * (squared + 2.0 * v * v) + 2.0 * p2 * cross,
-    )

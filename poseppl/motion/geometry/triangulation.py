@@ -7,30 +7,20 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry.cameras import Cameras
-
-_ROUNDS = 10
-"""Of the fixed-point iteration that takes a lens's distortion away."""
+from poseppl.motion.geometry.lenses import undistort
 
 
 def viewing_rays(cameras: Cameras, camera: int, points: Floats) -> Floats:
-    """Unit directions (..., 3) in the world of the rays of one camera's image points (..., 2); NaN where these are."""
+    """Unit directions (..., 3) in the world of the rays of one camera's image points (..., 2).
+
+    NaN where a point is, and where its lens puts nothing (:func:`~poseppl.motion.geometry.lenses.undistort`).
+    """
     lens = jax.tree.map(lambda leaf: np.asarray(leaf[camera], np.float64), cameras)
-    seen = (points - lens.principal) / lens.focal
-    plane = seen
+    plane = (points - lens.principal) / lens.focal
     if lens.distortion is not None:
-        for _ in range(_ROUNDS):
-            plane = plane - (_distorted(lens.distortion, plane) - seen)
+        plane = undistort(lens.distortion, plane)
     ray = np.concatenate([plane, np.ones_like(plane[..., :1])], -1) @ lens.rotation
     return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
-
-
-def _distorted(coefficients: Floats, plane: Floats) -> Floats:
-    k1, k2, p1, p2, k3 = coefficients
-    u, v = plane[..., 0], plane[..., 1]
-    squared, cross = u * u + v * v, u * v
-    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
-    bent_u = u * radial + 2 * p1 * cross + p2 * (squared + 2 * u * u)
-    return np.stack([bent_u, v * radial + p1 * (squared + 2 * v * v) + 2 * p2 * cross], -1)
 
 
 def ray_distances(first: Floats, first_rays: Floats, second: Floats, second_rays: Floats) -> Floats:

@@ -9,11 +9,18 @@ from poseppl.motion.io.bvh import read_bvh as read_bvh
 from poseppl.motion.io.c3d import read_c3d as read_c3d
 from poseppl.motion.io.c3d_writing import write_c3d as write_c3d
 from poseppl.motion.io.caliscope import read_caliscope_points as read_caliscope_points
-from poseppl.motion.io.cameras import CameraRecord as CameraRecord, read_cameras as read_cameras, write_cameras as write_cameras
+from poseppl.motion.io.cameras import (
+    Calibration as Calibration,
+    CameraRecord as CameraRecord,
+    read_calibration as read_calibration,
+    read_cameras as read_cameras,
+    write_cameras as write_cameras,
+)
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv as read_deeplabcut_csv
 from poseppl.motion.io.deepmimic import read_deepmimic as read_deepmimic
 from poseppl.motion.io.detections import DetectedPeople as DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange as FrameRange
+from poseppl.motion.io.keypoints import read_keypoints as read_keypoints
 from poseppl.motion.io.marker_positions import read_places as read_places, write_places as write_places
 from poseppl.motion.io.masks import open_masks as open_masks, read_masks as read_masks
 from poseppl.motion.io.mot import read_mot as read_mot, write_mot as write_mot

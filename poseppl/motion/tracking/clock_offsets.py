@@ -26,11 +26,13 @@ LARGEST_SHIFT = 60
 """Frames; larger offsets have to be given."""
 _MOST_FRAMES = 400
 _LEAST_FRAMES, _LEAST_POINTS = 20, 4
-_CONFIDENT = 0.3
+_CONFIDENT, _CERTAIN = 0.3, 0.4
+"""Points of less confidence do not tell an offset, in whole frames and between them."""
 _FREEDOM = 4.0
 _STEP = 0.5
 """Frames, of the differences that derivatives are made of."""
 _ROUNDS = 10
+_BINOMIAL = (1.0, 4.0, 6.0, 4.0, 1.0)
 SYSTEMATIC = 0.003
 """Seconds: standard deviation of what errors of calibration make of a pair's shift, as in the recording of four synchronised
 cameras that `tests/motion/tracking/test_clock_offsets.py` reads."""
@@ -87,7 +89,7 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    seen, count = _confident(points, confidence), points.shape[1]
+    seen, count = _smooth(_confident(points, confidence, _CERTAIN)), points.shape[1]
     rows: list[Floats] = []
     shifts: list[float] = []
     weights: list[float] = []
@@ -137,8 +139,25 @@ def _sandwich(curvature: float, scores: Floats) -> float:
     return float(np.sqrt((scores**2).sum() * used / (used - 1)) / curvature)
 
 
-def _confident(points: Floats, confidence: Floats) -> Floats:
-    return np.where((confidence >= _CONFIDENT)[..., None], points, np.nan)
+def _confident(points: Floats, confidence: Floats, least: float = _CONFIDENT) -> Floats:
+    return np.where((confidence >= least)[..., None], points, np.nan)
+
+
+def _smooth(points: Floats) -> Floats:
+    """Points (T, ...) averaged over five frames, of all cameras alike.
+
+    Without it, interpolation between two frames would average errors that points on a frame have in full, and shifts of half a
+    frame seem better than they are.
+    """
+    total = np.zeros_like(points)
+    weights = np.zeros_like(points)
+    for step, weight in zip(range(-2, 3), _BINOMIAL, strict=True):
+        into = slice(max(0, step), len(points) + min(0, step))
+        of = slice(max(0, -step), len(points) + min(0, -step))
+        known = np.isfinite(points[of])
+        total[into] += np.where(known, weight * points[of], 0.0)
+        weights[into] += weight * known
+    return np.where(np.isfinite(points) & (weights == sum(_BINOMIAL)), total / sum(_BINOMIAL), np.nan)
 
 
 def _shift_costs(cameras: Cameras, a: int, first: Floats, b: int, second: Floats) -> dict[int, float]:
@@ -174,8 +193,8 @@ def _distance(first: Floats, first_rays: Floats, second: Floats, second_rays: Fl
 def _gaps(cameras: Cameras, points: Floats, rows: Integers, a: int, b: int, shift: float) -> Floats:
     """Signed distances (N, K) of the rays of two cameras, each half of the shift away, without the mean of each point."""
     centres = np.asarray(cameras.centre, np.float64)
-    first = viewing_rays(cameras, a, _at(points[:, a], rows - shift / 2))
-    second = viewing_rays(cameras, b, _at(points[:, b], rows + shift / 2))
+    first = viewing_rays(cameras, a, _at(points[:, a], np.asarray(rows - shift / 2, np.float64)))
+    second = viewing_rays(cameras, b, _at(points[:, b], np.asarray(rows + shift / 2, np.float64)))
     gaps = _distance(centres[a], first, centres[b], second)
     known = np.isfinite(gaps)
     values, weights = np.where(known, gaps, 0.0), known.astype(float)

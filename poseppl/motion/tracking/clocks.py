@@ -45,7 +45,7 @@ class Clock(NamedTuple):
             return np.asarray(self.ratio * numbers + self.offset - found.frames[0])
         known = np.isfinite(found.times)
         places, seconds = np.flatnonzero(known).astype(float), found.times[known]
-        return np.interp(numbers / self.rate, seconds, places, left=-1.0, right=len(found.times)) + self.offset
+        return np.asarray(np.interp(numbers / self.rate, seconds, places, left=-1.0, right=len(found.times)) + self.offset)
 
     def span(self, found: DetectedPeople) -> tuple[float, float]:
         """The recording's frames that the camera's first and last frame are of."""

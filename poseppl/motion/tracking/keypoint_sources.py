@@ -12,7 +12,7 @@ from poseppl.errors import FilePath, InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.keypoints import read_keypoints
-from poseppl.motion.tracking.clock_offsets import coarse_offsets, fine_offsets
+from poseppl.motion.tracking.clock_offsets import Offsets, coarse_offsets, fine_offsets
 from poseppl.motion.tracking.clocks import Aligned, Clock, align
 from poseppl.motion.tracking.people import choose_person
 
@@ -20,6 +20,7 @@ FAR_OUTSIDE = 1.0
 """A point farther outside of the picture than this share of its width or height is none."""
 LEAST_OFFSET, SURE = 0.5, 3.0
 """An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
+_ROUNDS = 3
 _TOLD_FRAMES = 5
 _FEW = 0.5
 """A camera that sees someone in a smaller share of its frames is told of."""
@@ -81,7 +82,8 @@ def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> t
     """Take away points that lie far outside of the picture, and tell of them."""
     extent = np.array(size, float)
     with np.errstate(invalid="ignore"):
-        stray = ((found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)).any(-1)
+        far = (found.points < -FAR_OUTSIDE * extent) | (found.points > (1 + FAR_OUTSIDE) * extent)
+    stray = np.any(far, axis=-1)
     if not stray.any():
         return found, []
     t, p, k = np.argwhere(stray)[0]
@@ -121,13 +123,38 @@ def common_frames(
         Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate)
         for name in names
     ]
-    aligned, notes = align(people, own), []
+    notes: list[str] = []
     free = [c for c, name in enumerate(names) if name not in clocks.offsets]
     if clocks.find and len(free) > 1:
         late, notes = _found_offsets(names, cameras, people, own, free, clocks.rate)
         own = [clock._replace(offset=clock.offset + late[c] * clock.ratio) for c, clock in enumerate(own)]
     aligned = align(people, own, frames)
     return aligned, notes + _span_notes(names, aligned)
+
+
+def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Sequence[Clock], rate: float) -> Offsets | None:
+    """Frames of the recording by which cameras are late beside what their clocks tell; None where it cannot be told.
+
+    The person is chosen with cameras whose clocks agree to half a frame, which takes a second round where they did not.
+    """
+    start = coarse_offsets(cameras, align(people, clocks).people)
+    found = None
+    for _ in range(_ROUNDS):
+        shifted = [clock._replace(offset=clock.offset + own * clock.ratio) for clock, own in zip(clocks, start, strict=True)]
+        try:
+            aligned = align(people, shifted).people
+            points, confidence = points_of(aligned, choose_person(cameras, aligned, rate))
+        except InputError:  # nobody is seen by two cameras: what follows says so
+            return None
+        beside = fine_offsets(cameras, points, confidence, rate)
+        if beside is None:
+            return found
+        found = Offsets(start + beside.frames, beside.deviation)
+        whole = np.round(found.frames)
+        if np.array_equal(whole, start):
+            break
+        start = whole
+    return found
 
 
 def _found_offsets(
@@ -140,20 +167,11 @@ def _found_offsets(
 ) -> tuple[Floats, list[str]]:
     """Frames of the recording by which cameras are late beside what is known, 0 where it is not sure; what to tell."""
     late = np.zeros(len(names))
-    start = coarse_offsets(cameras, align(people, own).people)
-    start -= start[[c for c in range(len(names)) if c not in free] or [0]][0]
-    shifted = [clock._replace(offset=clock.offset + start[c] * clock.ratio) for c, clock in enumerate(own)]
-    try:
-        aligned = align(people, shifted).people
-        points, confidence = points_of(aligned, choose_person(cameras, aligned, rate))
-    except InputError:  # nobody is seen by two cameras: what follows says so
-        return late, []
-    found = fine_offsets(cameras, points, confidence, rate)
+    found = find_offsets(cameras, people, own, rate)
     if found is None:
         return late, []
     anchor = next((c for c in range(len(names)) if c not in free), free[0])
-    total = start + found.frames
-    total -= total[anchor]
+    total = found.frames - found.frames[anchor]
     deviation = np.maximum(found.deviation, found.deviation[found.deviation > 0].min())
     notes = []
     for c in free:
@@ -162,7 +180,7 @@ def _found_offsets(
             low, high = total[c] - 1.645 * deviation[c], total[c] + 1.645 * deviation[c]
             notes.append(
                 f"{names[c]}: its clock is {late[c]:+.1f} frames from that of {names[anchor]} (90 % interval {low:+.1f} to "
-                f"{high:+.1f}); this is mended (--offset gives another, --keep-clocks takes frames of the same number for one time)"
+                f"{high:+.1f}); this is mended (--offset gives another, --keep-clocks takes numbers of frames as they are)"
             )
     return late, notes
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
@@ -85,14 +86,26 @@ def cameras_of_records(records: Sequence[CameraRecord]) -> Cameras:
     for record in records:
         if abs(record.matrix[0, 1]) > 1e-6 * record.matrix[0, 0]:
             raise InputError(f"camera {record.name!r} has a skew of {record.matrix[0, 1]:g}", field="matrix", expected="0")
-    bent = any(np.any(record.distortion != 0) for record in records)
     return Cameras(
         rotation=jnp.array([record.rotation for record in records], float),
         centre=jnp.array([-record.rotation.T @ record.translation for record in records], float),
         focal=jnp.array([np.diagonal(record.matrix)[:2] for record in records], float),
         principal=jnp.array([record.matrix[:2, 2] for record in records], float),
-        distortion=jnp.array([record.distortion for record in records], float) if bent else None,
+        distortion=_lenses(records),
     )
+
+
+def _lenses(records: Sequence[CameraRecord]) -> Array | None:
+    """Coefficients (C, 5), (C, 8) or (C, 9) of all lenses, as many as one of them needs; None where none bends anything."""
+    fisheye = any(record.fisheye for record in records)
+    if not fisheye and not any(np.any(record.distortion != 0) for record in records):
+        return None
+    width = 9 if fisheye else max(record.distortion.size for record in records)
+    table = np.zeros((len(records), width))
+    for row, record in zip(table, records, strict=True):
+        row[: record.distortion.size] = record.distortion
+        row[8:] = record.fisheye
+    return jnp.array(table, float)
 
 
 def records_of_cameras(cameras: Cameras, focal: float, size: tuple[int, int]) -> tuple[CameraRecord, ...]:

@@ -134,9 +134,20 @@ def test_a_rotation_matrix_of_zeros_is_no_rotation(tmp_path):
         read(tmp_path, toml)
 
 
-def test_fisheye_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"cam_0\.fisheye"):
-        read(tmp_path, ANIPOSE.replace("fisheye = false", "fisheye = true"))
+def test_lenses_of_several_kinds(tmp_path):
+    (fisheye,) = read(tmp_path, ANIPOSE.replace("fisheye = false", "fisheye = true"))
+    assert fisheye.fisheye and fisheye.distortion.tolist() == [0.1, 0.2, 0.3, 0.4]
+    with pytest.raises(InputError, match=r"cam_0\.fisheye: '3'"):
+        read(tmp_path, ANIPOSE.replace("fisheye = false", "fisheye = 3"))
+    eight = ANIPOSE.replace("[0.1, 0.2, 0.3, 0.4]", "[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0, 0, 0, 0]")
+    (rational,) = read(tmp_path, eight)
+    assert rational.distortion.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
+    with pytest.raises(InputError, match="12 coefficients"):
+        read(tmp_path, eight.replace("0, 0, 0, 0]", "0, 0, 0, 1]"))
+    write_cameras(tmp_path / "both.toml", [fisheye._replace(name="a"), rational._replace(name="b")])
+    for before, after in zip((fisheye, rational), read_cameras(tmp_path / "both.toml"), strict=True):
+        assert before.fisheye == after.fisheye
+        np.testing.assert_array_equal(before.distortion, after.distortion)
 
 
 def test_cameras_of_one_name(tmp_path):

@@ -1,0 +1,95 @@
+"""Calibrations of Qualisys, ``.qca.txt``: XML with a table a camera, in mm.
+
+Focal lengths and centres are 64ths of a pixel, and so are distortion coefficients taken (k1, k2, p1, p2, k3), as Pose2Sim does.
+``transform`` has the centre of the camera and the rotation of the world to axes of which y points up and z backwards. What
+is XML could refer to other files and repeat itself without end; definitions are refused, unread.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation
+from poseppl.motion.io.text_parsing import check_distinct, parse_number
+
+_SUBPIXELS = 64.0
+_AXES = np.diag([1.0, -1.0, -1.0])
+
+
+def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
+    """Read the cameras of a calibration of Qualisys.
+
+    Args:
+        path: The file.
+
+    Raises:
+        InputError: The file is no XML, defines entities, holds no camera, or a field is missing or malformed.
+    """
+    at = Location(path)
+    text = read_text(path, max_bytes=2**22)
+    if re.search("<!(DOCTYPE|ENTITY)", text, re.IGNORECASE):
+        raise at.error("the XML has definitions of its own", "a calibration as Qualisys writes it")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise at.error(f"no XML: {str(error)[:100]}", "a calibration of Qualisys; it may have been cut off") from error
+    elements = [element for element in root.iter("camera") if element.find("intrinsic") is not None]
+    if not elements or len(elements) > MAX_CAMERAS:
+        raise at.error("the file holds no camera", "elements <camera> with <transform> and <intrinsic>")
+    cameras = tuple(_camera(element, index, at) for index, element in enumerate(elements))
+    check_distinct([camera.name for camera in cameras], "cameras", at.in_field("serial"))
+    return cameras
+
+
+def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRecord:
+    name = element.get("serial") or str(index)
+    where = at.in_field(f"camera {name[:40]}")
+    inner = _values(element, "intrinsic", where)
+    left, top, right, bottom = _values(element, "fov_video", where)("left", "top", "right", "bottom")
+    fx, fy, cx, cy, skew = inner("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew") / _SUBPIXELS
+    k1, k2, k3, p1, p2 = (
+        inner("radialDistortion1", "radialDistortion2", "radialDistortion3", "tangentalDistortion1", "tangentalDistortion2")
+        / _SUBPIXELS
+    )
+    place = _values(element, "transform", where)
+    turn = place(*(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(3, 3)
+    checked = _AXES @ rotation(where.in_field(f"{where.field}.transform"), turn.tolist())
+    matrix = [[fx, skew, cx - left], [0.0, fy, cy - top], [0.0, 0.0, 1.0]]
+    width, height = right - left + 1, bottom - top + 1
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise where.in_field(f"{where.field}.fov_video").error(f"{width:g} x {height:g} pixels", "a picture's size")
+    return CameraRecord(
+        name=name,
+        matrix=intrinsics(where.in_field(f"{where.field}.intrinsic"), matrix),
+        distortion=np.array([k1, k2, p1, p2, k3]),
+        rotation=checked,
+        translation=-checked @ place("x", "y", "z"),
+        size=(int(width), int(height)),
+    )
+
+
+class _values:  # noqa: N801 - a function with a memory of where it reads
+    """Numbers of the attributes of a camera's element."""
+
+    def __init__(self, camera: ElementTree.Element, tag: str, at: Location) -> None:
+        self.at = at.in_field(f"{at.field}.{tag}")
+        element = camera.find(tag)
+        if element is None:
+            raise self.at.error("it is missing")
+        self.element = element
+
+    def __call__(self, *names: str) -> Floats:
+        found = []
+        for name in names:
+            where = self.at.in_field(f"{self.at.field}.{name}")
+            text = self.element.get(name)
+            if text is None:
+                raise where.error("it is missing")
+            found.append(parse_number(text.strip(), where))
+        return numbers(self.at, found, 1)

@@ -1,0 +1,101 @@
+"""Calibrated cameras as TOML: our own form, anipose's and Pose2Sim's, and Caliscope's; see :mod:`poseppl.motion.io.cameras`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_toml
+from poseppl.motion.io.camera_fields import (
+    MAX_CAMERAS,
+    MM_PER_UNIT,
+    Calibration,
+    CameraRecord,
+    coefficients,
+    image_size,
+    intrinsics,
+    rotation,
+    translation,
+)
+from poseppl.motion.io.text_parsing import LONGEST, check_distinct
+
+
+def read_toml_cameras(path: FilePath) -> Calibration:
+    """Read the cameras of a TOML file.
+
+    Raises:
+        InputError: The file is no TOML, holds no camera, or a field is missing or malformed; the message names the field.
+    """
+    document, at = read_toml(path), Location(path)
+    ours = document.get("camera")
+    prefix, tables = _tables(document)
+    if not tables or len(tables) > MAX_CAMERAS:
+        raise at.error("the file holds no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
+    unit = _unit(at, document, "mm" if ours is not None else "m" if prefix == "cameras." else None)
+    scale = MM_PER_UNIT[unit or "m"]
+    cameras = tuple(
+        _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
+    )
+    check_distinct([camera.name for camera in cameras], "cameras", at.in_field("name"))
+    return Calibration(cameras, unit)
+
+
+def _tables(document: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The tables of the cameras by name, and what stands before their names."""
+    for key in ("camera", "cameras"):
+        group = document.get(key)
+        if group is not None and not (isinstance(group, dict) and "matrix" in group):
+            known = group if isinstance(group, dict) else {}
+            # Caliscope keeps those that it was told to leave out, without a place.
+            return f"{key}.", known if key == "camera" else {
+                name: table for name, table in known.items() if not _ignored(table)
+            }
+    return "", {key: table for key, table in document.items() if isinstance(table, dict) and "matrix" in table}
+
+
+def _ignored(table: object) -> bool:
+    return isinstance(table, dict) and table.get("ignore") is True
+
+
+def _unit(at: Location, document: Mapping[str, Any], default: str | None) -> str | None:
+    metadata = document.get("metadata")
+    unit = document.get("units", metadata.get("units") if isinstance(metadata, dict) else None)
+    if unit is None:
+        return default
+    if not isinstance(unit, str) or unit not in MM_PER_UNIT:
+        raise at.in_field("units").error(f"{str(unit)[:40]!r}", " or ".join(f'"{known}"' for known in MM_PER_UNIT))
+    return unit
+
+
+def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -> CameraRecord:
+    longest = max(map(len, (key, *(table if isinstance(table, dict) else ()))))
+    if longest > LONGEST:
+        raise at.in_field(str(at.field)[:40]).error(f"a name of {longest} characters", f"at most {LONGEST}")
+    if not isinstance(table, dict):
+        raise at.error("not a table", f"[{at.field}]")
+
+    def of(field: str) -> Location:
+        return at.in_field(f"{at.field}.{field}")
+
+    fisheye = table.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise of("fisheye").error(f"{str(fisheye)[:40]!r}", "true or false")
+    known = {"name", "size", "matrix", "distortion", "distortions", "rotation", "translation", "fisheye"}
+    unknown = sorted(set(table) - known - {"moving", "framerate"}) if strict else []
+    if unknown:
+        raise of(unknown[0]).error("unknown field", ", ".join(sorted(known)))
+    name = table.get("name", key)
+    if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
+        raise of("name").error("not a name", f"a text of at most {LONGEST} characters")
+    size = image_size(of("size"), table.get("size"))
+    distortion = "distortions" if "distortions" in table else "distortion"
+    return CameraRecord(
+        name=name,
+        matrix=intrinsics(of("matrix"), table.get("matrix")),
+        distortion=coefficients(of(distortion), table.get(distortion), fisheye),
+        rotation=rotation(of("rotation"), table.get("rotation")),
+        translation=translation(of("translation"), table.get("translation")) * scale,
+        size=size,
+        fisheye=fisheye,
+    )

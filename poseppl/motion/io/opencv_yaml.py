@@ -1,0 +1,137 @@
+"""The YAML that OpenCV's FileStorage writes, as plain values: maps, lists, numbers, texts, and matrices.
+
+    %YAML:1.0
+    ---
+    names: [ "1", "2" ]
+    K_1: !!opencv-matrix
+       rows: 3
+       cols: 3
+       dt: d
+       data: [ 1680., 0., 532., 0., 1681., 948., 0., 0., 1. ]
+
+YAML at large has tags that make objects, and names for parts that repeat without end; none of these is known here. A
+matrix becomes a list of rows.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_text
+from poseppl.motion.io.text_parsing import some
+
+MAX_LINES = 100_000
+MAX_NUMBERS = 100_000
+_DEEPEST = 20
+_KEY = re.compile(r"""(?:"([^"\\]{1,200})"|'([^'\\]{1,200})'|([A-Za-z0-9_.\- ]{1,200}?))\s*:(?:\s+(.*)|)$""")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
+_MATRIX = "!!opencv-matrix"
+_Line = tuple[int, int, str]
+"""Number of the line, its indent, its text."""
+
+
+def read_opencv_yaml(path: FilePath) -> dict[str, Any]:
+    """Read a YAML file of OpenCV, of at most 4 MiB.
+
+    Raises:
+        InputError: The file is none, or holds anything but maps, lists, numbers, texts and matrices; the message tells the
+        line.
+    """
+    at = Location(path)
+    lines = _lines(read_text(path, max_bytes=2**22), at)
+    if not lines:
+        raise at.error("the file holds nothing", "the YAML that OpenCV writes")
+    value, rest = _block(lines, 0, lines[0][1], at, 0)
+    if rest < len(lines):
+        raise at.in_line(lines[rest][0]).error("the indent fits nothing before it", "the YAML that OpenCV writes")
+    if not isinstance(value, dict):
+        raise at.error("no map of names to values", "the YAML that OpenCV writes")
+    return value
+
+
+def _lines(text: str, at: Location) -> list[_Line]:
+    """Lines that say something; lists that go over several lines are joined."""
+    found: list[_Line] = []
+    open_brackets = 0
+    for number, line in enumerate(text.split("\n"), start=1):
+        stripped = line.strip()
+        if not stripped or stripped.startswith(("#", "%", "---", "...")):
+            continue
+        if number > MAX_LINES:
+            raise at.error(f"more than {MAX_LINES} lines", "a calibration")
+        if open_brackets > 0:
+            before = found[-1]
+            found[-1] = (before[0], before[1], before[2] + " " + stripped)
+        else:
+            found.append((number, len(line) - len(line.lstrip(" ")), stripped))
+        outside = re.sub(r'"[^"]*"', "", stripped)
+        open_brackets += outside.count("[") - outside.count("]")
+    return found
+
+
+def _block(lines: list[_Line], start: int, indent: int, at: Location, depth: int) -> tuple[Any, int]:
+    """The map or list that begins in a line, and the line after it."""
+    if depth > _DEEPEST:
+        raise at.in_line(lines[start][0]).error("too many levels", f"at most {_DEEPEST}")
+    items: list[Any] = []
+    table: dict[str, Any] = {}
+    index = start
+    while index < len(lines) and lines[index][1] == indent:
+        number, _, text = lines[index]
+        here = at.in_line(number)
+        if text.startswith("- ") or text == "-":
+            items.append(_scalar(text[1:].strip(), here))
+            index += 1
+            continue
+        key, value = _entry(text, here)
+        if key in table:
+            raise here.error(f"{key!r} comes twice", "each name once")
+        index += 1
+        deeper = index < len(lines) and (lines[index][1] > indent or (value == "" and lines[index][2].startswith("- ")))
+        if value in ("", _MATRIX) and deeper and lines[index][1] >= indent:
+            inner, index = _block(lines, index, lines[index][1], at, depth + 1)
+            table[key] = _matrix(inner, here) if value == _MATRIX else inner
+        else:
+            table[key] = _scalar(value, here)
+    if items and table:
+        raise at.in_line(lines[start][0]).error("a list and a map in one", "the YAML that OpenCV writes")
+    return (items if items else table), index
+
+
+def _entry(text: str, at: Location) -> tuple[str, str]:
+    found = _KEY.match(text)
+    if not found:
+        raise at.error(f"{text[:40]!r} is no name and value", "the YAML that OpenCV writes")
+    return (found[1] or found[2] or found[3]).strip(), (found[4] or "").strip()
+
+
+def _scalar(text: str, at: Location) -> Any:
+    if text.startswith(("!", "&", "*", "{")):
+        raise at.error(f"{text[:40]!r}", "numbers, texts, lists and matrices alone")
+    if text.startswith("["):
+        if not text.endswith("]") or "[" in text[1:]:
+            raise at.error("a list that does not end, or holds lists", "[ 1., 2., 3. ]; the file may have been cut off")
+        parts = [part.strip() for part in text[1:-1].split(",")]
+        parts = parts[:-1] if parts and parts[-1] == "" else parts
+        if len(parts) > MAX_NUMBERS:
+            raise at.error(f"{len(parts)} numbers", f"at most {MAX_NUMBERS}")
+        return [_scalar(part, at) for part in parts]
+    if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
+        return text[1:-1]
+    if len(text) <= 64 and _NUMBER.fullmatch(text):
+        return float(text) if re.search("[.eE]", text) else int(text)
+    return text
+
+
+def _matrix(fields: Any, at: Location) -> list[Any]:
+    """Rows of a matrix."""
+    if not isinstance(fields, dict) or not {"rows", "cols", "data"} <= set(fields):
+        raise at.error("a matrix without rows, cols or data", "rows, cols, dt, data")
+    rows, columns, data = fields["rows"], fields["cols"], fields["data"]
+    if not (type(rows) is int and type(columns) is int and isinstance(data, list)) or rows * columns != len(data):
+        raise at.error(f"{str(rows)[:9]} x {str(columns)[:9]} of other data", "as many numbers as rows x cols")
+    if not all(isinstance(value, int | float) for value in data):
+        raise at.error(f"data {some(map(str, data), 3)}", "numbers")
+    return [data[row * columns : (row + 1) * columns] for row in range(rows)]
