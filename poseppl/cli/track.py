@@ -41,7 +41,7 @@ Examples:
   poseppl track --observations points.csv --camera camera.toml
       2-D points that carry no truth, from poseppl simulate or a detector.
   poseppl track --keypoints cam1=pose/cam1 cam2=pose/cam2 --calibration Calib.toml --rate 60
-      A person in a detector's keypoints, with OpenPose's JSON files in one folder a camera.
+      A person in a detector's keypoints: OpenPose, AlphaPose, MMPose, MediaPipe, DeepLabCut, SLEAP.
   poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
   poseppl track long.amc --skeleton long.asf --checkpoint run/

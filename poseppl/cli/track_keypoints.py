@@ -11,7 +11,18 @@ from poseppl.cli.options import option_group
 from poseppl.errors import InputError, Location, PosepplError
 from poseppl.motion.io.text_parsing import parse_number
 
-_ONLY = ("layout", "person", "keep_calibration", "online", "no_export", "detector", "offset", "camera_rate", "keep_clocks")
+_ONLY = (
+    "layout",
+    "person",
+    "keep_calibration",
+    "online",
+    "no_export",
+    "detector",
+    "offset",
+    "camera_rate",
+    "keep_clocks",
+    "unit",
+)
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
 keypoint_options = option_group(
@@ -53,6 +64,12 @@ keypoint_options = option_group(
         is_flag=True,
         default=None,
         help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
+    ),
+    click.option(
+        "--unit",
+        metavar="UNIT",
+        help="--keypoints: the unit of length of --calibration: mm, cm, m, or how many mm it has. [default: what the file "
+        "says; else found from the person's size, and told]",
     ),
     click.option(
         "--offset",
@@ -148,7 +165,7 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
     if others:
         raise click.UsageError("give --keypoints, a RECORDING or --observations, not two of them")
     if options["calibration"] is None:
-        raise click.UsageError("--keypoints needs --calibration TOML")
+        raise click.UsageError("--keypoints needs --calibration FILE")
     for name in _NOT_WITH:
         if options[name] is not None:
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints")
@@ -157,12 +174,12 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
 def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
     """The scene that the options tell of, with what the user should know of it."""
     from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import read_cameras
+    from poseppl.motion.io import read_calibration
     from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
-        read_cameras(options["calibration"]),
+        read_calibration(options["calibration"], options["unit"]),
         model=model,
         layout=options["layout"],
         detector=options["detector"],

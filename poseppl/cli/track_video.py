@@ -45,7 +45,7 @@ video_options = option_group(
         help="Videos to track instead of a recording, one a camera: FILE, named as the camera, or NAME=FILE; or a folder "
         "of poseppl simulate --video. Needs pip install 'poseppl[vision]'.",
     ),
-    click.option("--calibration", metavar="TOML", type=click.Path(), help="--video, --keypoints: the calibrated cameras."),
+    click.option("--calibration", metavar="FILE", type=click.Path(), help="--video, --keypoints: the calibrated cameras."),
     click.option(
         "--background",
         metavar="FILE...",

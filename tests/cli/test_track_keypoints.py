@@ -80,9 +80,14 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
     [
         (["--camera", "x.toml"], "--camera does not go with --keypoints"),
         (["--observations", "x.csv"], "not two of them"),
-        (["--keypoints", "pose"], "CAMERA=FOLDER"),
+        (["--keypoints", "pose"], "CAMERA=FILE"),
         (["--person", "9"], "people are seen by two cameras"),
         (["--layout", "body26"], "coco17"),
+        (["--detector", "mine"], "openpose, alphapose, mmpose"),
+        (["--offset", "cam_09=3"], "no keypoints of a camera 'cam_09'"),
+        (["--offset", "cam_04=soon"], "'soon' is not a number"),
+        (["--camera-rate", "cam_04=0"], "0.001 to 100000 frames a second"),
+        (["--unit", "feet"], "mm, cm, m, or a number of mm"),
     ],
 )
 def test_what_does_not_fit_is_told(

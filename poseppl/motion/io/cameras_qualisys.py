@@ -50,14 +50,14 @@ def read_qualisys(path: FilePath) -> tuple[CameraRecord, ...]:
 def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRecord:
     name = element.get("serial") or str(index)
     where = at.in_field(f"camera {name[:40]}")
-    inner = _values(element, "intrinsic", where)
-    left, top, right, bottom = _values(element, "fov_video", where)("left", "top", "right", "bottom")
+    inner = _Attributes(element, "intrinsic", where)
+    left, top, right, bottom = _Attributes(element, "fov_video", where)("left", "top", "right", "bottom")
     fx, fy, cx, cy, skew = inner("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew") / _SUBPIXELS
     k1, k2, k3, p1, p2 = (
         inner("radialDistortion1", "radialDistortion2", "radialDistortion3", "tangentalDistortion1", "tangentalDistortion2")
         / _SUBPIXELS
     )
-    place = _values(element, "transform", where)
+    place = _Attributes(element, "transform", where)
     turn = place(*(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(3, 3)
     checked = _AXES @ rotation(where.in_field(f"{where.field}.transform"), turn.tolist())
     matrix = [[fx, skew, cx - left], [0.0, fy, cy - top], [0.0, 0.0, 1.0]]
@@ -74,7 +74,7 @@ def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRec
     )
 
 
-class _values:  # noqa: N801 - a function with a memory of where it reads
+class _Attributes:
     """Numbers of the attributes of a camera's element."""
 
     def __init__(self, camera: ElementTree.Element, tag: str, at: Location) -> None:

@@ -26,8 +26,8 @@ LARGEST_SHIFT = 60
 """Frames; larger offsets have to be given."""
 _MOST_FRAMES = 400
 _LEAST_FRAMES, _LEAST_POINTS = 20, 4
-_CONFIDENT, _CERTAIN = 0.3, 0.4
-"""Points of less confidence do not tell an offset, in whole frames and between them."""
+_CONFIDENT, _LEAST = 0.3, 0.1
+"""Points of less confidence do not tell an offset, in whole frames and between them, where they count by their confidence."""
 _FREEDOM = 4.0
 _STEP = 0.5
 """Frames, of the differences that derivatives are made of."""
@@ -89,12 +89,12 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    seen, count = _smooth(_confident(points, confidence, _CERTAIN)), points.shape[1]
+    seen, count = _smooth(_confident(points, confidence, _LEAST)), points.shape[1]
     rows: list[Floats] = []
     shifts: list[float] = []
     weights: list[float] = []
     for a, b in combinations(range(count), 2):
-        found = _pair_shift(cameras, seen, a, b)
+        found = _pair_shift(cameras, seen, a, b, np.clip(confidence[:, a] * confidence[:, b], 0.0, 1.0))
         if found is not None:
             rows.append(np.eye(count)[b] - np.eye(count)[a])
             shifts.append(found[0])
@@ -107,8 +107,11 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     return Offsets(np.append(0.0, late), np.append(0.0, np.sqrt(np.diag(covariance))))
 
 
-def _pair_shift(cameras: Cameras, points: Floats, a: int, b: int) -> tuple[float, float] | None:
-    """Frames by which camera b is later than a, and their standard deviation; None where too little is seen."""
+def _pair_shift(cameras: Cameras, points: Floats, a: int, b: int, trust: Floats) -> tuple[float, float] | None:
+    """Frames by which camera b is later than a, and their standard deviation; None where too little is seen.
+
+    Points (T, K) count by their ``trust``.
+    """
     rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_FRAMES)).astype(int))
     shift = 0.0
     for _ in range(_ROUNDS):
@@ -119,7 +122,7 @@ def _pair_shift(cameras: Cameras, points: Floats, a: int, b: int) -> tuple[float
         if known.sum() < _LEAST_FRAMES * _LEAST_POINTS:
             return None
         scale = max(1.4826 * float(np.median(np.abs(gap[known]))), 1e-6)
-        weight = np.where(known, (_FREEDOM + 1) / (_FREEDOM + (np.where(known, gap, 0.0) / scale) ** 2), 0.0)
+        weight = np.where(known, trust[rows] / (1 + (np.where(known, gap, 0.0) / scale) ** 2 / _FREEDOM), 0.0)
         slope, gap = np.where(known, slope, 0.0), np.where(known, gap, 0.0)
         curvature = float((weight * slope**2).sum())
         if curvature <= 0:

@@ -96,6 +96,31 @@ def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> t
     return found._replace(points=points, confidence=np.where(stray, 0.0, found.confidence)), [note]
 
 
+def own_clocks(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[Clock]:
+    """The clocks of cameras, as far as they are known.
+
+    Raises:
+        InputError: A name is none, or only some cameras have times.
+    """
+    for field, known in (("--offset", clocks.offsets), ("--camera-rate", clocks.rates)):
+        for name in known:
+            if name not in names:
+                raise InputError(f"no keypoints of a camera {name!r}", field=field, expected=", ".join(names))
+    timed = [found.times is not None for found in people]
+    if any(timed) and not all(timed):
+        missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
+        raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
+    return [
+        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate)
+        for name in names
+    ]
+
+
+def align_roughly(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[DetectedPeople]:
+    """What cameras saw in common frames, by what is known of their clocks."""
+    return align(people, own_clocks(tuple(names), people, clocks)).people
+
+
 def common_frames(
     names: Sequence[str], cameras: Cameras, people: Sequence[DetectedPeople], clocks: Clocks, frames: str | None
 ) -> tuple[Aligned, list[str]]:
@@ -111,18 +136,7 @@ def common_frames(
     Raises:
         InputError: A name is none, the cameras have no common frame, or only some have times.
     """
-    for field, known in (("--offset", clocks.offsets), ("--camera-rate", clocks.rates)):
-        for name in known:
-            if name not in names:
-                raise InputError(f"no keypoints of a camera {name!r}", field=field, expected=", ".join(names))
-    timed = [found.times is not None for found in people]
-    if any(timed) and not all(timed):
-        missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
-        raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
-    own = [
-        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate)
-        for name in names
-    ]
+    own = own_clocks(names, people, clocks)
     notes: list[str] = []
     free = [c for c, name in enumerate(names) if name not in clocks.offsets]
     if clocks.find and len(free) > 1:

@@ -19,13 +19,14 @@ from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, body_builder
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
-from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
-from poseppl.motion.tracking.keypoint_sources import Clocks, common_frames, points_of, read_sources
+from poseppl.motion.tracking.keypoint_sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
@@ -122,7 +123,7 @@ class KeypointScene(NamedTuple):
 
 def scene_of_keypoints(
     folders: Mapping[str, FilePath],
-    records: Sequence[CameraRecord],
+    calibration: Calibration | Sequence[CameraRecord],
     *,
     model: str = DEFAULT_MODEL,
     layout: str | None = None,
@@ -141,7 +142,8 @@ def scene_of_keypoints(
     Args:
         folders: Files or folders of keypoints by the names of their cameras; frames of the same number are of one time, but for
             what ``clocks`` knows.
-        records: The calibrated cameras; those without a folder are left out.
+        calibration: The calibrated cameras, those without keypoints are left out; where their unit is unknown, the person's
+            size tells it.
         model: Builder of the body.
         layout: Which points these are, a key of `poseppl.motion.io.keypoint_layouts.LAYOUTS`; found from them if None.
         detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
@@ -157,10 +159,17 @@ def scene_of_keypoints(
     Raises:
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
     """
-    known = {record.name: record for record in records}
+    given = calibration if isinstance(calibration, Calibration) else Calibration(tuple(calibration), "mm")
+    known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
-    cameras = cameras_of_records([known[name] for name in folders])
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
+    records = [known[name] for name in folders]
+    if given.unit is None and len(records) > 1:
+        records, unit = infer_unit(records, align_roughly(tuple(folders), people, clocks), _markers_of(people[0]))
+        told.append(
+            f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
+        )
+    cameras = cameras_of_records(records)
     aligned, clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     people, numbers = aligned.people, aligned.frames
     step = FrameRange.parse(frames).step
@@ -197,11 +206,16 @@ def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
     return np.asarray((sees & (chosen >= 0)).sum(0) / np.maximum(sees.sum(0), 1))
 
 
+def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
+    """The points' numbers by the names of a body's markers."""
+    return LAYOUTS[found.layout].markers if found.layout else markers_of_names(found.names)
+
+
 def _marker_points(
     points: Floats, confidence: Floats, found_in: DetectedPeople, markers: Sequence[str]
 ) -> tuple[Floats, Floats]:
     """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
-    table = LAYOUTS[found_in.layout].markers if found_in.layout else markers_of_names(found_in.names)
+    table = _markers_of(found_in)
     found = [name for name in markers if name in table]
     if not found:
         named = found_in.layout or f"points called {some(found_in.names)}"
