@@ -205,3 +205,32 @@ CALISCOPE = """sync_index,cam_id,object_id,keypoint_id,img_loc_x,img_loc_y,frame
 3,1,0,0,549.75,151.0,0.5
 4,1,0,1,643.125,295.5,0.75
 """
+
+MEDIAPIPE = """frame,timestamp,landmark,x,y,visibility
+0,0.0,nose,0.5,0.25,0.9
+0,0.0,11,0.5,0.25,0.9
+1,0.02,nose,0.5,,0.9
+1,0.02,left_hip,0.75,0.25,0.9
+"""
+
+YAML = """%YAML:1.0
+---
+image_width: 1088
+image_height: 1920
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1680.5, 0., 532.25, 0., 1681.25, 948.5, 0.,
+       0., 1. ]
+D: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ 0.1, -0.2, 0., 0., 0.05 ]
+rvec: [ 1.5, -0.5, 0.25 ]
+tvec: [ 0.5, 1., 3. ]
+names:
+   - "1"
+   - "2"
+"""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
@@ -17,8 +19,10 @@ from recording_samples import (
     EXPONENTIAL_MAPS,
     EXPONENTIAL_SKELETON,
     MOT,
+    MEDIAPIPE,
     TOML,
     TRC,
+    YAML,
     c3d_bytes,
 )
 
@@ -30,6 +34,7 @@ from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras import read_cameras
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
 from poseppl.motion.io.mot import read_mot
+from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.observations import read_observations
 from poseppl.motion.io.recording import read_motion
 
@@ -194,6 +199,39 @@ def test_deeplabcut(write, table, several):
 def test_caliscope_points(write, table):
     for found in (accept(read_caliscope_points, write("xy.csv", table)) or {}).values():
         assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
+
+
+JSON = {
+    "alphapose": [{"image_id": f"{t}.jpg", "keypoints": [1.5, 2.5, 0.9] * 17} for t in range(2)],
+    "mmpose": {
+        "meta_info": {},
+        "instance_info": [{"frame_id": 1, "instances": [{"keypoints": [[1, 2]] * 17, "keypoint_scores": [0.5] * 17}]}],
+    },
+    "mediapipe": [{"frame": 0, "timestamp_ms": 20, "landmarks": [{"x": 0.5, "y": 0.25, "visibility": 0.75}] * 33}],
+}
+
+
+@fuzz(150)
+@given(kind=st.sampled_from(sorted(JSON)), data=st.data(), told=st.booleans())
+def test_json_of_detectors(write, kind, data, told):
+    text = data.draw(damaged(json.dumps(JSON[kind])))
+    found = accept(read_keypoints, write("points.json", text), kind if told else None, size=(640, 480))
+    if found is not None:
+        assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
+
+
+@fuzz(150)
+@given(table=damaged(MEDIAPIPE))
+def test_mediapipe_table(write, table):
+    found = accept(read_keypoints, write("points.csv", table), "mediapipe", size=(640, 480))
+    assert found is None or not np.isinf(found.points).any()
+
+
+@fuzz(150)
+@given(rig=damaged(YAML), suffix=st.sampled_from([".yml", ".qca.txt", ".pickle"]))
+def test_other_calibrations(write, rig, suffix):
+    for camera in accept(read_cameras, write("rig" + suffix, rig)) or ():
+        assert all(np.isfinite(getattr(camera, field)).all() for field in ("matrix", "distortion", "rotation", "translation"))
 
 
 @fuzz(150)
