@@ -18,8 +18,8 @@ from recording_samples import (
     DEEPLABCUT,
     EXPONENTIAL_MAPS,
     EXPONENTIAL_SKELETON,
-    MOT,
     MEDIAPIPE,
+    MOT,
     TOML,
     TRC,
     YAML,
@@ -33,8 +33,8 @@ from poseppl.motion.io.c3d_layout import check_layout
 from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.cameras import read_cameras
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
-from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.keypoints import read_keypoints
+from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.observations import read_observations
 from poseppl.motion.io.recording import read_motion
 
