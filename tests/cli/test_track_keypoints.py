@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
+from poseppl.cli.track_keypoints import exported_targets
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
@@ -61,8 +62,20 @@ def test_without_export(data_dir: Path) -> None:
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
     assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
     assert [path.name for path in Path().iterdir()] == ["out.nc"]
-    assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "-q"]) == 0
-    assert read_trc("out.trc").positions.shape == (4, 17, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({}, ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot"]),
+        ({"online": True}, ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot"]),
+        ({"no_export": True}, []),
+        ({"keypoints": ()}, []),
+    ],
+)
+def test_where_exports_go(options: dict[str, object], expected: list[str]) -> None:
+    asked = {"keypoints": ("cam=pose",), "online": None, "no_export": None} | options
+    assert exported_targets(asked, Path("out/a.nc")) == [Path("out") / name for name in expected]
 
 
 @pytest.mark.slow
