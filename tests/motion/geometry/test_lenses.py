@@ -84,6 +84,9 @@ def test_where_a_lens_puts_nothing_there_is_no_ray() -> None:
     found = undistort(folded, plane)
     assert np.isfinite(found).all(-1).tolist() == [True, False, False, False]
     assert found[0, 0] < np.sqrt(2 / 3)
+    # Beyond the fold the formula puts points of the other side, such as -2 at 2.
+    far = np.stack([np.linspace(1.01 * farthest, 5.0, 50), np.zeros(50)], -1)
+    assert np.isnan(undistort(folded, far)).all()
     fisheye = undistort(np.array([0.0, 0.0, 0.0, 0.0, 0, 0, 0, 0, 1.0]), np.array([[1.5, 0.0], [1.6, 0.0]]))
     assert np.isfinite(fisheye).all(-1).tolist() == [True, False]
     np.testing.assert_allclose(fisheye[0, 0], np.tan(1.5))

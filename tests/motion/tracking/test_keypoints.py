@@ -123,6 +123,27 @@ def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraR
     assert np.median(left) < 10 < 15 < np.median(before)
 
 
+def test_a_person_who_leaves_and_frames_without_detections_are_told(
+    tmp_path: Path, data_dir: Path, records: tuple[CameraRecord, ...]
+) -> None:
+    """One camera finds nobody in two of three frames, and the person is gone after frame 69: all else is as it was."""
+    folders = {}
+    for c in (1, 2, 4):
+        folder = tmp_path / f"cam0{c}"
+        folder.mkdir()
+        folders[f"cam_0{c}"] = folder
+        for frame in range(100):
+            name = f"cam0{c}.{frame:04d}.json"
+            gone = frame >= 70 or (c == 2 and frame % 3)
+            text = (data_dir / "pose2sim_balancing" / "pose" / f"cam0{c}_json" / name).read_text()
+            (folder / name).write_text('{"people": []}' if gone else text)
+    found = scene_of_keypoints(folders, records, rate=60, refine=False)
+    assert any(note.startswith("cam_02: nobody was found in 76% of its 100 frames") for note in found.notes())
+    seen = np.isfinite(found.scene.data.points).all(-1).any(-1)
+    assert len(found.scene.frames) == 100 and seen[:70, [0, 2]].mean() > 0.98 and not seen[70:].any()
+    assert seen[:70:3, 1].mean() > 0.9 and (found.agreement > 0.9).all()
+
+
 def test_what_does_not_fit_is_told(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     with pytest.raises(InputError, match=r"no camera 'cam1' in the calibration \(expected cam_01, cam_02"):
         scene_of_keypoints({"cam1": folders["cam_01"]}, records)
