@@ -22,7 +22,7 @@ def marked_up(lines: Sequence[str]) -> list[str]:
     r"""The lines of a docstring, with its formulae marked as such.
 
     >>> marked_up(["The sum of |x|,", "", "    |x_1| + |x_2|", "", "and so on."])
-    ['The sum of \\|x\\|,', '', '::', '', '    |x_1| + |x_2|', '', 'and so on.']
+    ['The sum of \\|x\\|,', '', '.. code-block:: none', '', '    |x_1| + |x_2|', '', 'and so on.']
     """
     found: list[str] = []
     literal: int | None = None
@@ -36,7 +36,7 @@ def marked_up(lines: Sequence[str]) -> list[str]:
             literal = None
         follows = number > 0 and not lines[number - 1].strip() and bool(before)
         if literal is None and follows and indent >= 4 and _starts_formula(before, line):
-            found += [" " * (len(before) - len(before.lstrip())) + "::", ""]
+            found += [" " * (len(before) - len(before.lstrip())) + ".. code-block:: none", ""]
             literal = indent
         bullet = re.match(r"\s*[-*+] ", line)
         start = bullet.end() if bullet else 0

@@ -90,7 +90,11 @@ def test_formulae_of_docstrings_are_no_marks() -> None:
     assert plain("|x| and 2*y_ of `a|b*` and :func:`f_`") == r"\|x\| and 2\*y\_ of `a|b*` and :func:`f_`"
     lines = ["Text:", "", "    a_t = |b|", "", "more", "", "Args:", "    x: An x.", "", "Example:", "", "    >>> f(2 * 3)"]
     found = marked_up(lines)
-    assert found[2:5] == ["::", "", "    a_t = |b|"] and found.count("::") == 1 and found[-1] == "    >>> f(2 * 3)"
+    assert (
+        found[2:5] == [".. code-block:: none", "", "    a_t = |b|"]
+        and found.count(".. code-block:: none") == 1
+        and found[-1] == "    >>> f(2 * 3)"
+    )
 
 
 def test_every_export_has_a_page_and_every_algorithm_its_settings() -> None:
