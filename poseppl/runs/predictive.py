@@ -179,11 +179,12 @@ def _explained(states: Array, scores: Array) -> Array:
     Ezekiel's adjustment with the effective number of parameters, a coordinate that the data do not reach has 0 on average,
     rather than what chance correlates with it.
     """
-    number, dimension = states.shape
+    number = states.shape[0]
     root = jnp.linalg.qr(states - jnp.mean(states, 0), mode="r")
+    rank = root.shape[0]  # that of the covariance, S where there are more coordinates than states
     signal = scores @ root.T / jnp.sqrt(number * (number - 1.0))
     # a root of I + S' S from S itself: the product would lose small differences between large numbers
-    left = lower_inverse(jnp.linalg.qr(jnp.concatenate([signal, jnp.eye(dimension)]), mode="r").T)
-    gains = dimension - jnp.sum(left**2)
+    left = lower_inverse(jnp.linalg.qr(jnp.concatenate([signal, jnp.eye(rank)]), mode="r").T)
+    gains = rank - jnp.sum(left**2)
     residual = jnp.sum((left @ root) ** 2, 0) / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
     return 1 - residual * (number - 1) / jnp.maximum(number - 1 - gains, 1.0)

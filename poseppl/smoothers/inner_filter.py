@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -44,22 +43,6 @@ def filter_history(filter: Filter, rng_key: Array, observations: Observation, in
 
 def filter_evidence(filter: Filter, rng_key: Array, observations: Observation, inputs: Any) -> Array:
     """Log-evidence of all frames as a filter estimates it, a scalar; -inf when it cannot."""
-    if filter.closed_form:
-        filter = _without_draws(filter)
     increments = scan_filter(filter, rng_key, observations, inputs, lambda _, info: info.log_evidence)
     total = jnp.sum(increments)
     return jnp.where(jnp.isnan(total), -jnp.inf, total)
-
-
-def _without_draws(filter: Filter) -> Filter:
-    """A filter of formulae whose draws, which no evidence depends on, have no derivatives: their factor may have none."""
-
-    def stopped(found: tuple[Any, Info]) -> tuple[Any, Info]:
-        state, info = found
-        return state._replace(particles=jax.lax.stop_gradient(state.particles)), info
-
-    return dataclasses.replace(
-        filter,
-        init=lambda *arguments: stopped(filter.init(*arguments)),
-        step=lambda *arguments: stopped(filter.step(*arguments)),
-    )

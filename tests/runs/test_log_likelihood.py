@@ -143,7 +143,7 @@ def test_masked_frames_add_nothing_and_no_nan(build, missing):
 
 
 def test_a_posterior_without_a_factor_has_a_gradient():
-    """A coordinate that is known exactly leaves a singular covariance, whose factor has no derivative."""
+    """A coordinate that is known exactly leaves a singular covariance, whose factor, of the draws, has no derivative."""
 
     def start(params, *rest):
         numpyro.sample("x", dist.Normal(jnp.array([0.0, 1.0]), jnp.array([1.0, 1e-200])))

@@ -18,7 +18,7 @@ from scipy.stats import kstest
 from poseppl.filters import Filter, kalman_filter, particle_filter
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.predictive import _explained, predictive_checks
 from poseppl.runs.run import Run, run_filter
 
 FRAMES = 300
@@ -226,3 +226,16 @@ def test_heuristic_likelihoods_predict_nothing() -> None:
     assert LINEAR.prediction_obstacle() is None
     with pytest.raises(ValueError, match="predicts no data: 'hint' is a factor"):
         check(particle_filter(model, 10), model, {"y": np.zeros((2, 2))})
+
+
+def test_more_coordinates_than_draws():
+    """What the data take away is told of each of 30 coordinates from 20 states, by the formula on their covariance."""
+    rng = np.random.default_rng(1)
+    states, scores = rng.normal(size=(20, 30)), np.zeros((20, 30))
+    scores[:, 0] = 3.0 * rng.normal(size=20)
+    found = np.asarray(_explained(jnp.asarray(states, jnp.float32), jnp.asarray(scores, jnp.float32)), float)
+    covariance, information = np.cov(states.T), scores.T @ scores / 20
+    left = covariance - covariance @ information @ np.linalg.inv(np.eye(30) + covariance @ information) @ covariance
+    gains = np.trace(covariance @ information @ np.linalg.inv(np.eye(30) + covariance @ information))
+    np.testing.assert_allclose(found, 1 - np.diag(left) / np.diag(covariance) * 19 / (19 - gains), atol=1e-4)
+    assert found[0] > 0.7 > np.abs(found[1:]).max()
