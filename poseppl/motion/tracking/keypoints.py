@@ -169,6 +169,8 @@ def scene_of_keypoints(
         told.append(
             f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
         )
+    elif given.unit is None:
+        told.append("the calibration does not tell its unit, which is taken for metres (--unit)")
     cameras = cameras_of_records(records)
     aligned, clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     people, numbers = aligned.people, aligned.frames
