@@ -52,7 +52,9 @@ smoother. Eq. 26 takes the phase that moves the rotation; Eq. 7h is a position t
 poseppl_models.factored_motion. The first pose of the FSHHMM-PF is found by 20,000 particles on the first frame.
 - Before one camera the walk is a recorded one of CMU, 1.8 s at 25 frames a second, seen from behind at 30 degrees and from \
 4 m on; the paper tells none of it. From one camera the FSHHMM-PF is told the first position within 150 mm and the heading \
-within 0.3 radians, and finds phase and rotations. "FSHHMM-PF of 25 Hz" has tables of the video's rate, as the paper has not.
+within 0.3 radians, and finds phase and rotations. "FSHHMM-PF of 25 Hz" has tables of the video's rate, as the \
+paper has not. With the published lambda one camera's D, one of four terms elsewhere, leaves more effective particles than the \
+paper's; "lambda = 32" and "lambda = 40" weigh one camera as four.
 - Tables are floored by 1e-6 for the variational and the Gibbs smoother, and mixtures have at most 300 components."""
 _GROWTH = "simulated by the growth model"
 _LINEAR = "simulated by a linear Gaussian model"

@@ -160,7 +160,7 @@ def _halved(table: Table, filter: str, generic: str) -> Claim:
     less, reach = 0.5 * other.mean() - own.mean(), np.hypot(0.5 * _reach(other), _reach(own))
     verdict = HOLDS if less > reach else FAILS if less < -reach else UNDECIDED
     what = f"Table 3: from one camera the relative error of {filter} is half of that of {generic}"
-    why = "at most half, by 95 % intervals over runs, squares added"
+    why = "at most half, by 95 % intervals over runs, squares added; the paper's Simple-PF has 10,000 particles"
     return Claim(what, "54.1 mm against 111.1", f"{_told(own)} mm against {_told(other)}", verdict, why)
 
 

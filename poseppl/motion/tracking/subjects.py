@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import numpy as np
 
 from poseppl.errors import FilePath, InputError
@@ -18,6 +20,8 @@ DEFAULT_WALK = "poseppl_models.gait:walk"
 WALK_FRAMES = 60
 WALK_RATE = 30.0
 LONGEST_WALK = 100_000
+_TURNED_SECONDS = 2.0
+"""Of the walk at least, by whose direction it is laid along a circle, however few frames of it are asked for."""
 
 
 def walking_subject(
@@ -41,7 +45,8 @@ def walking_subject(
     stop = chosen.stop or max(WALK_FRAMES, chosen.start + 1)
     if stop > LONGEST_WALK:
         raise InputError(f"{frames!r} is out of range", field="--frames", expected=f"at most {LONGEST_WALK} frames of the walk")
-    gait = load_builder(DEFAULT_WALK)(rate, stop)
+    length = stop if turn is None else max(stop, ceil(_TURNED_SECONDS * rate))
+    gait = load_builder(DEFAULT_WALK)(rate, length)
     build = body_builder(model)
     states, standard = np.asarray(gait.states, np.float64), build(None)
     if states.shape[1] != standard.tree.dimension or set(gait.lengths) != set(standard.lengths):
@@ -51,7 +56,7 @@ def walking_subject(
     markers = body.places(states)
     if turn is not None:
         bend = bend_along_circle(markers[:, body.tree.marker_names.index(body.root)], rate, turn)
-        states, markers = bend.states(body.tree, states), bend.places(markers)
+        states, markers = bend.states(body.tree, states)[:stop], bend.places(markers)[:stop]
     whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")

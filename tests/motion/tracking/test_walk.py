@@ -178,3 +178,10 @@ def test_the_rate_of_observations_is_that_of_the_frames_that_are_taken(tmp_path)
         again = scene_of_observations(tmp_path / "points.csv", records, frames="0:7:2", rate=rate)
         assert again.rate == (30.0 if rate else None)
         np.testing.assert_allclose(time_steps(again.frames, again.rate), seconds)
+
+
+def test_a_few_frames_of_a_circle_are_those_of_a_longer_one():
+    few, more = (walking_subject(frames=f"0:{count}", rate=60.0, turn=1200.0) for count in (5, 120))
+    np.testing.assert_allclose(few.states, more.states[:5], atol=1e-6)
+    np.testing.assert_allclose(few.markers, more.markers[:5], atol=1e-3)
+    assert few.frames.tolist() == [0, 1, 2, 3, 4]
