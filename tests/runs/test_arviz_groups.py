@@ -100,7 +100,7 @@ SHARED = {
     "plot_trace": lambda az, data: az.plot_trace(data, var_names=["x"]),
     "plot_forest": lambda az, data: az.plot_forest(data, var_names=["x"]),
     "plot_autocorr": lambda az, data: az.plot_autocorr(data, var_names=["x"]),
-    "plot_rank": lambda az, data: az.plot_rank(data, var_names=["x"]),
+    "plot_rank": lambda az, data: (az.plot_rank if CLASSIC else az.plot_ridge)(data, var_names=["x"]),
     "plot_pair": lambda az, data: az.plot_pair(data, var_names=["x"], coords={"frame": [0]}),
     "plot_ess": lambda az, data: az.plot_ess(data, var_names=["x"]),
     "plot_mcse": lambda az, data: az.plot_mcse(data, var_names=["x"]),
