@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from poseppl.runs.batch import infer_batch as infer_batch, one_series as one_series
     from poseppl.runs.checkpoint import Checkpoint as Checkpoint
     from poseppl.runs.collectors import collect_draws as collect_draws
-    from poseppl.runs.forecasting import forecast as forecast
+    from poseppl.runs.forecasting import forecast as forecast, hindcast as hindcast
     from poseppl.runs.infer import infer as infer, smooth as smooth
     from poseppl.runs.log_likelihood import log_likelihood as log_likelihood
     from poseppl.runs.online import Online as Online
@@ -111,6 +111,7 @@ _HOMES = {
     "HMCSettings": "kernels",
     "result_of_run": "runs.outcome",
     "forecast": "runs.forecasting",
+    "hindcast": "runs.forecasting",
     "infer": "runs.infer",
     "infer_batch": "runs.batch",
     "one_series": "runs.batch",

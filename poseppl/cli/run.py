@@ -41,19 +41,24 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 """
 
 
+_NOT_OF_FILES = ("settings", "model", "scheduler", "debug")
+
+
 def _read_settings(context: click.Context, option: click.Parameter, path: str | None) -> str | None:
     """Take defaults of the other options from a TOML file."""
     if path is None:
         return None
     from poseppl.files.bounded_reading import read_toml
 
+    # what code runs, and where, is the command line's to say
     known = {p.opts[0].lstrip("-"): p for p in context.command.params if isinstance(p, click.Option)} | {
         p.opts[0].lstrip("-").replace("-", "_"): p for p in context.command.params if isinstance(p, click.Option)
     }
     defaults: dict[str, Any] = {}
     for name, value in read_toml(path).items():
-        if name not in known or name == "settings":
-            raise InputError(f"no option {name!r}", file=path, expected=", ".join(sorted(known)))
+        if name not in known or name in _NOT_OF_FILES:
+            expected = ", ".join(sorted(set(known) - set(_NOT_OF_FILES)))
+            raise InputError(f"no option {name!r} of a settings file", file=path, expected=expected)
         given = [f"{key}={each}" for key, each in value.items()] if isinstance(value, dict) else value
         defaults[str(known[name].name)] = given
     context.default_map = {**(context.default_map or {}), **defaults}

@@ -12,7 +12,13 @@ from poseppl.diagnostics.calibration import (
 )
 from poseppl.diagnostics.comparison import compare as compare, comparison_table as comparison_table
 from poseppl.diagnostics.diagnosis import diagnose as diagnose, root_index as root_index
-from poseppl.diagnostics.forecasts import ForecastScore as ForecastScore, crps as crps, score_forecast as score_forecast
+from poseppl.diagnostics.forecasts import (
+    ForecastScore as ForecastScore,
+    HindcastScore as HindcastScore,
+    crps as crps,
+    score_forecast as score_forecast,
+    score_hindcasts as score_hindcasts,
+)
 from poseppl.diagnostics.inefficiency import (
     Mixing as Mixing,
     inefficiency as inefficiency,

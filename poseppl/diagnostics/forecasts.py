@@ -20,6 +20,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
+from poseppl.diagnostics.batches import ratio_interval
 from poseppl.diagnostics.calibration import LEVELS, Coverage, coverage, inside_interval, probability_transform
 from poseppl.errors import InputError
 from poseppl.runs.contents import group_of
@@ -78,6 +79,46 @@ def score_forecast(
         covered = (coverage(inside_interval(draws, true, level), level, valid=seen) for level in levels)
         ranks = np.where(seen, probability_transform(draws, true), np.nan)
         scores[name] = ForecastScore(crps(draws.reshape(-1, *true.shape), true), ranks, tuple(covered))
+    return scores
+
+
+class HindcastScore(NamedTuple):
+    """How well every frame's forecast foretold one data site, by lead.
+
+    Attributes:
+        crps: Mean score (H,), in the data's units, over starts and entries.
+        crps_error: Its standard errors (H,), by batches of neighbouring starts.
+        coverage: Coverage of the central 90 % intervals at each lead.
+    """
+
+    crps: Floats
+    crps_error: Floats
+    coverage: tuple[Coverage, ...]
+
+
+def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, HindcastScore]:
+    """Score forecasts from all frames of a result by the data that it holds.
+
+    Args:
+        predicted: What :func:`poseppl.runs.forecasting.hindcast` returned.
+        result: The result that they start from.
+
+    Returns:
+        The score of each site; smaller is better, so that models of the same data are compared by them.
+    """
+    starts, leads = predicted.sizes["start"], predicted["lead"].values
+    scores = {}
+    for name, drawn in predicted.data_vars.items():
+        observed = np.asarray(result["observed_data"].dataset[name].values, float)
+        parts, covered = [], []
+        for lead in leads:
+            draws, true = drawn.sel(lead=lead).values, observed[lead : lead + starts]
+            each = crps(draws.reshape(-1, *true.shape), true).reshape(starts, -1)
+            seen = np.isfinite(each)
+            parts.append(ratio_interval(np.where(seen, each, 0.0).sum(1), seen.sum(1)))
+            covered.append(coverage(inside_interval(draws, true, 0.9), 0.9, valid=np.isfinite(true)))
+        means, errors = (np.array([part[column] for part in parts]) for column in range(2))
+        scores[str(name)] = HindcastScore(means, errors, tuple(covered))
     return scores
 
 

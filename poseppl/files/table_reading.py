@@ -79,6 +79,13 @@ def _columns_of_parquet(path: FilePath) -> dict[str, NDArray[Any]]:
     except ImportError:
         raise InputError("Parquet needs pyarrow", file=path, expected="pip install 'poseppl[tables]', or a CSV file") from None
     try:
+        whole = parquet.read_metadata(source)
+        size = sum(whole.row_group(index).total_byte_size for index in range(whole.num_row_groups))
+    except Exception as error:  # pyarrow's own errors, of which there are many
+        raise InputError(f"no Parquet: {error}", file=path, expected=_EXPECTED) from error
+    if size > _MOST_BYTES:
+        raise InputError(f"declares {size / 2**20:.0f} MiB", file=path, expected=f"at most {_MOST_BYTES // 2**20} MiB unpacked")
+    try:
         table = parquet.read_table(source)
     except Exception as error:  # pyarrow's own errors, of which there are many
         raise InputError(f"no Parquet: {error}", file=path, expected=_EXPECTED) from error

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
+from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 from poseppl.program.population import propagate
 from poseppl.runs.contents import check_coordinates, flat_draws, frame_numbers, names_of
@@ -85,6 +86,55 @@ def forecast(
     tree = xr.DataTree.from_dict({name: labelled(group, ("chain", "draw", "frame"), known) for name, group in groups.items()})
     tree.attrs = dict(result.attrs) | encoded({"forecast from frame": int(numbers[last]), **(attrs or {})})
     return tree
+
+
+def hindcast(
+    result: xr.DataTree, model: CompiledModel, horizon: int, rng_key: Array, inputs: Any = None, *, num_draws: int = 200
+) -> xr.Dataset:
+    """Forecast from every frame of a filter's result that has H frames after it, under the inputs that were.
+
+    Args:
+        result: The result of a filter.
+        model: The model that it is one of.
+        horizon: H, at least 1, and less than the result's frames.
+        rng_key: PRNG key.
+        inputs: The filter's inputs.
+        num_draws: Draws of each chain, evenly chosen or repeated.
+
+    Returns:
+        Predicted data by site, (chain, draw, start, lead, ...); ``start`` is the number of the frame that a forecast starts
+        after, ``lead`` 1, ..., H counts the frames since.
+
+    Raises:
+        ValueError: The result is one of other coordinates, or an array of the inputs does not have T rows.
+        InputError: The result is smoothed, or has too few frames.
+    """
+    check_at_least(1, horizon=horizon, num_draws=num_draws)
+    check_coordinates(result, model)
+    numbers = frame_numbers(result)
+    if "smoother" in provenance(result):
+        raise InputError("the result is smoothed: its draws know the data after them", expected="the filter's result")
+    if horizon >= len(numbers):
+        raise InputError(f"{horizon}", field="horizon", expected=f"less than the result's {len(numbers)} frames")
+    starts = len(numbers) - horizon
+    draws = flat_draws(result).transpose("frame", "chain", "draw", "dof").values[:starts]
+    chosen = draws[:, :, np.arange(num_draws) * draws.shape[2] // num_draws]
+    ahead = np.arange(starts)[:, None] + np.arange(1, horizon + 1)
+    windows = rows_of(stacked_inputs(inputs, len(numbers)), ahead)
+    keys = jax.random.split(rng_key, (starts, horizon))
+    data = _from_all(model, keys, chosen.reshape(starts, -1, chosen.shape[-1]), windows)
+    variables = {}
+    for name, values in data.items():
+        array = np.moveaxis(np.asarray(values), 2, 0).reshape(draws.shape[1], num_draws, starts, horizon, *values.shape[3:])
+        variables[name] = (("chain", "draw", "start", "lead", *(f"{name}_dim_{i}" for i in range(array.ndim - 4))), array)
+    return xr.Dataset(variables, {"start": numbers[:starts], "lead": np.arange(1, horizon + 1)})
+
+
+@partial(jax.jit, static_argnums=0)
+def _from_all(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> dict[str, Array]:
+    """Data (starts, H, N, ...) after states (starts, N, d)."""
+    found: dict[str, Array] = jax.lax.map(lambda row: _go_on(model, *row)[1], (keys, draws, inputs))
+    return found
 
 
 def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None) -> int:

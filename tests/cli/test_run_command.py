@@ -97,12 +97,14 @@ def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
         (["model.py", "--data", "few.csv", "--inputs", "push", "--param", "noise=1"], "few.csv: no column 'y[0]'"),
         (["model.py", "--data", "data.txt"], "data.txt: a file of the kind"),
         (["model.py", "--data", "data.csv", "--filter", "kalmann"], "expected kalman"),
-        (["model.py", "--data", "data.csv", "--settings", "wrong.toml"], "wrong.toml: no option 'filtre'"),
+        (["model.py", "--data", "data.csv", "--settings", "code.toml"], "no option 'model' of a settings file"),
+        (["model.py", "--data", "data.csv", "--settings", "wrong.toml"], "wrong.toml: no option 'filtre' of a settings file"),
     ],
 )
 def test_what_does_not_fit_is_said(folder, capsys, words, message):
     (folder / "bad.csv").write_text("push,y[0],y[1]\n1,2,3\nx,2,3\n")
     (folder / "few.csv").write_text("push,z\n1,2\n2,3\n")
+    (folder / "code.toml").write_text('model = "other.py"\n')
     (folder / "wrong.toml").write_text('filtre = "kalman"\n')
     assert main(["run", *words]) == 1
     assert message in capsys.readouterr().err

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from poseppl.diagnostics.forecasts import crps, score_forecast
+from poseppl.diagnostics.forecasts import crps, score_forecast, score_hindcasts
 from poseppl.errors import InputError
 
 
@@ -55,3 +55,20 @@ def test_data_that_do_not_fit_are_said():
 
 def tree_of(draws):
     return xr.DataTree.from_dict({"predictions": xr.Dataset({"y": (("chain", "draw", "frame"), draws)})})
+
+
+def test_hindcasts_are_scored_by_the_frames_that_they_foretell():
+    """Data that are their own frame's number, foretold exactly one frame ahead and off by one two frames ahead."""
+    starts, frames = 30, 32
+    data = np.arange(frames, dtype=float)
+    data[7] = np.nan
+    noise = 1e-3 * np.random.default_rng(0).normal(size=(1, 50, starts, 2))
+    foretold = np.arange(starts)[:, None] + np.array([1.0, 3.0]) + noise
+    predicted = xr.Dataset({"y": (("chain", "draw", "start", "lead"), foretold)}, {"start": range(starts), "lead": [1, 2]})
+    result = xr.DataTree.from_dict({"observed_data": xr.Dataset({"y": ("frame", data)})})
+    score = score_hindcasts(predicted, result)["y"]
+    np.testing.assert_allclose(score.crps, [0.0, 1.0], atol=2e-3)
+    assert (score.crps_error < 1e-2).all()
+    assert [each.trials for each in score.coverage] == [29, 29] and score.coverage[1].estimate == 0.0 < score.coverage[
+        0
+    ].estimate

@@ -110,3 +110,19 @@ def test_forecasts_cover_the_data_that_come():
     covered, half = (poseppl.diagnostics.coverage(part, 0.9) for part in (inside, outside))
     assert abs(covered.estimate - 0.9) < 4 * covered.standard_error
     assert abs(half.estimate - 0.9) > 4 * half.standard_error
+
+
+def test_forecasts_from_all_frames_are_kalman_predictions(result):
+    predicted = poseppl.hindcast(result, POSED.model, 2, jax.random.key(3), POSED.inputs, num_draws=DRAWS)
+    assert predicted["y"].dims[:4] == (*LEADING, "start", "lead") and predicted["start"].values.tolist() == [0, 1, 2]
+    H, R, whole = POSED.matrices.H, POSED.matrices.R, np.asarray(POSED.inputs)
+    for start in range(3):
+        means, covariances = exact_prediction(start + 1, whole[start + 1 : start + 3])
+        of_data = np.einsum("kd,tde,ke->tk", H, covariances, H) + np.diagonal(R)
+        drawn = predicted["y"].sel(start=start).values[0]
+        assert agrees(drawn, means @ H.T, of_data)
+        # a wrong variant: the inputs of the frame before
+        late, _ = exact_prediction(start + 1, whole[start : start + 2])
+        assert not agrees(drawn, late @ H.T, of_data)
+    with pytest.raises(InputError, match="horizon: 5 .*less than the result's 5"):
+        poseppl.hindcast(result, POSED.model, 5, jax.random.key(3), POSED.inputs)
