@@ -17,11 +17,8 @@
 # drawn through four cameras, with a detector's errors, so that in the end all of it can be held against the truth.
 
 # %%
-import os
-
-os.environ.setdefault("NPROC", "18")  # threads of JAX, before it starts: smoothing many points can wait for ever with two
-
 import json
+import os
 import tempfile
 from pathlib import Path
 

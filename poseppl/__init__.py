@@ -34,6 +34,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from poseppl.threads import spare_threads as _spare_threads
+
 if TYPE_CHECKING:
     __version__: str
     from poseppl.diagnostics import (
@@ -85,6 +87,8 @@ if TYPE_CHECKING:
         forward_backward_smoother as forward_backward_smoother,
         trajectory_smoother as trajectory_smoother,
     )
+
+_spare_threads()
 
 _HOMES = {
     "Checkpoint": "runs.checkpoint",

@@ -21,20 +21,9 @@ from rich.progress import (
 from rich.table import Table
 
 from poseppl.files.cache_folder import cache_folder
+from poseppl.threads import spare_threads
 
 _STYLES = {"error": "red", "warning": "yellow"}
-
-
-def spare_threads(devices: int = 1) -> None:
-    """Let JAX have more threads than cores, unless the environment says how many; to be called before it starts.
-
-    In jaxlib 0.10 a batch of LAPACK calls waits inside the very pool that is to compute it: where as many wait as the pool has
-    threads, as those of a smoother of many points do on two cores, they wait for ever (:mod:`poseppl.filters.sharding`).
-
-    Args:
-        devices: That the CPU is made into.
-    """
-    os.environ.setdefault("NPROC", str((os.cpu_count() or 1) + 8 * (1 + devices)))
 
 
 def start_jax(devices: int = 1) -> None:

@@ -77,9 +77,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     of RESULT is run again with its seed; it has to be a particle filter. Which smoother for what: see "Which filter, which
     smoother?" in the documentation.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, spare_threads, start_jax
-
-    spare_threads()  # bodies start JAX as they are imported
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path
     from poseppl.cli.outputs import summary, write_outputs
     from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result

@@ -156,12 +156,13 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     Lengths are in mm, angles in radians, times in seconds.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, spare_threads, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.outputs import summary, write_outputs
     from poseppl.cli.subject import stem_of
+    from poseppl.threads import spare_threads
 
-    spare_threads(options["devices"])
+    spare_threads(options["devices"])  # here, since bodies start JAX as they are imported
     _check_usage(recording, observations, options)
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     words += words_of_keypoints(options["keypoints"]).values()

@@ -9,9 +9,8 @@ What has no row for each particle, such as a climb to a mode, is done on every d
     sharded(particle_filter(model, 100_000), 4)
 
 Several devices pay where each has processors of its own. A CPU that is made into several is good for trying it out, and no
-faster. It also needs more threads than it has cores: in jaxlib 0.10 a batch of LAPACK calls, such as Cholesky factors, waits
-inside the very pool that is to compute it, and when every device does so, they wait for ever. The environment variable NPROC
-sets the size of that pool before JAX starts; eight a device are plenty. ``poseppl track --devices`` sees to it.
+faster. It also needs more threads (:mod:`poseppl.threads`): eight a device are plenty. ``poseppl track --devices`` sees to it;
+in Python, call ``poseppl.threads.spare_threads(devices)`` before JAX starts.
 
 In float32 a difference in the last digit can turn a resampling or an acceptance the other way, in HMC on the 28-D body within a
 few frames; from there on the run is another one of the same law.

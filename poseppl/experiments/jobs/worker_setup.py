@@ -11,10 +11,6 @@ from typing import Any
 
 from distributed import WorkerPlugin
 
-_SPARE_THREADS = 14
-"""Threads of JAX beside those of a worker's cores. In jaxlib 0.10 a batch of LAPACK calls waits inside the very pool that is to
-compute it; where as many wait as the pool has threads, as did those of the covariance scaled filter on two, they never end."""
-
 
 class WorkerSetup(WorkerPlugin):
     """Keeps a worker to its share of the cores, then prepares it.
@@ -29,8 +25,6 @@ class WorkerSetup(WorkerPlugin):
 
     def setup(self, worker: Any) -> None:
         """Called by Dask as a worker starts."""
-        cores = len(self._shares[worker.name]) if self._shares else os.cpu_count() or 1
-        os.environ.setdefault("NPROC", str(cores + _SPARE_THREADS))  # what jaxlib takes for the size of its pool
         if self._shares and sys.platform == "linux":
             for thread in Path("/proc/self/task").iterdir():
                 with suppress(OSError):
