@@ -35,6 +35,7 @@ from poseppl.program.closed_forms import (
     WhitenedJacobian as WhitenedJacobian,
     check_closed_forms as check_closed_forms,
 )
+from poseppl.program.cluttered_errors import Cluttered as Cluttered
 from poseppl.program.compiled import CompiledModel as CompiledModel
 from poseppl.program.model import StateSpaceModel as StateSpaceModel
 from poseppl.program.observation import Observation as Observation

@@ -214,10 +214,11 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Arr
 
 def _whitened_jacobian(trace_of: TraceOf, name: str, mask: Array | None, x: Array) -> Array:
     """R^(-1/2) J of one Gaussian site, (events, d)."""
-    known = _closed_form(trace_of, trace_of(x)[name], mask, x)
+    here = trace_of(x)[name]
+    known = _closed_form(trace_of, here, mask, x)
     if known is not None:
         return known
-    jacobian: Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask))(x)
+    jacobian: Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask, here))(x)
     return jacobian
 
 
@@ -230,12 +231,17 @@ def _robust_rows(site: Mapping[str, Any], jacobian: Array) -> Array:
     white, squared = white.reshape(-1, white.shape[-1]), jnp.ravel(squared)
     along = jnp.maximum(across + 2.0 * second * squared, 0.0)
     unit = white / jnp.sqrt(jnp.where(squared > 0, squared, 1.0))[:, None]
-    shrunk = 1.0 - jnp.sqrt(along / jnp.where(across > 0, across, 1.0))
+    shrunk = 1.0 - _root(along / jnp.where(across > 0, across, 1.0))
     rows = jacobian.reshape(*white.shape, -1)
     inward = jnp.einsum("en,end->ed", unit, rows)
     rows = rows - shrunk[:, None, None] * unit[:, :, None] * inward[:, None]
-    weighed: Array = (jnp.sqrt(across)[:, None, None] * rows).reshape(jacobian.shape)
+    weighed: Array = (_root(across)[:, None, None] * rows).reshape(jacobian.shape)
     return weighed
+
+
+def _root(values: Array) -> Array:
+    """Square root whose derivative is 0 at 0, where weights end up that are clipped."""
+    return jnp.where(values > 0, jnp.sqrt(jnp.where(values > 0, values, 1.0)), 0.0)
 
 
 def _mean_jacobian(trace_of: TraceOf, site: Mapping[str, Any], x: Array) -> Array:
@@ -268,15 +274,15 @@ def _gaussian_of(distribution: dist.Distribution) -> Any:
     return distribution.gaussian if isinstance(distribution, RobustError) else distribution
 
 
-def _whitened_location(site: Mapping[str, Any], mask: Array | None) -> Array:
-    """R^(-1/2) mu, flat, with 0 for masked events; its Jacobian's square is the information."""
+def _whitened_location(site: Mapping[str, Any], mask: Array | None, here: Mapping[str, Any]) -> Array:
+    """R^(-1/2) mu, flat, with 0 for masked events, R being that of the site ``here``; its Jacobian's square is the information."""
     distribution = site["fn"]
-    base, shape = _gaussian_of(unwrap(distribution)), distribution.shape()
+    base, shape, fixed = _gaussian_of(unwrap(distribution)), distribution.shape(), _gaussian_of(unwrap(here["fn"]))
     location = jnp.broadcast_to(base.loc, shape)
     if isinstance(base, dist.Normal):
-        white = location / jax.lax.stop_gradient(jnp.broadcast_to(base.scale, shape))
+        white = location / jnp.broadcast_to(fixed.scale, shape)
     else:
-        lower = jax.lax.stop_gradient(jnp.broadcast_to(base.scale_tril, (*shape, shape[-1])))
+        lower = jnp.broadcast_to(fixed.scale_tril, (*shape, shape[-1]))
         white = solve_triangular(lower, location[..., None], lower=True)[..., 0]
     seen = jnp.ones(shape, bool)
     if mask is not None:

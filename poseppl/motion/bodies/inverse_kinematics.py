@@ -19,10 +19,7 @@ is sought from rest as well as from the frame before.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import partial
-from importlib import import_module
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +28,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Booleans, Floats
+from poseppl.arrays import Booleans, Floats, double_precision
 from poseppl.motion.geometry import KinematicTree, marker_positions
 
 ANGLE_PULL = 5.0
@@ -76,7 +73,7 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
     seen = np.isfinite(target).all(-1).sum(-1)
     if not seen.any():
         raise ValueError("no frame has a marker")
-    with _double_precision():
+    with double_precision():
         solve = _solver(tree)
         first = int(np.argmax(seen == seen.max()))
         states = np.empty((len(target), tree.dimension))
@@ -197,10 +194,3 @@ def _scale(tree: KinematicTree) -> Floats:
 
 def _double(tree: KinematicTree) -> KinematicTree:
     return tree.with_offsets(*(jnp.asarray(np.asarray(leaf), np.float64) for leaf in (tree.offsets, tree.marker_offsets)))
-
-
-def _double_precision() -> AbstractContextManager[Any]:
-    """64-bit arrays inside a block, whatever the global setting."""
-    namespace: Any = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")  # the latter before JAX 0.8
-    block: AbstractContextManager[Any] = namespace.enable_x64(True)
-    return block

@@ -1,0 +1,155 @@
+r"""Named points in space, seen by a detector in calibrated cameras: a fly's legs, a hand, a mouse, a board.
+
+Position p (K, 3), velocity v and, for each camera and point, what is wrong with the detector's idea of it:
+
+    v_t ~ N(c v_(t-1), (1 - c^2) speed^2)                         a stationary velocity, so that gaps stay bounded
+    p_t ~ N(p_(t-1) + dt v_(t-1), (1 - c^2) (dt speed)^2 / 3)
+    e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)    errors that last some frames
+    d_t = d_0 ~ N(0, 1)                              (C, K, 2)    a bias that stays
+    m_t = project(p_t) + scale (lasting e_t + bias d_t)
+    y_t ~ (1 - pi_t) Student-t(m_t, other_t) + pi_t Uniform(picture)
+
+A scale belongs to a point, not to a camera: a detector errs by so many mm at the point, which a camera of longer lens shows
+larger; ``camera`` says by how much one camera is worse than that. With the logit of the detector's confidence, l,
+
+    log other_t = log scale + camera + slope (l_t - l_0),      logit pi_t = clutter + clutter_slope (l_t - l_0),   l_0 = 3.
+
+Links between points say that their distance stays near a length, which is unknown and constant. The data of the site ``links``
+are zeros, an observation of distance minus length, whose standard deviation is the tolerance.
+Units of length are those of a pixel at the points, whatever the file's are (:mod:`poseppl.motion.tracking.named_points`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpyro
+import numpyro.distributions as dist
+from jax import Array
+
+from poseppl.motion.geometry import Cameras, project
+from poseppl.program import Cluttered, StateSpaceModel
+
+CONFIDENCE = 3.0
+"""l_0, the logit of a confidence of 0.95."""
+_DRIFT = 1e-3
+"""Step of what is constant, in its own standard deviations: 0.03 of one in a thousand frames."""
+
+
+class PointInputs(NamedTuple):
+    """Inputs of the programs at one frame, of K points in C cameras with L links.
+
+    Attributes:
+        cameras: The cameras.
+        magnification: (C,) pixels that a unit of length has at the points.
+        window: (C, 2) width and height of the pictures.
+        logit: (C, K) of the detector's confidence.
+        elapsed: Frames () since the frame before.
+        freedom: Degrees of freedom () of the errors that do not last.
+        start: (K, 3) about where the points are at first.
+        start_scale: Standard deviation () of that.
+        length: (L,) prior mean of the links' lengths.
+        length_scale: (L,) its standard deviation.
+        tolerance: (L,) standard deviation of a distance around its length.
+    """
+
+    cameras: Cameras
+    magnification: Array
+    window: Array
+    logit: Array
+    elapsed: Array
+    freedom: Array
+    start: Array
+    start_scale: Array
+    length: Array
+    length_scale: Array
+    tolerance: Array
+
+
+def noise_scales(params: Mapping[str, Array], magnification: Array, logit: Array) -> tuple[Array, Array, Array]:
+    """Scales (C, K), px, of the errors that last, of the bias and of the other errors, these with leading axes of ``logit``."""
+    size = jnp.exp(params["log_scale"] + params["camera"][:, None]) * magnification[:, None]
+    other = size * jnp.exp(params["slope"] * (logit - CONFIDENCE))
+    return size * jnp.exp(params["log_lasting"]), size * jnp.exp(params["log_bias"]), other
+
+
+def clutter_log_odds(params: Mapping[str, Array], logit: Array) -> Array:
+    """Log-odds that a point of this confidence is clutter."""
+    return params["clutter"] + params["clutter_slope"] * (logit - CONFIDENCE)
+
+
+def parameters(num_points: int, num_cameras: int) -> dict[str, Array]:
+    """The prior over what does not change; lengths are in pixels at the points, times in frames."""
+    about = partial(_about, (num_points,))
+    return {
+        "log_scale": about("log_scale", 1.0, 1.0),
+        "log_speed": about("log_speed", 0.5, 1.0),
+        "log_speed_lasts": _about((), "log_speed_lasts", 3.0, 1.0),
+        "camera": _about((num_cameras,), "camera", 0.0, 0.3),
+        "slope": _about((), "slope", -0.15, 0.1),
+        "clutter": _about((), "clutter", -5.0, 1.0),
+        "clutter_slope": _about((), "clutter_slope", -0.7, 0.2),
+        "log_lasting": _about((), "log_lasting", 0.0, 1.0),
+        "log_bias": _about((), "log_bias", -0.7, 0.7),
+        "log_lasts": _about((), "log_lasts", 2.7, 0.7),
+    }
+
+
+def _about(shape: tuple[int, ...], name: str, mean: float, scale: float) -> Array:
+    value: Array = numpyro.sample(name, dist.Normal(jnp.full(shape, mean), scale))
+    return value
+
+
+@lru_cache(maxsize=16)
+def points_in_cameras(num_points: int, num_cameras: int, links: tuple[tuple[int, int], ...] = ()) -> StateSpaceModel:
+    """Write the programs; their data are ``points`` (C, K, 2), px, and zeros ``links`` (L,) where there are links.
+
+    Args:
+        num_points: K.
+        num_cameras: C.
+        links: Pairs of points.
+    """
+    errors = (num_cameras, num_points, 2)
+    ends = tuple(jnp.asarray([pair[end] for pair in links], int) for end in (0, 1)) if links else None
+
+    def initial(params: Any, inputs: PointInputs) -> None:
+        numpyro.sample("position", dist.Normal(inputs.start, inputs.start_scale))
+        numpyro.sample("velocity", dist.Normal(jnp.zeros((num_points, 3)), jnp.exp(params["log_speed"])[:, None]))
+        numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
+        numpyro.sample("bias", dist.Normal(jnp.zeros(errors), 1.0))
+        if links:
+            numpyro.sample("length", dist.Normal(inputs.length, inputs.length_scale))
+
+    def transition(params: Any, state: Mapping[str, Any], inputs: PointInputs) -> None:
+        speed, time = jnp.exp(params["log_speed"])[:, None], inputs.elapsed
+        kept = jnp.exp(-time * jnp.exp(-params["log_speed_lasts"]))
+        lost = jnp.sqrt(1 - kept**2)
+        numpyro.sample(
+            "position", dist.Normal(state["position"] + time * state["velocity"], lost * time * speed / jnp.sqrt(3.0))
+        )
+        numpyro.sample("velocity", dist.Normal(kept * state["velocity"], lost * speed))
+        kept = jnp.exp(-time * jnp.exp(-params["log_lasts"]))
+        numpyro.sample("error", dist.Normal(kept * state["error"], jnp.sqrt(1 - kept**2)))
+        numpyro.sample("bias", dist.Normal(state["bias"], _DRIFT))
+        if links:
+            numpyro.sample("length", dist.Normal(state["length"], _DRIFT * inputs.tolerance))
+
+    def observation(params: Any, state: Mapping[str, Any], inputs: PointInputs) -> None:
+        lasting, bias, other = noise_scales(params, inputs.magnification, inputs.logit)
+        wrong = lasting[..., None] * state["error"] + bias[..., None] * state["bias"]
+        seen = project(inputs.cameras, state["position"]) + wrong
+        odds = clutter_log_odds(params, inputs.logit)
+        errors = dist.Normal(seen, other[..., None]).to_event(1)
+        numpyro.sample("points", Cluttered(errors, inputs.freedom, odds, inputs.window[:, None]))
+        for name, value in (("seen", seen), ("scale", other), ("log_odds", odds)):
+            numpyro.deterministic(name, value)
+        if ends is not None:
+            first, second = (state["position"][end] for end in ends)
+            apart = jnp.sqrt(jnp.sum((first - second) ** 2, -1) + 1e-12)
+            numpyro.sample("links", dist.Normal(apart - state["length"], inputs.tolerance))
+
+    prior: Callable[[], Any] = partial(parameters, num_points, num_cameras)
+    return StateSpaceModel(initial, transition, observation, prior)

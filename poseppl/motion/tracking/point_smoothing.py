@@ -1,0 +1,120 @@
+"""Named points smoothed: draws of all trajectories given all frames, and what a camera would see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+from jax import Array
+
+from poseppl.arrays import Floats, double_precision
+from poseppl.gaussians.block_tridiagonal import solve_upper
+from poseppl.motion.tracking.named_points import (
+    BY_POINT,
+    LocalFrame,
+    PointInputs,
+    PointProblem,
+    PointRecording,
+    make_point_problem,
+)
+from poseppl.motion.tracking.point_fit import fit_points, match_sizes, params_by_point, points_mode
+from poseppl.program import Cluttered, CompiledModel, Observation
+from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
+
+MOST_FITTED = 150
+"""Frames in a row, those with the most points, that params are sought in."""
+
+
+class PointTracks(NamedTuple):
+    """Smoothed points.
+
+    Attributes:
+        places: (S, T, K, 3) draws of whole trajectories, mm.
+        mode: (T, K, 3), mm.
+        params: The params that they were smoothed under; scales of points are (K,).
+        frame: Coordinates that lengths of the params are in.
+        clutter: (T, C, K) probability that what was found is clutter; NaN where nothing was.
+    """
+
+    places: Floats
+    mode: Floats
+    params: Mapping[str, Floats]
+    frame: LocalFrame
+    clutter: Floats
+
+
+def smooth_points(
+    recording: PointRecording, *, known: Mapping[str, float] | None = None, num_draws: int = 200, seed: int = 0
+) -> PointTracks:
+    """Smooth points that know nothing of each other.
+
+    Args:
+        recording: What was found.
+        known: Params of the detector that are not sought in the recording.
+        num_draws: S.
+        seed: Of the draws.
+
+    Raises:
+        InputError: No point is seen by two cameras at a time.
+    """
+    with double_precision():
+        problem = make_point_problem(recording)
+        part = best_seen(recording.points, MOST_FITTED)
+        fitted = problem if part is None else make_point_problem(recording.of_frames(part))
+        params = match_sizes(problem, fit_points(fitted, known))
+        mode = points_mode(problem, params)
+        drawn, clutter = _draws(
+            problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs
+        )
+        return PointTracks(
+            problem.frame.to_world(np.moveaxis(np.asarray(drawn), 0, 2)),
+            problem.frame.to_world(np.moveaxis(np.asarray(mode[..., :3]), 0, 1)),
+            {name: np.asarray(value) for name, value in params.items()},
+            problem.frame,
+            np.where(np.isfinite(recording.points).all(-1), np.moveaxis(np.asarray(clutter)[..., 0], 0, 2), np.nan),
+        )
+
+
+def best_seen(points: Floats, most: int) -> slice | None:
+    """The run of at most so many frames with the most points (T, C, K, 2); None if that is all."""
+    if len(points) <= most:
+        return None
+    seen = np.cumsum(np.r_[0, np.isfinite(points).all(-1).sum((1, 2))])
+    first = int(np.argmax(seen[most:] - seen[:-most]))
+    return slice(first, first + most)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _draws(
+    model: CompiledModel,
+    num_draws: int,
+    rng_key: Array,
+    params: dict[str, Array],
+    mode: Array,
+    observations: Observation,
+    inputs: PointInputs,
+) -> tuple[Array, Array]:
+    """Draws (K, S, T, 3) around modes (K, T, d), and probabilities (K, T, C, 1) of clutter at these."""
+    split, axes = params_by_point(params)
+
+    def one(key: Array, params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> tuple[Array, Array]:
+        bound = model.with_params(params)
+        factor = safe_cholesky(trajectory_precision(bound, xs, observations, inputs))
+
+        def draw(key: Array) -> Array:
+            return (xs + solve_upper(factor, jax.random.normal(key, xs.shape, xs.dtype)))[:, :3]
+
+        drawn = jax.lax.map(draw, jax.random.split(key, num_draws))
+        told = jax.vmap(bound.extras)(xs, inputs)
+        gaussian = dist.Normal(told["seen"], told["scale"][..., None]).to_event(1)
+        window = inputs.window[:, :, None]
+        errors = Cluttered(gaussian, inputs.freedom[:, None, None], told["log_odds"], window)
+        return drawn, errors.clutter_probability(observations.values["points"])
+
+    keys = jax.random.split(rng_key, len(mode))
+    return jax.vmap(one, in_axes=(0, axes, 0, 0, BY_POINT))(keys, split, mode, observations, inputs)
