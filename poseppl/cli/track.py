@@ -15,6 +15,7 @@ from poseppl.cli.track_keypoints import (
     keypoint_options,
     keypoint_scene,
     smoothed_target,
+    wants_points,
     words_of_keypoints,
     write_beside,
 )
@@ -172,11 +173,17 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources, target) if sources else []
-    smoothed = smoothed_target(options, target)
+    smoothed = None if wants_points(options) else smoothed_target(options, target)
     beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
     check_writable([target, picture, *overlays, *beside, *exported_targets(options, target)], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
+    if wants_points(options):
+        from poseppl.cli.track_points import track_points
+
+        with progress.running():
+            track_points(options, target, progress)
+        return
     try:
         with progress.running():
             tree, problem = _run(recording, observations, sources, options, progress)

@@ -167,8 +167,18 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
     if options["calibration"] is None:
         raise click.UsageError("--keypoints needs --calibration FILE")
     for name in _NOT_WITH:
-        if options[name] is not None:
+        if options[name] is not None and not (name == "skeleton" and wants_points(options)):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints")
+
+
+def wants_points(options: dict[str, Any]) -> bool:
+    """Whether keypoints are of anything, each a point by itself, rather than of a person's body."""
+    if not options["keypoints"]:
+        return False
+    from poseppl.motion.tracking.point_files import is_point_table
+
+    named = str(options["skeleton"] or "").lower().endswith(".toml")
+    return named or all(is_point_table(path) for path in words_of_keypoints(options["keypoints"]).values())
 
 
 def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:

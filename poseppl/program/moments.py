@@ -275,7 +275,7 @@ def _gaussian_of(distribution: dist.Distribution) -> Any:
 
 
 def _whitened_location(site: Mapping[str, Any], mask: Array | None, here: Mapping[str, Any]) -> Array:
-    """R^(-1/2) mu, flat, with 0 for masked events, R being that of the site ``here``; its Jacobian's square is the information."""
+    """R^(-1/2) mu, flat, with 0 for masked events, R that of the site ``here``; its Jacobian's square is the information."""
     distribution = site["fn"]
     base, shape, fixed = _gaussian_of(unwrap(distribution)), distribution.shape(), _gaussian_of(unwrap(here["fn"]))
     location = jnp.broadcast_to(base.loc, shape)

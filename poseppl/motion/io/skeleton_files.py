@@ -1,22 +1,22 @@
 """Skeletons of named points, for whatever a detector finds points of, as TOML.
 
-    units = "mm"                                  of the lengths; needed where there are any
+units = "mm"                                  of the lengths; needed where there are any
 
-    points = ["hip", "knee", "ankle", "knee_r"]   of the detector's; the others are left out
+points = ["hip", "knee", "ankle", "knee_r"]   of the detector's; the others are left out
 
-    [[links]]
-    between = ["hip", "knee"]
-    length = 0.9                                  optional: a prior mean, with its standard deviation
-    spread = 0.1                                  10 % of the length if absent
-    give = 0.05                                   the distance changes by so much of the length; 0.05 if absent
+[[links]]
+between = ["hip", "knee"]
+length = 0.9                                  optional: a prior mean, with its standard deviation
+spread = 0.1                                  10 % of the length if absent
+give = 0.05                                   the distance changes by so much of the length; 0.05 if absent
 
-    [[rigid]]                                     all distances between these stay as they are, and are unknown
-    points = ["a", "b", "c"]
-    give = 0.001                                  0.001 if absent
+[[rigid]]                                     all distances between these stay as they are, and are unknown
+points = ["a", "b", "c"]
+give = 0.001                                  0.001 if absent
 
-    [[pairs]]                                     limbs that a detector may take for each other
-    left = ["knee"]
-    right = ["knee_r"]
+[[pairs]]                                     limbs that a detector may take for each other
+left = ["knee"]
+right = ["knee_r"]
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The inference problem of named points in calibrated cameras, each point by itself: geometry in pixels, inputs, first guesses.
 
-The programs are those of ``poseppl_models.named_points``, found by name. They count lengths in pixels at the points, from the middle
-of these, so that priors suit a fly as well as a horse, whatever the unit of the calibration is.
+The programs are those of ``poseppl_models.named_points``, found by name. They count lengths in pixels at the points, from the
+middle of these, so that priors suit a fly as well as a horse, whatever the unit of the calibration is.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class LocalFrame(NamedTuple):
 
     def cameras(self, cameras: Cameras) -> Cameras:
         """Cameras in local coordinates, in double precision where that is on."""
-        double = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, np.float64), float), cameras)
+        double: Cameras = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, np.float64), float), cameras)
         return double._replace(centre=(double.centre - jnp.asarray(self.origin)) * self.unit)
 
 

@@ -1,4 +1,4 @@
-"""The params of a detector and of its points' motion, from the recording itself: where its evidence and their prior are largest.
+"""The params of a detector and of its points' motion, from the recording: where its evidence and their prior are largest.
 
 The evidence is Laplace's (:mod:`poseppl.smoothers.laplace_evidence`), its ascent BFGS's in coordinates in which the prior is
 standard normal. Nothing but what the cameras saw goes in: neither truth nor cameras that are held out.
@@ -17,22 +17,16 @@ from jax import Array
 from scipy.optimize import minimize
 
 from poseppl.arrays import Floats
-from poseppl.gaussians.linear_transitions import marginal_covariances
 from poseppl.motion.tracking.named_points import BY_POINT, PointInputs, PointProblem
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
-from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import climb
 from poseppl.smoothers.laplace_evidence import laplace_evidence
 
 OF_A_POINT = ("log_scale", "log_speed")
 """Params of which each point has its own."""
 NUM_ROUNDS, NUM_STEPS, MODE_STEPS = 3, 15, 5
 """Rounds of the ascent, its steps in each, and steps to the mode between rounds."""
-SIZE_ROUNDS = 3
-"""Rounds in which sizes of errors are matched."""
-_SIZE_OF = {"error": "log_lasting", "bias": "log_bias"}
-"""Params that are the logarithms of the sizes of sites of the state."""
-_LEAST_FACTOR = 0.1
 _FARTHEST = 5.0
 """Standard deviations of the prior within which params are sought."""
 _WORST = 1e12
@@ -40,13 +34,20 @@ _NO_CLUTTER, _GAUSSIAN = -50.0, 1000.0
 """Log-odds of clutter, and degrees of freedom, on the way to a mode."""
 
 
-def fit_points(problem: PointProblem, known: Mapping[str, float] | None = None, num_rounds: int = NUM_ROUNDS) -> dict[str, Array]:
+def fit_points(
+    problem: PointProblem,
+    known: Mapping[str, float] | None = None,
+    *,
+    num_rounds: int = NUM_ROUNDS,
+    num_steps: int = NUM_STEPS,
+) -> dict[str, Array]:
     """Find the params that the data are most likely under.
 
     Args:
         problem: The problem.
         known: Params of the detector that are not sought.
         num_rounds: Rounds of the ascent.
+        num_steps: Its steps in each.
 
     Returns:
         The params by name, those of single points (K,).
@@ -70,50 +71,8 @@ def fit_points(problem: PointProblem, known: Mapping[str, float] | None = None, 
             return (-float(value), -told) if sound else (_WORST, np.zeros_like(told))
 
         bounds = [(-_FARTHEST, _FARTHEST)] * len(v)
-        v = minimize(loss, v, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": NUM_STEPS}).x
+        v = minimize(loss, v, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": num_steps}).x
     return dict(names.to_params(jnp.asarray(mean + scale * np.where(free, v, 0.0))))
-
-
-def match_sizes(problem: PointProblem, params: Mapping[str, Array], num_rounds: int = SIZE_ROUNDS) -> dict[str, Array]:
-    r"""Give the errors that last, and the biases, the size that they turn out to have in all frames.
-
-    The evidence asks above all how errors change from frame to frame. Where they do so unlike an autoregressive process, the size
-    that goes with it is wrong, and intervals need the size. So s^2 is multiplied by
-
-        sum m^2 / sum (1 - v),
-
-    m and v being posterior means and variances of the errors in units of s: what they were found to be, over what the data
-    told of them at all (MacKay 1992, doi:10.1162/neco.1992.4.3.415). Where the model holds, the factor is 1 on average.
-    """
-    known = dict(params)
-    mode = points_mode(problem, known)
-    for round in range(num_rounds):
-        if round:
-            mode = points_mode(problem, known, mode)
-        factors = _size_factors(problem.model, known, mode, problem.observations, problem.inputs)
-        for name, factor in factors.items():
-            known[name] = known[name] + 0.5 * jnp.log(jnp.clip(factor, _LEAST_FACTOR, 1 / _LEAST_FACTOR))
-    return known
-
-
-@partial(jax.jit, static_argnums=0)
-def _size_factors(
-    model: CompiledModel, params: dict[str, Array], mode: Array, observations: Observation, inputs: PointInputs
-) -> dict[str, Array]:
-    split, axes = params_by_point(params)
-
-    def one(params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-        factor = safe_cholesky(trajectory_precision(model.with_params(params), xs, observations, inputs))
-        return jnp.diagonal(marginal_covariances(factor).own, axis1=1, axis2=2)
-
-    variances = jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, mode, observations, inputs)
-    first, factors = 0, {}
-    for name, site in model.sites.items():
-        of, first = slice(first, first + site.size), first + site.size
-        if name in _SIZE_OF:
-            told = jnp.maximum(jnp.sum(1 - variances[..., of]), 1e-6)
-            factors[_SIZE_OF[name]] = jnp.sum(mode[..., of] ** 2) / told
-    return factors
 
 
 def prior_moments(whole: CompiledModel, names: ParameterBijector) -> tuple[Floats, Floats]:
@@ -127,11 +86,12 @@ def prior_moments(whole: CompiledModel, names: ParameterBijector) -> tuple[Float
 def points_mode(problem: PointProblem, params: Mapping[str, Array], states: Array | None = None) -> Array:
     """Climb to the mode (K, T, d) of each point.
 
-    Without states (K, T, d) to climb from, the way is by errors that are nearly Gaussian and Student-t ones without clutter: where
-    all of a point's data are taken for clutter is a mode, too, which is not to be climbed from far away.
+    Without states (K, T, d) to climb from, the way is by errors that are nearly Gaussian and Student-t ones without clutter:
+    where all of a point's data are taken for clutter is a mode, too, which is not to be climbed from far away.
     """
     if states is not None:
-        return _modes(problem.model, dict(params), states, problem.observations, problem.inputs)
+        mode: Array = _modes(problem.model, dict(params), states, problem.observations, problem.inputs)
+        return mode
     states, inputs = problem.start, problem.inputs
     tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], _NO_CLUTTER)}
     for freedom in (_GAUSSIAN * jnp.ones_like(inputs.freedom), inputs.freedom):

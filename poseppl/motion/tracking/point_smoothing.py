@@ -7,22 +7,22 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.arrays import Floats, double_precision
 from poseppl.gaussians.block_tridiagonal import solve_upper
+from poseppl.motion.io.skeleton_files import Skeleton
+from poseppl.motion.tracking.linked_points import linked_draws
 from poseppl.motion.tracking.named_points import (
     BY_POINT,
     LocalFrame,
     PointInputs,
-    PointProblem,
     PointRecording,
     make_point_problem,
 )
-from poseppl.motion.tracking.point_fit import fit_points, match_sizes, params_by_point, points_mode
+from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode
 from poseppl.program import Cluttered, CompiledModel, Observation
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
 
@@ -39,6 +39,7 @@ class PointTracks(NamedTuple):
         params: The params that they were smoothed under; scales of points are (K,).
         frame: Coordinates that lengths of the params are in.
         clutter: (T, C, K) probability that what was found is clutter; NaN where nothing was.
+        lengths: (S, L) draws of the skeleton's links' lengths, mm.
     """
 
     places: Floats
@@ -46,15 +47,22 @@ class PointTracks(NamedTuple):
     params: Mapping[str, Floats]
     frame: LocalFrame
     clutter: Floats
+    lengths: Floats
 
 
 def smooth_points(
-    recording: PointRecording, *, known: Mapping[str, float] | None = None, num_draws: int = 200, seed: int = 0
+    recording: PointRecording,
+    *,
+    skeleton: Skeleton | None = None,
+    known: Mapping[str, float] | None = None,
+    num_draws: int = 200,
+    seed: int = 0,
 ) -> PointTracks:
-    """Smooth points that know nothing of each other.
+    """Smooth points, each by itself where no skeleton links them.
 
     Args:
         recording: What was found.
+        skeleton: Links between its points, which are in the same order.
         known: Params of the detector that are not sought in the recording.
         num_draws: S.
         seed: Of the draws.
@@ -66,17 +74,24 @@ def smooth_points(
         problem = make_point_problem(recording)
         part = best_seen(recording.points, MOST_FITTED)
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
-        params = match_sizes(problem, fit_points(fitted, known))
+        params = fit_points(fitted, known)
         mode = points_mode(problem, params)
         drawn, clutter = _draws(
             problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs
         )
+        linked = [] if skeleton is None else linked_draws(problem, params, mode, skeleton, num_draws, seed)
+        places, middle = np.moveaxis(np.asarray(drawn), 0, 2).copy(), np.moveaxis(np.asarray(mode[..., :3]), 0, 1).copy()
+        lengths = np.zeros((num_draws, 0 if skeleton is None else len(skeleton.links)))
+        for group in linked:
+            places[:, :, group.members], middle[:, group.members] = group.places, group.mode
+            lengths[:, group.links] = group.lengths / problem.frame.unit
         return PointTracks(
-            problem.frame.to_world(np.moveaxis(np.asarray(drawn), 0, 2)),
-            problem.frame.to_world(np.moveaxis(np.asarray(mode[..., :3]), 0, 1)),
+            problem.frame.to_world(places),
+            problem.frame.to_world(middle),
             {name: np.asarray(value) for name, value in params.items()},
             problem.frame,
             np.where(np.isfinite(recording.points).all(-1), np.moveaxis(np.asarray(clutter)[..., 0], 0, 2), np.nan),
+            lengths,
         )
 
 

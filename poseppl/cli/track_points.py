@@ -1,0 +1,60 @@
+"""`poseppl track --keypoints` of anything that is no person: named points, smoothed in three dimensions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.track_keypoints import words_of_keypoints
+
+_BODYS = ("layout", "keep_calibration", "online", "noise", "stature", "lengths", "prior", "sigma_position", "sigma_angle")
+_NOT_WITH = (*_BODYS, "model", "checkpoint")
+_DRAWS = 200
+
+
+def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
+    """Smooth named points and write the result.
+
+    Args:
+        options: Of the command.
+        target: The result's file.
+        progress: Is told of the stages.
+
+    Raises:
+        InputError: A file, the calibration or the skeleton cannot be used.
+    """
+    from poseppl.cli.console import print_table
+    from poseppl.cli.outputs import write_outputs
+    from poseppl.cli.subject import given_rate
+    from poseppl.motion.io import read_cameras
+    from poseppl.motion.io.skeleton_files import read_skeleton
+    from poseppl.motion.tracking.point_files import read_point_recording, result_of_points
+    from poseppl.motion.tracking.point_smoothing import smooth_points
+
+    for name in _NOT_WITH:
+        if options[name] is not None and options[name] is not False:
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints of named points")
+    progress.stage("reading")
+    skeleton = None if options["skeleton"] is None else read_skeleton(options["skeleton"])
+    recording = read_point_recording(
+        words_of_keypoints(options["keypoints"]),
+        read_cameras(options["calibration"]),
+        skeleton=skeleton,
+        person=options["person"] or 1,
+        frames=options["frames"],
+        rate=given_rate(options),
+    )
+    progress.stage(f"smoothing {len(recording.names)} points in {len(recording.frames)} frames")
+    draws = options["max_draws"] or _DRAWS
+    tracks = smooth_points(recording, skeleton=skeleton, num_draws=draws, seed=options["seed"])
+    edges = [] if skeleton is None else [link.ends for link in skeleton.links]
+    tree = result_of_points(recording, tracks, edges, options["seed"])
+    progress.stage("drawing")
+    files = write_outputs(tree, target, progress.note)
+    if not options["quiet"]:
+        spread = tree["summary"].dataset["markers_sd"].median().item()
+        rows = [("input", recording.source), ("points", ", ".join(recording.names)), ("frames", f"{len(recording.frames)}")]
+        rows += [("cameras", ", ".join(recording.camera_names)), ("standard deviation, median", f"{spread:.3g} mm")]
+        print_table("poseppl track", [*rows, *((name, str(path)) for name, path in files)])

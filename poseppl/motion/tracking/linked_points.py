@@ -1,0 +1,142 @@
+"""Points that a skeleton links: those that hang together are smoothed together, at distances near lengths with a posterior.
+
+Params are those that were found for each point by itself. A length without a prior in the skeleton is about what the points by
+themselves have it, with a standard deviation of half of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from poseppl.arrays import Floats
+from poseppl.gaussians.block_tridiagonal import solve_upper
+from poseppl.motion.bodies.body import compile_once, load_builder
+from poseppl.motion.io.skeleton_files import Link, Skeleton
+from poseppl.motion.tracking.named_points import PROGRAMS, PointInputs, PointProblem
+from poseppl.motion.tracking.point_fit import OF_A_POINT
+from poseppl.program import CompiledModel, Observation
+from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+
+UNKNOWN = 0.5
+"""Standard deviation of a length of which the skeleton says nothing, in units of what is measured."""
+_STEPS = 10
+
+
+class LinkedDraws(NamedTuple):
+    """Draws of points that hang together, in local coordinates.
+
+    Attributes:
+        members: Their k indices.
+        links: Indices of the skeleton's links between them.
+        mode: (T, k, 3).
+        places: (S, T, k, 3).
+        lengths: (S, L) of the links.
+    """
+
+    members: tuple[int, ...]
+    links: tuple[int, ...]
+    mode: Floats
+    places: Floats
+    lengths: Floats
+
+
+def linked_draws(
+    problem: PointProblem, params: dict[str, Any], mode: Array, skeleton: Skeleton, num_draws: int, seed: int
+) -> list[LinkedDraws]:
+    """Smooth what hangs together; to be called in double precision.
+
+    Args:
+        problem: The problem of the points by themselves.
+        params: Their params.
+        mode: Their states (K, T, d).
+        skeleton: The links.
+        num_draws: S.
+        seed: Of the draws.
+    """
+    found = []
+    for number, members in enumerate(components(len(skeleton.points), skeleton.links)):
+        chosen = [index for index, link in enumerate(skeleton.links) if link.ends[0] in members]
+        links = [skeleton.links[index] for index in chosen]
+        ends = tuple((members.index(link.ends[0]), members.index(link.ends[1])) for link in links)
+        inputs, data, states = _together(problem, mode, members, links, ends)
+        num_cameras = inputs.magnification.shape[1]
+        model = compile_once(
+            load_builder(PROGRAMS)(len(members), num_cameras, ends), jax.tree.map(lambda leaf: leaf[0], inputs)
+        )
+        index = np.asarray(members)
+        own = {name: value[index] if name in OF_A_POINT else value for name, value in params.items()}
+        start = jax.vmap(model.to_flat)(states)
+        key = jax.random.fold_in(jax.random.key(seed), number)
+        middle, drawn, lengths = _draws(model, num_draws, key, own, start, data, inputs)
+        places = [np.asarray(values).reshape(*values.shape[:-1], -1, 3) for values in (middle, drawn)]
+        found.append(LinkedDraws(members, tuple(chosen), places[0], places[1], np.asarray(lengths)))
+    return found
+
+
+def components(num_points: int, links: Sequence[Link]) -> list[tuple[int, ...]]:
+    """The points that hang together by links, each group in order; points without a link are in none."""
+    group = list(range(num_points))
+    for link in links:
+        first, second = (group[end] for end in link.ends)
+        group = [min(first, second) if own in (first, second) else own for own in group]
+    groups = [tuple(k for k in range(num_points) if group[k] == own) for own in sorted(set(group))]
+    return [members for members in groups if len(members) > 1]
+
+
+def _together(
+    problem: PointProblem, mode: Array, members: tuple[int, ...], links: Sequence[Link], ends: Sequence[tuple[int, int]]
+) -> tuple[PointInputs, Observation, dict[str, Array]]:
+    """Inputs, data and states of points, side by side; all with a leading T."""
+    index, own, unit = np.asarray(members), problem.inputs, problem.frame.unit
+    single = jax.vmap(jax.vmap(problem.model.to_sites))(mode[index])
+    position, velocity = (jnp.moveaxis(single[name][:, :, 0], 0, 1) for name in ("position", "velocity"))
+    errors = {name: jnp.moveaxis(single[name][:, :, :, 0], 0, 2) for name in ("error", "bias")}
+    num_frames = len(position)
+    measured = [float(jnp.median(jnp.linalg.norm(position[:, i] - position[:, j], axis=-1))) for i, j in ends]
+    length = np.array([own if link.length is None else link.length * unit for link, own in zip(links, measured, strict=True)])
+    spread = [UNKNOWN * own if link.spread is None else link.spread * unit for link, own in zip(links, length, strict=True)]
+    rows = [
+        np.broadcast_to(values, (num_frames, len(links))) for values in (length, spread, [link.give for link in links] * length)
+    ]
+    inputs = own._replace(
+        logit=jnp.moveaxis(own.logit[index, :, :, 0], 0, 2),
+        start=jnp.moveaxis(own.start[index, :, 0], 0, 1),
+        **{name: jnp.asarray(row, float) for name, row in zip(("length", "length_scale", "tolerance"), rows, strict=True)},
+    )
+    values, mask = (
+        {"points": jnp.moveaxis(site["points"][index, :, :, 0], 0, 2), "links": fill((num_frames, len(links)), kind)}
+        for site, fill, kind in ((problem.observations.values, jnp.zeros, float), (problem.observations.mask, jnp.ones, bool))
+    )
+    states = {"position": position, "velocity": velocity, **errors, "length": jnp.asarray(rows[0], float)}
+    return inputs, Observation(values, mask), states
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _draws(
+    model: CompiledModel,
+    num_draws: int,
+    rng_key: Array,
+    params: dict[str, Array],
+    start: Array,
+    observations: Observation,
+    inputs: PointInputs,
+) -> tuple[Array, Array, Array]:
+    """Mode (T, 3 k) and draws (S, T, 3 k) of positions, and (S, L) of lengths."""
+    bound = model.with_params(params)
+    size, links = model.sites["position"].size, model.sites["length"].size
+    mode = climb(bound, start, observations, inputs, _STEPS)
+    factor = safe_cholesky(trajectory_precision(bound, mode, observations, inputs))
+
+    def draw(key: Array) -> tuple[Array, Array]:
+        drawn = mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype))
+        return drawn[:, :size], jnp.mean(drawn[:, -links:], 0)
+
+    places, lengths = jax.lax.map(draw, jax.random.split(rng_key, num_draws))
+    return mode[:, :size], places, lengths

@@ -1,0 +1,144 @@
+"""From files of named points in calibrated cameras to a recording, and from its smoothing to a result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, InputError
+from poseppl.motion.geometry import project
+from poseppl.motion.io import CameraRecord, DetectedPeople
+from poseppl.motion.io.caliscope import read_caliscope_points
+from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
+from poseppl.motion.io.frame_range import FrameRange
+from poseppl.motion.io.skeleton_files import Skeleton
+from poseppl.motion.io.text_parsing import rows_of_csv, some
+from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecording
+from poseppl.motion.tracking.placing import cameras_of_records
+from poseppl.motion.tracking.point_smoothing import PointTracks
+from poseppl.motion.tracking.track import versions
+from poseppl.runs.results import Names, build_result
+
+
+def read_point_recording(
+    files: Mapping[str, FilePath],
+    records: Sequence[CameraRecord],
+    *,
+    skeleton: Skeleton | None = None,
+    person: int = 1,
+    frames: str | None = None,
+    rate: float | None = None,
+) -> PointRecording:
+    """Read what a detector found of one animal or thing.
+
+    Args:
+        files: DeepLabCut's CSV files, or Caliscope's one of all cameras, by camera; equal frame numbers are of one time.
+        records: The calibrated cameras; those without a file are left out.
+        skeleton: The points that are wanted; all that the files have if None.
+        person: Which of the individuals that the files name.
+        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+        rate: Frames a second; None where unknown.
+
+    Raises:
+        InputError: A file cannot be read, has no camera or other points than the others, or there is no common frame.
+    """
+    known = {record.name: record for record in records}
+    for name in files:
+        if name not in known:
+            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+    found = {camera: _detected(path, camera) for camera, path in files.items()}
+    names = next(iter(found.values())).names if skeleton is None else skeleton.points
+    for camera, people in found.items():
+        missing = [name for name in names if name not in people.names]
+        if missing:
+            raise InputError(f"no point {missing[0]!r}", file=files[camera], field="--skeleton", expected=some(people.names))
+        if person > people.points.shape[1]:
+            raise InputError(f"{person}", file=files[camera], field="--person", expected=f"1 to {people.points.shape[1]}")
+    numbers = sorted(set.intersection(*(set(people.frames.tolist()) for people in found.values())))
+    if not numbers:
+        raise InputError("the files have no frame in common", field="--keypoints", expected="equal frame numbers")
+    part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
+    chosen = np.asarray(numbers)[part]
+    tables = [_of_names(people, names, chosen, person - 1) for people in found.values()]
+    cameras = [known[name] for name in files]
+    return PointRecording(
+        tuple(names),
+        tuple(files),
+        cameras_of_records(cameras),
+        np.array([camera.size for camera in cameras], float),
+        np.stack([points for points, _ in tables], 1),
+        np.stack([confidence for _, confidence in tables], 1),
+        chosen,
+        rate and rate / part.step,
+        ", ".join(map(str, dict.fromkeys(map(str, files.values())))),
+    )
+
+
+def is_point_table(path: FilePath) -> bool:
+    """Whether a file is a table of points of any name, rather than of a person's."""
+    if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
+        return False
+    _, header = next(rows_of_csv(path), (None, [""]))
+    return header[0] == "scorer" or "sync_index" in header
+
+
+def _detected(path: FilePath, camera: str) -> DetectedPeople:
+    _, header = next(rows_of_csv(path), (None, [""]))
+    if "sync_index" not in header:
+        return read_deeplabcut_csv(path)
+    found = read_caliscope_points(path)
+    if camera not in found:
+        raise InputError(f"no points of the camera {camera!r}", file=path, expected=", ".join(found))
+    return found[camera]
+
+
+def _of_names(people: DetectedPeople, names: Sequence[str], numbers: Any, person: int) -> tuple[Floats, Floats]:
+    """Points (T, K, 2) and confidence (T, K) of the names, at frames of these numbers."""
+    rows = numbers - people.frames[0]
+    columns = [people.names.index(name) for name in names]
+    return people.points[rows][:, person, columns], people.confidence[rows][:, person, columns]
+
+
+def result_of_points(
+    recording: PointRecording, tracks: PointTracks, edges: Sequence[tuple[int, int]], seed: int
+) -> xr.DataTree:
+    """The result of a smoothing; see :mod:`poseppl.runs.results`. Its state are the points' coordinates, mm.
+
+    Args:
+        recording: What was smoothed.
+        tracks: Its smoothing.
+        edges: Pairs of points that are drawn as lines.
+        seed: Of the draws.
+    """
+    places = tracks.places.astype(np.float32)
+    images = [np.moveaxis(np.asarray(project(recording.cameras, jnp.asarray(place))), 0, 1) for place in places]
+    cameras = {name: None if leaf is None else np.asarray(leaf) for name, leaf in recording.cameras._asdict().items()}
+    flat = places.reshape(1, *places.shape[:2], -1)
+    return build_result(
+        state=flat,
+        names=Names([f"{name}.{axis}" for name in recording.names for axis in "xyz"], recording.names, recording.camera_names),
+        extras={"markers": places[None], "points": np.stack(images)[None]},
+        sample_stats={},
+        observed={"points": recording.points, "confidence": recording.confidence, "clutter": tracks.clutter},
+        cameras=cameras,
+        edges=np.asarray(edges, int).reshape(-1, 2),
+        frames=recording.frames,
+        rate=recording.rate,
+        attrs={
+            "model": PROGRAMS,
+            "smoother": "laplace",
+            "smoother seed": seed,
+            "errors": "lasting",
+            "params": {name: np.asarray(value).tolist() for name, value in tracks.params.items()},
+            "pixels a mm": tracks.frame.unit,
+            "freedom": FREEDOM,
+            "input": recording.source,
+            "versions": versions(),
+        },
+    )

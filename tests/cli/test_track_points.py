@@ -1,0 +1,59 @@
+"""`poseppl track --keypoints` of named points: a fly's legs, of which a few frames are smoothed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from poseppl.cli import main
+from poseppl.runs.results import load_result, provenance
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+SKELETON = 'points = ["L1A", "L1B"]\n[[links]]\nbetween = ["L1A", "L1B"]\n'
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+    Path("legs.toml").write_text(SKELETON, encoding="utf-8")
+
+
+def words(data_dir: Path, *more: str) -> list[str]:
+    folder = data_dir / "fly_legs"
+    files = [f"Cam-{letter}={next(folder.glob(f'*Cam-{letter}*rng=0.csv'))}" for letter in "AB"]
+    return ["track", "--keypoints", *files, "--calibration", str(folder / "calibration.toml"), "--rate", "100", *more]
+
+
+def test_linked_points_are_smoothed(data_dir: Path) -> None:
+    assert main(words(data_dir, "--skeleton", "legs.toml", "--frames", "0:12", "--max-draws", "30", "-o", "out.nc")) == 0
+    tree = load_result("out.nc")
+    assert tree["posterior"].sizes["draw"] == 30
+    assert list(tree["posterior"].dataset["marker"].values) == ["L1A", "L1B"]
+    assert provenance(tree)["smoother"] == "laplace"
+    parts: dict[str, Any] = {name: np.asarray(tree[name].to_numpy()) for name in ("observed_data/points", "posterior/points")}
+    off = parts["observed_data/points"] - parts["posterior/points"].mean((0, 1))
+    assert np.nanmedian(np.abs(off)) < 3
+    places = np.asarray(tree["posterior/markers"].to_numpy())[0]
+    apart = np.linalg.norm(places[:, :, 0] - places[:, :, 1], axis=-1)
+    assert 0 < apart.std() / apart.mean() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (["--skeleton", "none.toml"], "none.toml"),
+        (["--skeleton", "legs.toml", "--stature", "1700"], "--stature does not go with"),
+        (["--person", "2"], "--person"),
+        (["--keypoints", "Cam-X=legs.toml"], "Cam-X"),
+    ],
+)
+def test_what_does_not_fit_is_told(data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], told: str) -> None:
+    assert main([*words(data_dir), *change, "-o", "out.nc"]) in (1, 2)
+    assert told in capsys.readouterr().err
+    assert not Path("out.nc").exists()
