@@ -23,6 +23,7 @@ from verdicts import (
     keypoints,
     learned_prior,
     modes,
+    named_points,
     predictions,
     sampling,
     sminchisescu_triggs,
@@ -76,6 +77,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
         "compile-times": compile_times.compile_times,
     },
+    "points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
     "verdicts.md": {"predictive-checks": predictions.checks},
 }
 

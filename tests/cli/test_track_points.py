@@ -14,7 +14,7 @@ from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-SKELETON = 'points = ["L1A", "L1B"]\n[[links]]\nbetween = ["L1A", "L1B"]\n'
+SKELETON = 'points = ["L1A", "L1B"]\n[[links]]\nbetween = ["L1A", "L1B"]\n[[pairs]]\nleft = ["L1A"]\nright = ["L1B"]\n'
 
 
 @pytest.fixture(autouse=True)

@@ -125,7 +125,12 @@ def result_of_points(
         names=Names([f"{name}.{axis}" for name in recording.names for axis in "xyz"], recording.names, recording.camera_names),
         extras={"markers": places[None], "points": np.stack(images)[None]},
         sample_stats={},
-        observed={"points": recording.points, "confidence": recording.confidence, "clutter": tracks.clutter},
+        observed={
+            "points": recording.points,
+            "confidence": recording.confidence,
+            "clutter": tracks.clutter,
+            "swaps": tracks.swaps,
+        },
         cameras=cameras,
         edges=np.asarray(edges, int).reshape(-1, 2),
         frames=recording.frames,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.arrays import Floats, double_precision
@@ -19,11 +18,13 @@ from poseppl.motion.tracking.named_points import (
     BY_POINT,
     LocalFrame,
     PointInputs,
+    PointProblem,
     PointRecording,
     make_point_problem,
 )
 from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode
-from poseppl.program import Cluttered, CompiledModel, Observation
+from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swap_probabilities
+from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
 
 MOST_FITTED = 150
@@ -40,6 +41,7 @@ class PointTracks(NamedTuple):
         frame: Coordinates that lengths of the params are in.
         clutter: (T, C, K) probability that what was found is clutter; NaN where nothing was.
         lengths: (S, L) draws of the skeleton's links' lengths, mm.
+        swaps: (T, C, P) probability that the limbs of each of the skeleton's pairs are exchanged in a camera.
     """
 
     places: Floats
@@ -48,6 +50,7 @@ class PointTracks(NamedTuple):
     frame: LocalFrame
     clutter: Floats
     lengths: Floats
+    swaps: Floats
 
 
 def smooth_points(
@@ -76,9 +79,14 @@ def smooth_points(
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
         params = fit_points(fitted, known)
         mode = points_mode(problem, params)
-        drawn, clutter = _draws(
-            problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs
-        )
+        pairs = () if skeleton is None else skeleton.pairs
+        swaps = _swaps(problem, params, mode, recording, pairs)
+        if np.any(swaps > 0.5):
+            points, confidence = (exchanged(values, swaps, pairs) for values in (recording.points, recording.confidence))
+            problem = make_point_problem(recording._replace(points=points, confidence=confidence))
+            mode = points_mode(problem, params)
+            swaps = _swaps(problem, params, mode, recording, pairs)
+        drawn = _draws(problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs)
         linked = [] if skeleton is None else linked_draws(problem, params, mode, skeleton, num_draws, seed)
         places, middle = np.moveaxis(np.asarray(drawn), 0, 2).copy(), np.moveaxis(np.asarray(mode[..., :3]), 0, 1).copy()
         lengths = np.zeros((num_draws, 0 if skeleton is None else len(skeleton.links)))
@@ -90,9 +98,26 @@ def smooth_points(
             problem.frame.to_world(middle),
             {name: np.asarray(value) for name, value in params.items()},
             problem.frame,
-            np.where(np.isfinite(recording.points).all(-1), np.moveaxis(np.asarray(clutter)[..., 0], 0, 2), np.nan),
+            seen_points(problem, params, mode).clutter_probability(recording.points),
             lengths,
+            swaps,
         )
+
+
+def seen_points(problem: PointProblem, params: Mapping[str, Array], mode: Array) -> SeenPoints:
+    """Where the cameras see points in their states (K, T, d), with what is wrong with them there."""
+    told = _told(problem.model, dict(params), mode, problem.inputs)
+    seen, scale, odds = (np.moveaxis(np.asarray(told[name])[:, :, :, 0], 0, 2) for name in ("seen", "scale", "log_odds"))
+    return SeenPoints(seen, scale, odds, np.asarray(problem.inputs.window[0]))
+
+
+def _swaps(
+    problem: PointProblem, params: Mapping[str, Array], mode: Array, recording: PointRecording, pairs: Sequence[Pair]
+) -> Floats:
+    if not pairs:
+        return np.zeros((*recording.points.shape[:2], 0))
+    elapsed = np.asarray(problem.inputs.elapsed)
+    return swap_probabilities(recording.points, seen_points(problem, params, mode), pairs, elapsed)
 
 
 def best_seen(points: Floats, most: int) -> slice | None:
@@ -113,23 +138,31 @@ def _draws(
     mode: Array,
     observations: Observation,
     inputs: PointInputs,
-) -> tuple[Array, Array]:
-    """Draws (K, S, T, 3) around modes (K, T, d), and probabilities (K, T, C, 1) of clutter at these."""
+) -> Array:
+    """Draws (K, S, T, 3) of places around modes (K, T, d)."""
     split, axes = params_by_point(params)
 
-    def one(key: Array, params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> tuple[Array, Array]:
-        bound = model.with_params(params)
-        factor = safe_cholesky(trajectory_precision(bound, xs, observations, inputs))
+    def one(key: Array, params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
+        factor = safe_cholesky(trajectory_precision(model.with_params(params), xs, observations, inputs))
 
         def draw(key: Array) -> Array:
             return (xs + solve_upper(factor, jax.random.normal(key, xs.shape, xs.dtype)))[:, :3]
 
-        drawn = jax.lax.map(draw, jax.random.split(key, num_draws))
-        told = jax.vmap(bound.extras)(xs, inputs)
-        gaussian = dist.Normal(told["seen"], told["scale"][..., None]).to_event(1)
-        window = inputs.window[:, :, None]
-        errors = Cluttered(gaussian, inputs.freedom[:, None, None], told["log_odds"], window)
-        return drawn, errors.clutter_probability(observations.values["points"])
+        trajectories: Array = jax.lax.map(draw, jax.random.split(key, num_draws))
+        return trajectories
 
     keys = jax.random.split(rng_key, len(mode))
-    return jax.vmap(one, in_axes=(0, axes, 0, 0, BY_POINT))(keys, split, mode, observations, inputs)
+    drawn: Array = jax.vmap(one, in_axes=(0, axes, 0, 0, BY_POINT))(keys, split, mode, observations, inputs)
+    return drawn
+
+
+@partial(jax.jit, static_argnums=0)
+def _told(model: CompiledModel, params: dict[str, Array], mode: Array, inputs: PointInputs) -> dict[str, Array]:
+    """What the programs tell of states (K, T, d), each (K, T, C, 1, ...)."""
+    split, axes = params_by_point(params)
+
+    def one(params: Any, xs: Array, inputs: PointInputs) -> dict[str, Array]:
+        return jax.vmap(model.with_params(params).extras)(xs, inputs)
+
+    told: dict[str, Array] = jax.vmap(one, in_axes=(axes, 0, BY_POINT))(split, mode, inputs)
+    return told

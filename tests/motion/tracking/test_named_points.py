@@ -1,0 +1,92 @@
+"""Named points: where they start, the prior that params are sought under, what hangs together, what is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from poseppl.arrays import double_precision
+from poseppl.errors import InputError
+from poseppl.motion.geometry import join_cameras, look_at, project
+from poseppl.motion.io import read_cameras
+from poseppl.motion.io.skeleton_files import Link, Skeleton
+from poseppl.motion.tracking.linked_points import components
+from poseppl.motion.tracking.named_points import PointRecording, make_point_problem
+from poseppl.motion.tracking.point_files import read_point_recording
+from poseppl.motion.tracking.point_fit import prior_moments
+from poseppl.motion.tracking.point_smoothing import best_seen
+from poseppl.program.parameters import parameter_bijector
+
+
+@pytest.fixture(autouse=True)
+def _double_precision() -> Iterator[None]:
+    with double_precision():
+        yield
+
+
+def recording(num_frames: int = 4) -> PointRecording:
+    """Two points in two cameras, of which the second is seen by one camera alone in the second frame."""
+    cameras = join_cameras([look_at((3000.0, 0, 300), (0, 0, 0), 900.0), look_at((0.0, 3000, 0), (0, 0, 0), 900.0)])
+    places = np.array([[10.0, 20, 30], [-40, 0, 90]]) + np.arange(num_frames)[:, None, None] * [1.0, 2, 0]
+    points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places))), 0, 1).copy()
+    points[1, 0, 1] = np.nan
+    sure = np.where(np.isfinite(points[..., 0]), 0.9, 0.0)
+    sizes = np.full((2, 2), 1000.0)
+    return PointRecording(("a", "b"), ("one", "two"), cameras, sizes, points, sure, np.arange(num_frames), None, "")
+
+
+def test_the_problem_starts_where_the_points_are() -> None:
+    seen = recording()
+    problem = make_point_problem(seen)
+    places = problem.frame.to_world(np.moveaxis(np.asarray(problem.start[..., :3]), 0, 1))
+    assert np.allclose(places[2], [[12.0, 24, 30], [-38, 4, 90]], atol=1e-3)
+    assert np.allclose(places[1, 1], [-39, 2, 90], atol=1e-3)  # between its neighbours
+    mask = np.asarray(problem.observations.mask["points"])
+    assert mask.sum() == mask.size - 2 and not mask[1, 1, 0].any()
+    assert 0.29 < problem.frame.unit < 0.31  # a mm is 900 / 3000 px
+    with pytest.raises(InputError, match="two cameras"):
+        make_point_problem(seen._replace(points=np.where(np.arange(2)[:, None, None] == 1, np.nan, seen.points)))
+
+
+def test_moments_of_the_prior_are_those_of_its_program() -> None:
+    whole = make_point_problem(recording()).whole
+    names = parameter_bijector(whole)
+    mean, scale = prior_moments(whole, names)
+    draws = jax.vmap(lambda key: names.to_flat(whole.sample_parameters(key)))(jax.random.split(jax.random.key(0), 2000))
+    off = (np.asarray(draws).mean(0) - mean) / (scale / np.sqrt(2000))
+    assert np.abs(off).max() < 4
+    assert np.allclose(np.asarray(draws).std(0), scale, rtol=0.1)
+
+
+def test_points_hang_together_by_links() -> None:
+    links = [Link(ends, None, None, 0.1) for ends in ((0, 3), (1, 2), (3, 5))]
+    assert components(6, links) == [(0, 3, 5), (1, 2)]
+    assert components(3, []) == []
+
+
+def test_the_frames_with_the_most_points() -> None:
+    points = np.zeros((10, 1, 1, 2))
+    points[:4] = np.nan
+    assert best_seen(points, 10) is None
+    assert best_seen(points, 6) == slice(4, 10)
+
+
+def test_files_become_a_recording(data_dir: Path) -> None:
+    board = data_dir / "charuco_board"
+    records = read_cameras(board / "camera_array.toml")
+    files = {record.name: board / "xy_CHARUCO.csv" for record in records[:3]}
+    skeleton = Skeleton(("8", "0"), (), ())
+    read = read_point_recording(files, records, skeleton=skeleton, frames="0:40:2", rate=30)
+    assert read.points.shape == (20, 3, 2, 2) and read.rate == 15
+    assert read.frames.tolist() == list(range(int(read.frames[0]), int(read.frames[0]) + 40, 2))
+    first = read_point_recording(files, records, frames="0:1")
+    assert np.allclose(read.points[0, :, 1], first.points[0, :, 0], equal_nan=True)
+    with pytest.raises(InputError, match="no point 'nose'"):
+        read_point_recording(files, records, skeleton=Skeleton(("nose",), (), ()))
+    with pytest.raises(InputError, match="no camera 'x'"):
+        read_point_recording({"x": board / "xy_CHARUCO.csv"}, records)
