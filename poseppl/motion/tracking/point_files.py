@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,9 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.geometry import project
 from poseppl.motion.io import CameraRecord, DetectedPeople
-from poseppl.motion.io.caliscope import read_caliscope_points
-from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
 from poseppl.motion.io.frame_range import FrameRange
+from poseppl.motion.io.keypoint_layouts import markers_of_names
+from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.io.text_parsing import rows_of_csv, some
 from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecording
@@ -24,6 +25,9 @@ from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_smoothing import PointTracks
 from poseppl.motion.tracking.track import versions
 from poseppl.runs.results import Names, build_result
+
+_HEADERS = 4
+"""Rows at most before DeepLabCut's first frame."""
 
 
 def read_point_recording(
@@ -38,7 +42,7 @@ def read_point_recording(
     """Read what a detector found of one animal or thing.
 
     Args:
-        files: DeepLabCut's CSV files, or Caliscope's one of all cameras, by camera; equal frame numbers are of one time.
+        files: A detector's files by camera, of those that name their points; equal frame numbers are of one time.
         records: The calibrated cameras; those without a file are left out.
         skeleton: The points that are wanted; all that the files have if None.
         person: Which of the individuals that the files name.
@@ -52,7 +56,7 @@ def read_point_recording(
     for name in files:
         if name not in known:
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
-    found = {camera: _detected(path, camera) for camera, path in files.items()}
+    found = {camera: read_keypoints(path, camera=camera) for camera, path in files.items()}
     names = next(iter(found.values())).names if skeleton is None else skeleton.points
     for camera, people in found.items():
         missing = [name for name in names if name not in people.names]
@@ -81,21 +85,14 @@ def read_point_recording(
 
 
 def is_point_table(path: FilePath) -> bool:
-    """Whether a file is a table of points of any name, rather than of a person's."""
+    """Whether a file is a table of points of which none is a person's."""
     if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
         return False
-    _, header = next(rows_of_csv(path), (None, [""]))
-    return header[0] == "scorer" or "sync_index" in header
-
-
-def _detected(path: FilePath, camera: str) -> DetectedPeople:
-    _, header = next(rows_of_csv(path), (None, [""]))
-    if "sync_index" not in header:
-        return read_deeplabcut_csv(path)
-    found = read_caliscope_points(path)
-    if camera not in found:
-        raise InputError(f"no points of the camera {camera!r}", file=path, expected=", ".join(found))
-    return found[camera]
+    header = [row for _, row in itertools.islice(rows_of_csv(path), _HEADERS)]
+    if header and "sync_index" in header[0]:
+        return True
+    names = [row[1:] for row in header if row[0] == "bodyparts"]
+    return bool(names) and not markers_of_names(tuple(dict.fromkeys(names[0])))
 
 
 def _of_names(people: DetectedPeople, names: Sequence[str], numbers: Any, person: int) -> tuple[Floats, Floats]:
