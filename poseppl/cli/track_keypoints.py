@@ -9,7 +9,6 @@ import click
 
 from poseppl.cli.options import option_group
 from poseppl.errors import InputError, Location, PosepplError
-from poseppl.motion.io.text_parsing import parse_number
 
 _ONLY = (
     "layout",
@@ -118,6 +117,8 @@ def numbers_of_cameras(words: tuple[str, ...] | None, option: str) -> dict[str, 
     Raises:
         InputError: A word is no CAMERA=NUMBER, or names a camera again.
     """
+    from poseppl.motion.io.text_parsing import parse_number
+
     found = {}
     for camera, text in _by_camera(words or (), option, "CAMERA=NUMBER, such as cam2=3.5").items():
         found[camera] = parse_number(text.strip(), Location(field=option))
