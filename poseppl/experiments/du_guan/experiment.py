@@ -21,10 +21,10 @@ _DEPARTURES = """\
 - The recording and the room are ours, and the diffusion is half of the walk's largest changes between frames, of the \
 poses closest to the truth: the paper does not tell its own.
 - Evaluations count the first population, too, so that particles are fewer than the paper's 1,750, 700 and 500.
-- The sequences are a walk, a jump and a run of one person, 1.3 s each; the paper's hop is not at hand.
+- Sequences are 1.3 s each: a walk, for the paper's first, and whatever else is recorded, for the others.
 - Resampling is systematic. The constant of Eq. 7 and the scales of colours and boundaries (0.3), which the paper does \
-not give, are ours; each is changed by a factor of 3 either way. A velocity \
-that leads all particles beyond the joints' limits is not taken.
+not give, are ours; the part "scales" changes each by a factor of 3. A velocity that \
+leads all particles beyond the joints' limits is not taken.
 - The temperature of Mueller's surface is ours; the paper does not tell it."""
 
 EXPERIMENT = Experiment(
