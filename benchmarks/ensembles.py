@@ -6,7 +6,8 @@
 Beside each filter: the error of its means (root mean square over frames and coordinates), the share of the truth in its 90 %
 intervals, whether verdicts that need no truth find an error, and the seconds of a run that compiles nothing. Data are simulated
 from the model, with a seed each, noise 1; the first state is known within 1. Runs that OUTPUT/ensembles.csv holds are
-not made again. The ensemble filters' tapers reach 20 coordinates to either side, of which half are seen.
+not made again; NAMES are separated by semicolons. The ensemble filters' tapers reach 20 coordinates to either side, of which
+half are seen.
 """
 
 from __future__ import annotations
