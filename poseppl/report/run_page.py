@@ -49,7 +49,7 @@ def report_html(tree: xr.DataTree) -> str:
         poses["space"]["doubts"] = doubts_shown(whole, doubts, poses["frames"])
     return page_html(
         "report.html",
-        title=str(known.get("input", "Tracking")),
+        title=str(known.get("input") or known.get("model") or "Posterior of a state-space model"),
         subtitle=" · ".join(str(known[name]) for name in ("model", "filter", "created") if name in known),
         cards=cards(whole),
         data={"charts-data": drawn, "pose-data": poses},

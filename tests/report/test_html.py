@@ -68,6 +68,9 @@ def test_a_model_without_a_body_has_a_report() -> None:
     rng = np.random.default_rng(0)
     tree = build_result(state=rng.standard_normal((4, 20, 6, 2)), names=Names(("level", "slope")))
     page = report_html(tree)
+    assert "<h1>Posterior of a state-space model</h1>" in page
+    tree.attrs["model"] = '"a cart"'
+    assert "<h1>a cart</h1>" in report_html(tree)
     assert _data(page, "pose-data") is None
     assert "<h2>Poses</h2>" not in page
     assert list(_data(page, "charts-data")["coordinates"]) == ["level", "slope"]  # type: ignore[index]
