@@ -1,29 +1,29 @@
 """Result of a run: an xarray DataTree with named coordinates, which ArviZ's functions take as it is.
 
-=================  =============================================================================================
-group              variables
-=================  =============================================================================================
-``posterior``      the state's sites by name, as the programs know them, (chain, draw, frame, ...), and the model's extras,
-                   such as ``markers`` (chain, draw, frame, marker, axis) in mm and the projections ``points``
-                   (chain, draw, frame, camera, marker, xy)
+===========================  =================================================================================================
+group                        variables
+===========================  =================================================================================================
+``posterior``                the state's sites by name, as the programs know them, (chain, draw, frame, ...), and the model's
+                             extras, such as ``markers`` (chain, draw, frame, marker, axis) in mm and the projections
+                             ``points`` (chain, draw, frame, camera, marker, xy)
 ``unconstrained_posterior``  ``state`` (chain, draw, frame, dof), the flat vectors that algorithms see: logarithms of what is
-                   positive, stick-breaking coordinates of what adds up to one
-``sample_stats``   one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
-``summary``        ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of ``markers``,
-                   made over all draws or particles, where ``posterior`` may hold a thinning of them; of a site
-                   ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
-                   ``NAME_probability`` (frame, ..., NAME_value)
-``observed_data``  ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
-``truth``          where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
-``camera``         the calibration, one row a camera
-``body``           ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
-``inputs``         what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof), the
-                   standard deviations of the random walk's step to each frame, mm and radians
-``predictive``     each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`: ``transform``,
-                   ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry), ``chi_square`` and
-                   ``chi_square_transform`` (frame,)
-``diagnostics``    added by :func:`poseppl.diagnostics.diagnose`
-=================  =============================================================================================
+                             positive, stick-breaking coordinates of what adds up to one
+``sample_stats``             one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
+``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of
+                             ``markers``, made over all draws or particles, where ``posterior`` may hold a thinning of them;
+                             of a site ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
+                             ``NAME_probability`` (frame, ..., NAME_value)
+``observed_data``            ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
+``truth``                    where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
+``camera``                   the calibration, one row a camera
+``body``                     ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
+``inputs``                   what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof),
+                             the standard deviations of the random walk's step to each frame, mm and radians
+``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:
+                             ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
+                             ``chi_square`` and ``chi_square_transform`` (frame,)
+``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
+===========================  =================================================================================================
 
 Weighted particles have no chains: their ``posterior`` is one chain of draws resampled by weight, and the root attribute
 ``num_particles`` holds the number of particles behind each frame. The provenance is in the root attributes, as JSON.
