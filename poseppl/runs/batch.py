@@ -94,7 +94,7 @@ def infer_batch(
         if progress:
             progress.advance(min(chunk, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    told = {**_told(built), **(attrs or {})}
+    told = {"closed form": built.closed_form, **(attrs or {})}
     return _result(whole, model, stacked, ends, list(range(number)) if names is None else list(names), told)
 
 
@@ -199,10 +199,6 @@ def _stacked_inputs(inputs: Any, number: int, frames: int) -> Any:
 def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
     """Rows of inputs for so many frames, the last one again and again after their end."""
     return np.minimum(np.arange(frames), len(jax.tree.leaves(inputs)[0]) - 1)
-
-
-def _told(filter: Filter) -> dict[str, Any]:
-    return {"closed form": filter.closed_form}
 
 
 def _result(
