@@ -60,7 +60,7 @@ class WordsCommand(click.Command):
     metavar="NAME...",
     multiple=True,
     type=click.Choice(FORMATS),
-    help="Which files: trc, mot, c3d, csv, several one after another. [default: trc mot]",
+    help="Which files: trc, mot, c3d, csv, several one after another. [default: trc mot; of named points trc]",
 )
 @click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the files go. [default: beside RESULT]")
 @click.option(
@@ -82,13 +82,14 @@ def export(result: str, formats: tuple[str, ...], output: str | None, level: flo
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.motion.io.exchange_formats import files_of
+    from poseppl.motion.tracking.export import has_angles
     from poseppl.runs.results import load_result
 
     folder = Path(result).parent if output is None else Path(output)
     if not folder.is_dir():
         raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
     tree = load_result(result)
-    target, chosen = folder / Path(result).name, formats or BY_DEFAULT
+    target, chosen = folder / Path(result).name, formats or (BY_DEFAULT if has_angles(tree) else BY_DEFAULT[:1])
     check_writable((path for paths in files_of(folder, target.stem, chosen).values() for path in paths), [result])
     progress = ConsoleProgress(quiet)
     start_jax()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
+from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -30,7 +31,7 @@ def words(data_dir: Path, *more: str) -> list[str]:
     return ["track", "--keypoints", *files, "--calibration", str(folder / "calibration.toml"), "--rate", "100", *more]
 
 
-def test_linked_points_are_smoothed(data_dir: Path) -> None:
+def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words(data_dir, "--skeleton", "legs.toml", "--frames", "0:12", "--max-draws", "30", "-o", "out.nc")) == 0
     tree = load_result("out.nc")
     assert tree["posterior"].sizes["draw"] == 30
@@ -42,6 +43,12 @@ def test_linked_points_are_smoothed(data_dir: Path) -> None:
     places = np.asarray(tree["posterior/markers"].to_numpy())[0]
     apart = np.linalg.norm(places[:, :, 0] - places[:, :, 1], axis=-1)
     assert 0 < apart.std() / apart.mean() < 0.2
+    # other programs get places, and no angles
+    assert main(["export", "out.nc", "--format", "trc", "--format", "csv"]) == main(["report", "out.nc"]) == 0
+    np.testing.assert_allclose(read_trc("out.trc").positions, tree["summary/markers_mean"], atol=1e-2)
+    assert len(Path("out.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 6
+    assert main(["export", "out.nc", "--format", "mot"]) == 1
+    assert "named points have no joint angles" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

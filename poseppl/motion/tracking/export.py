@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath
+from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import write_rows
 from poseppl.motion.bodies.opensim import Coordinate
 from poseppl.motion.io.c3d_writing import write_c3d
@@ -31,6 +31,7 @@ from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion, y_up
 from poseppl.motion.io.trc import write_trc
 from poseppl.motion.tracking.estimates import Clock, Estimates, angle_estimates, clock_of, place_estimates
+from poseppl.motion.tracking.named_points import PROGRAMS
 from poseppl.runs.results import provenance
 
 COLUMNS = ("frame", "time", "joint", "coordinate", "unit", "mean", "lower", "upper", "sd")
@@ -84,18 +85,27 @@ def export(
         The files.
 
     Raises:
-        InputError: A format is unknown, the level is no share, the result holds no joints, or its model cannot be built.
+        InputError: A format is unknown, the level is no share, the result holds no joints, its model cannot be built, or angles
+            are asked of points without a body.
         PosepplError: The disk is full, or a package is missing.
     """
+    if "mot" in formats and not has_angles(tree):
+        raise InputError("named points have no joint angles", field="--format", expected="trc, c3d or csv")
     files = files_of(folder, stem, formats)
     names, places = place_estimates(tree, level)
-    angular = not _ANGULAR.isdisjoint(formats)
-    coordinates, angles = angle_estimates(tree, level, model) if angular else ((), Estimates(*[np.zeros((0, 0))] * 4))
+    angular = has_angles(tree) and not _ANGULAR.isdisjoint(formats)
+    none = Estimates(*[np.zeros((len(places.mean), 0))] * 4)
+    coordinates, angles = angle_estimates(tree, level, model) if angular else ((), none)
     source = str(provenance(tree).get("input", ""))
     exported = Exported(clock_of(tree), names, places, coordinates, angles, source)
     for name, paths in files.items():
         _WRITERS[name](exported, paths)
     return [path for paths in files.values() for path in paths]
+
+
+def has_angles(tree: xr.DataTree) -> bool:
+    """Whether a result is one of a body, with joint angles, rather than of points."""
+    return provenance(tree).get("model") != PROGRAMS
 
 
 def _write_trc(exported: Exported, paths: Sequence[Path]) -> None:
