@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING, Any
 
 from website.algorithms import glance
 from website.markup import plain
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _SECTION = re.compile(r"\s*(Args|Arguments|Attributes|Example|Examples|Note|Notes|Raises|Returns|Yields|Warning|Warns):")
 _NO_PARAGRAPH = re.compile(r"\s*([-*+] |\d+\. |\.\. |:\w+:)|.*::$")
