@@ -34,8 +34,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from poseppl.threads import spare_threads as _spare_threads
-
 if TYPE_CHECKING:
     __version__: str
     from poseppl.diagnostics import (
@@ -88,7 +86,7 @@ if TYPE_CHECKING:
         trajectory_smoother as trajectory_smoother,
     )
 
-_spare_threads()
+import_module(f"{__name__}.threads").spare_threads()
 
 _HOMES = {
     "Checkpoint": "runs.checkpoint",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import warnings
+from typing import Any
 
 import numpy as np
 
@@ -30,14 +32,11 @@ def write_c3d(path: FilePath, motion: Motion, spread: Floats, frames: Integers) 
         InputError: There are more points or frames than the format holds, or the file cannot be written.
         PosepplError: ezc3d is not installed, or the disk is full.
     """
-    if importlib.util.find_spec("ezc3d") is None:
-        raise PosepplError("writing .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
+    ezc3d = load_ezc3d()
     count, points = motion.positions.shape[:2]
     if points > MAX_POINTS or not 0 < count <= MAX_FRAMES:
         expected = f"at most {MAX_POINTS} points and {MAX_FRAMES} frames in a C3D file"
         raise InputError(f"{points} points in {count} frames", file=path, expected=expected)
-    import ezc3d
-
     seen = np.asarray(np.isfinite(motion.positions).all(-1))
     residuals = np.where(seen & np.isfinite(spread), spread, 0.0)
     unit = max(float(residuals.max()) / LEVELS, 1e-3)
@@ -58,3 +57,16 @@ def write_c3d(path: FilePath, motion: Motion, spread: Floats, frames: Integers) 
     file["data"]["meta_points"]["camera_masks"] = np.zeros((7, points, count), dtype=bool)
     with atomic_path(path) as temporary:
         file.write(str(temporary))
+
+
+def load_ezc3d() -> Any:
+    """The library ezc3d, imported where its warnings are no errors: ezc3d 1.5 crashes where they are.
+
+    Raises:
+        PosepplError: It is not installed.
+    """
+    if importlib.util.find_spec("ezc3d") is None:
+        raise PosepplError("writing .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return importlib.import_module("ezc3d")
