@@ -213,6 +213,7 @@ lower_axes.plot(seconds, straight[:, seen[ankle], 2], ".", color="grey", markers
 lower_axes.legend(frameon=False, loc="upper left")
 lower_axes.set(ylabel="height of ankle_r, mm", xlabel="s")
 shown(picture, "your_cameras")
+picture
 
 # %% [markdown]
 # ## What not to trust

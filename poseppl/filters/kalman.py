@@ -53,7 +53,7 @@ def kalman_filter(
     Args:
         model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
         num_particles: N, draws from each frame's Gaussian.
-        linearisation: "first-order" (extended Kalman filter), "unscented" or "gauss-hermite" (up to 6 coordinates).
+        linearisation: "first-order" (extended Kalman filter), "unscented", or up to 6 coordinates "gauss-hermite".
         num_iterations: Linearisations of each frame's observation, the first around the prediction.
 
     Returns:

@@ -20,7 +20,7 @@ FLAT = "unconstrained_posterior"
 """The group of the draws of the flat state, ``state`` (chain, draw, frame, dof), as ArviZ calls it."""
 
 _HOMES = {"dof": FLAT, "camera": "camera"}
-"""Groups that name a dimension; ``posterior`` names the others."""
+"""Groups that name a dimension first; ``posterior`` names the others."""
 
 
 def group_of(tree: xr.DataTree, name: str) -> xr.Dataset:
@@ -50,9 +50,9 @@ def draws_of(tree: xr.DataTree, name: str) -> NDArray[Any] | None:
 
 
 def names_of(tree: xr.DataTree, dim: str, group: str | None = None) -> list[str]:
-    """Names along a dimension (``dof``, ``marker``, ``camera``) of its own group or of another, none where it has none."""
-    data = group_of(tree, group or _HOMES.get(dim, "posterior"))
-    return [str(name) for name in data[dim].values] if dim in data.coords else []
+    """Names along a dimension (``dof``, ``marker``, ``camera``), of a group, else of its own or the posterior; none without."""
+    groups = (group_of(tree, name) for name in ([group] if group else [_HOMES.get(dim, "posterior"), "posterior"]))
+    return next(([str(name) for name in data[dim].values] for data in groups if dim in data.coords), [])
 
 
 def frame_numbers(tree: xr.DataTree) -> Integers:

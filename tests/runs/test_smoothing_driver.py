@@ -168,7 +168,7 @@ def test_results_without_a_genealogy_or_its_settings_are_refused():
     tree = small_result()
     settings = json.loads(tree.attrs["settings"])
     tree.attrs["filter"] = json.dumps("kalman")
-    tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order"})
+    tree.attrs["settings"] = json.dumps({**settings, "linearisation": "first-order", "num_iterations": 1})
     with pytest.raises(InputError, match="'kalman' has no genealogy.*track --filter particle"):
         smooth(tree, SmoothSettings("genealogy"))
     tree.attrs["filter"] = json.dumps("particle")
