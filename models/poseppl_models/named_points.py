@@ -23,50 +23,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.motion.geometry import Cameras, project
+from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.geometry import project
 from poseppl.program import Cluttered, StateSpaceModel
 
 CONFIDENCE = 3.0
 """l_0, the logit of a confidence of 0.95."""
 _DRIFT = 1e-3
 """Step of what is constant, in its own standard deviations: 0.03 of one in a thousand frames."""
-
-
-class PointInputs(NamedTuple):
-    """Inputs of the programs at one frame, of K points in C cameras with L links.
-
-    Attributes:
-        cameras: The cameras.
-        magnification: (C,) pixels that a unit of length has at the points.
-        window: (C, 2) width and height of the pictures.
-        logit: (C, K) of the detector's confidence.
-        elapsed: Frames () since the frame before.
-        freedom: Degrees of freedom () of the errors that do not last.
-        start: (K, 3) about where the points are at first.
-        start_scale: Standard deviation () of that.
-        length: (L,) prior mean of the links' lengths.
-        length_scale: (L,) its standard deviation.
-        tolerance: (L,) standard deviation of a distance around its length.
-    """
-
-    cameras: Cameras
-    magnification: Array
-    window: Array
-    logit: Array
-    elapsed: Array
-    freedom: Array
-    start: Array
-    start_scale: Array
-    length: Array
-    length_scale: Array
-    tolerance: Array
 
 
 def noise_scales(params: Mapping[str, Array], magnification: Array, logit: Array) -> tuple[Array, Array, Array]:

@@ -85,7 +85,18 @@ class _Array:
 
 
 class _Name:
-    """A type of NumPy's that is named, never used."""
+    """What a name stands for; of which a pickle may call, and set nothing."""
+
+    def __init__(self, called: Callable[..., Any] | None = None) -> None:
+        self._called = called
+
+    def __call__(self, *values: Any) -> Any:
+        if self._called is None:
+            raise ValueError("a type that is made into nothing")
+        return self._called(*values)
+
+    def __setstate__(self, state: Any) -> None:
+        raise ValueError("a state for a name")
 
 
 def _scalar(kind: Any, data: Any) -> Any:
@@ -111,16 +122,16 @@ def _no_bytes() -> bytes:
     return b""
 
 
-_NAMES: dict[tuple[str, str], Any] = {
-    ("numpy", "ndarray"): _Name,
-    ("numpy", "dtype"): _Kind,
-    ("_codecs", "encode"): _encode,
-    ("__builtin__", "bytes"): _no_bytes,
+_NAMES = {
+    ("numpy", "ndarray"): _Name(),
+    ("numpy", "dtype"): _Name(_Kind),
+    ("_codecs", "encode"): _Name(_encode),
+    ("__builtin__", "bytes"): _Name(_no_bytes),
 }
 for _package in ("numpy.core", "numpy._core"):
-    _NAMES[f"{_package}.multiarray", "_reconstruct"] = lambda *_: _Array()
-    _NAMES[f"{_package}.multiarray", "scalar"] = _scalar
-    _NAMES[f"{_package}.numeric", "_frombuffer"] = _from_buffer
+    _NAMES[f"{_package}.multiarray", "_reconstruct"] = _Name(lambda *_: _Array())
+    _NAMES[f"{_package}.multiarray", "scalar"] = _Name(_scalar)
+    _NAMES[f"{_package}.numeric", "_frombuffer"] = _Name(_from_buffer)
 
 
 class _Unpickler(pickle.Unpickler):

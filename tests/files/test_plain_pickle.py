@@ -37,6 +37,14 @@ def test_plain_values_come_back(protocol: int) -> None:
             assert found[name].shape == value.shape
 
 
+@pytest.mark.parametrize("name", [b"numpy\ndtype", b"_codecs\nencode", b"numpy.core.multiarray\nscalar"])
+def test_nothing_that_a_name_stands_for_is_changed(name: bytes) -> None:
+    # BUILD with a pair of states sets attributes, array = 1 here, unless what it is given takes states itself
+    program = b"c" + name + b"\nN}X\x05\x00\x00\x00arrayK\x01s\x86b."
+    with pytest.raises(InputError, match="a state for a name"):
+        plain_of_pickle(program, AT)
+
+
 class Calls:
     """A pickle that calls a function."""
 

@@ -18,8 +18,9 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.body import compile_once, load_builder
+from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Link, Skeleton
-from poseppl.motion.tracking.named_points import PROGRAMS, PointInputs, PointProblem
+from poseppl.motion.tracking.named_points import PROGRAMS, PointProblem
 from poseppl.motion.tracking.point_fit import OF_A_POINT
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision

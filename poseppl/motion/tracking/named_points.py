@@ -17,6 +17,7 @@ from jax import Array
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import compile_once, load_builder
+from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.tracking.keypoints import triangulate
 from poseppl.program import CompiledModel, Observation
@@ -90,22 +91,6 @@ class LocalFrame(NamedTuple):
         """Cameras in local coordinates, in double precision where that is on."""
         double: Cameras = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, np.float64), float), cameras)
         return double._replace(centre=(double.centre - jnp.asarray(self.origin)) * self.unit)
-
-
-class PointInputs(NamedTuple):
-    """Inputs of the programs, as ``poseppl_models.named_points`` has them; here with a leading T."""
-
-    cameras: Any
-    magnification: Any
-    window: Any
-    logit: Any
-    elapsed: Any
-    freedom: Any
-    start: Any
-    start_scale: Any
-    length: Any
-    length_scale: Any
-    tolerance: Any
 
 
 BY_POINT = PointInputs(None, None, None, 0, None, None, 0, None, None, None, None)

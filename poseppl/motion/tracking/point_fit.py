@@ -17,7 +17,8 @@ from jax import Array
 from scipy.optimize import minimize
 
 from poseppl.arrays import Floats
-from poseppl.motion.tracking.named_points import BY_POINT, PointInputs, PointProblem
+from poseppl.motion.bodies.point_inputs import PointInputs
+from poseppl.motion.tracking.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.curvature import climb

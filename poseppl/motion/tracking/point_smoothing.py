@@ -12,12 +12,12 @@ from jax import Array
 
 from poseppl.arrays import Floats, double_precision
 from poseppl.gaussians.block_tridiagonal import solve_upper
+from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.tracking.linked_points import linked_draws
 from poseppl.motion.tracking.named_points import (
     BY_POINT,
     LocalFrame,
-    PointInputs,
     PointProblem,
     PointRecording,
     make_point_problem,
