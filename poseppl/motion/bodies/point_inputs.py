@@ -13,7 +13,7 @@ class PointInputs(NamedTuple):
         magnification: (C,) pixels that a unit of length has at the points.
         window: (C, 2) width and height of the pictures.
         logit: (C, K) of the detector's confidence.
-        elapsed: Frames () since the frame before.
+        elapsed: Seconds () since the frame before.
         freedom: Degrees of freedom () of the errors that do not last.
         start: (K, 3) about where the points are at first.
         start_scale: Standard deviation () of that.

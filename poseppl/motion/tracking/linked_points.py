@@ -20,7 +20,7 @@ from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.body import compile_once, load_builder
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Link, Skeleton
-from poseppl.motion.tracking.named_points import PROGRAMS, PointProblem
+from poseppl.motion.tracking.named_points import PROGRAMS, PointProblem, places_of
 from poseppl.motion.tracking.point_fit import OF_A_POINT
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
@@ -76,8 +76,7 @@ def linked_draws(
         start = jax.vmap(model.to_flat)(states)
         key = jax.random.fold_in(jax.random.key(seed), number)
         middle, drawn, lengths = _draws(model, num_draws, key, own, start, data, inputs)
-        places = [np.asarray(values).reshape(*values.shape[:-1], -1, 3) for values in (middle, drawn)]
-        found.append(LinkedDraws(members, tuple(chosen), places[0], places[1], np.asarray(lengths)))
+        found.append(LinkedDraws(members, tuple(chosen), np.asarray(middle), np.asarray(drawn), np.asarray(lengths)))
     return found
 
 
@@ -97,7 +96,8 @@ def _together(
     """Inputs, data and states of points, side by side; all with a leading T."""
     index, own, unit = np.asarray(members), problem.inputs, problem.frame.unit
     single = jax.vmap(jax.vmap(problem.model.to_sites))(mode[index])
-    position, velocity = (jnp.moveaxis(single[name][:, :, 0], 0, 1) for name in ("position", "velocity"))
+    motion = jnp.moveaxis(single["motion"][:, :, 0], 0, 1)
+    position = motion[..., 0]
     errors = {name: jnp.moveaxis(single[name][:, :, :, 0], 0, 2) for name in ("error", "bias")}
     num_frames = len(position)
     measured = [float(jnp.median(jnp.linalg.norm(position[:, i] - position[:, j], axis=-1))) for i, j in ends]
@@ -115,7 +115,7 @@ def _together(
         {"points": jnp.moveaxis(site["points"][index, :, :, 0], 0, 2), "links": fill((num_frames, len(links)), kind)}
         for site, fill, kind in ((problem.observations.values, jnp.zeros, float), (problem.observations.mask, jnp.ones, bool))
     )
-    states = {"position": position, "velocity": velocity, **errors, "length": jnp.asarray(rows[0], float)}
+    states = {"motion": motion, **errors, "length": jnp.asarray(rows[0], float)}
     return inputs, Observation(values, mask), states
 
 
@@ -129,15 +129,14 @@ def _draws(
     observations: Observation,
     inputs: PointInputs,
 ) -> tuple[Array, Array, Array]:
-    """Mode (T, 3 k) and draws (S, T, 3 k) of positions, and (S, L) of lengths."""
+    """Mode (T, k, 3) and draws (S, T, k, 3) of positions, and (S, L) of lengths."""
     bound = model.with_params(params)
-    size, links = model.sites["position"].size, model.sites["length"].size
     mode = climb(bound, start, observations, inputs, _STEPS)
     factor = safe_cholesky(trajectory_precision(bound, mode, observations, inputs))
 
     def draw(key: Array) -> tuple[Array, Array]:
         drawn = mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype))
-        return drawn[:, :size], jnp.mean(drawn[:, -links:], 0)
+        return places_of(model, drawn), jnp.mean(jax.vmap(model.to_sites)(drawn)["length"], 0)
 
     places, lengths = jax.lax.map(draw, jax.random.split(rng_key, num_draws))
-    return mode[:, :size], places, lengths
+    return places_of(model, mode), places, lengths

@@ -42,6 +42,7 @@ class PointRecording(NamedTuple):
         points: (T, C, K, 2) px; NaN where a point was not found.
         confidence: (T, C, K).
         frames: (T,) ascending frame numbers.
+        times: (T,) ascending, s.
         rate: Frames a second; None where unknown.
         source: Where it came from.
     """
@@ -53,6 +54,7 @@ class PointRecording(NamedTuple):
     points: Floats
     confidence: Floats
     frames: Integers
+    times: Floats
     rate: float | None
     source: str
 
@@ -69,7 +71,7 @@ class PointRecording(NamedTuple):
 
     def of_frames(self, part: slice) -> PointRecording:
         """Some of the frames."""
-        cut = {name: getattr(self, name)[part] for name in ("points", "confidence", "frames")}
+        cut = {name: getattr(self, name)[part] for name in ("points", "confidence", "frames", "times")}
         return self._replace(**cut)
 
 
@@ -144,7 +146,7 @@ def make_point_problem(recording: PointRecording) -> PointProblem:
         magnification=always(magnification / frame.unit),
         window=always(recording.sizes),
         logit=jnp.asarray(np.moveaxis(logits(recording.confidence), 2, 0)[..., None]),
-        elapsed=jnp.asarray(np.diff(recording.frames, prepend=recording.frames[:1] - 1), float),
+        elapsed=jnp.asarray(np.diff(recording.times, prepend=recording.times[:1] - 1.0), float),
         freedom=always(FREEDOM),
         start=jnp.broadcast_to(jnp.asarray(local[0])[:, None, None], (num_points, num_frames, 1, 3)),
         start_scale=always(_START_SCALE * max(float(np.ptp(local, axis=(0, 1)).max()), 10.0)),
@@ -159,8 +161,18 @@ def make_point_problem(recording: PointRecording) -> PointProblem:
     data = np.moveaxis(recording.points, 2, 0)[:, :, :, None]
     seen = np.isfinite(data).all(-1, keepdims=True) & np.ones(2, bool)
     observations = Observation({"points": jnp.asarray(np.where(seen, data, 0.0))}, {"points": jnp.asarray(seen)})
-    start = jnp.zeros((num_points, num_frames, model.dimension)).at[:, :, :3].set(jnp.asarray(np.moveaxis(local, 1, 0)))
+    still = jax.vmap(model.to_sites)(jnp.zeros((num_frames, model.dimension)))
+    motion = np.moveaxis(np.stack([local, np.zeros_like(local)], -1), 1, 0)[:, :, None]
+    start = jax.vmap(lambda own: jax.vmap(model.to_flat)({**still, "motion": own}))(jnp.asarray(motion))
     return PointProblem(frame, model, whole, observations, inputs, start)
+
+
+def places_of(model: CompiledModel, states: Array) -> Array:
+    """Positions (..., K, 3) of flat states (..., d)."""
+    flat = states.reshape(-1, states.shape[-1])
+    motion = jax.vmap(model.to_sites)(flat)["motion"]
+    places: Array = motion[..., 0].reshape(*states.shape[:-1], *motion.shape[1:-1])
+    return places
 
 
 def _local_frame(recording: PointRecording, places: Floats) -> tuple[LocalFrame, Floats]:

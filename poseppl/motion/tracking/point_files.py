@@ -24,6 +24,7 @@ from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecordi
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_smoothing import PointTracks
 from poseppl.motion.tracking.track import versions
+from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.runs.results import Names, build_result
 
 _HEADERS = 4
@@ -47,7 +48,7 @@ def read_point_recording(
         skeleton: The points that are wanted; all that the files have if None.
         person: Which of the individuals that the files name.
         frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
-        rate: Frames a second; None where unknown.
+        rate: Frames a second; None where unknown, and then :data:`~poseppl.motion.tracking.walk.ASSUMED_RATE` is assumed.
 
     Raises:
         InputError: A file cannot be read, has no camera or other points than the others, or there is no common frame.
@@ -79,6 +80,7 @@ def read_point_recording(
         np.stack([points for points, _ in tables], 1),
         np.stack([confidence for _, confidence in tables], 1),
         chosen,
+        (chosen - chosen[0]) / (rate or ASSUMED_RATE),
         rate and rate / part.step,
         ", ".join(map(str, dict.fromkeys(map(str, files.values())))),
     )

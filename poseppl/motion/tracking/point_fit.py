@@ -60,7 +60,7 @@ def fit_points(
         chosen = np.array([coordinate.partition("[")[0] == name for coordinate in names.coordinate_names])
         mean, free = np.where(chosen, value, mean), free & ~chosen
     v = np.zeros(len(mean))
-    ascend = partial(_value_and_gradient, problem.model, problem.whole)
+    ascend = partial(value_and_gradient, problem.model, problem.whole)
     for _ in range(num_rounds):
         states = points_mode(problem, names.to_params(jnp.asarray(mean + scale * v)))
 
@@ -119,9 +119,10 @@ def _modes(
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _value_and_gradient(
+def value_and_gradient(
     model: CompiledModel, whole: CompiledModel, u: Array, states: Array, observations: Observation, inputs: PointInputs
 ) -> tuple[Array, Array]:
+    """Log-evidence and log-prior of unconstrained params (p,), summed, around states (K, T, d), with the gradient."""
     names = parameter_bijector(whole)
 
     def total(u: Array) -> Array:

@@ -21,6 +21,7 @@ from poseppl.motion.tracking.named_points import (
     PointProblem,
     PointRecording,
     make_point_problem,
+    places_of,
 )
 from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode
 from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swap_probabilities
@@ -88,7 +89,10 @@ def smooth_points(
             swaps = _swaps(problem, params, mode, recording, pairs)
         drawn = _draws(problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs)
         linked = [] if skeleton is None else linked_draws(problem, params, mode, skeleton, num_draws, seed)
-        places, middle = np.moveaxis(np.asarray(drawn), 0, 2).copy(), np.moveaxis(np.asarray(mode[..., :3]), 0, 1).copy()
+        places, middle = (
+            np.moveaxis(np.asarray(drawn), 0, 2).copy(),
+            np.moveaxis(np.asarray(places_of(problem.model, mode))[:, :, 0], 0, 1).copy(),
+        )
         lengths = np.zeros((num_draws, 0 if skeleton is None else len(skeleton.links)))
         for group in linked:
             places[:, :, group.members], middle[:, group.members] = group.places, group.mode
@@ -146,7 +150,7 @@ def _draws(
         factor = safe_cholesky(trajectory_precision(model.with_params(params), xs, observations, inputs))
 
         def draw(key: Array) -> Array:
-            return (xs + solve_upper(factor, jax.random.normal(key, xs.shape, xs.dtype)))[:, :3]
+            return places_of(model, xs + solve_upper(factor, jax.random.normal(key, xs.shape, xs.dtype)))[:, 0]
 
         trajectories: Array = jax.lax.map(draw, jax.random.split(key, num_draws))
         return trajectories

@@ -22,8 +22,8 @@ from scipy.stats import multivariate_t
 from poseppl.arrays import Floats
 from poseppl.motion.tracking.named_points import FREEDOM
 
-SHARE, LASTS = 0.02, 3.0
-"""Of the frames in which limbs are exchanged, and for how many frames they stay so; ours."""
+SHARE, LASTS = 0.02, 0.1
+"""Of the time in which limbs are exchanged, and for how many seconds they stay so; ours."""
 
 Pair = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the left and of the right points of two limbs."""
@@ -70,7 +70,7 @@ def swap_probabilities(points: Floats, seen: SeenPoints, pairs: Sequence[Pair], 
         points: (T, C, K, 2) as they were found, NaN where they were not.
         seen: Where they are seen.
         pairs: P pairs of limbs.
-        elapsed: (T,) frames since the frame before; the first is not read.
+        elapsed: (T,) seconds since the frame before; the first is not read.
     """
     found = np.empty((*points.shape[:2], len(pairs)))
     for number, (left, right) in enumerate(pairs):

@@ -16,7 +16,7 @@ from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.io import read_cameras
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.tracking.linked_points import components
-from poseppl.motion.tracking.named_points import PointRecording, make_point_problem
+from poseppl.motion.tracking.named_points import PointRecording, make_point_problem, places_of
 from poseppl.motion.tracking.point_files import read_point_recording
 from poseppl.motion.tracking.point_fit import prior_moments
 from poseppl.motion.tracking.point_smoothing import best_seen
@@ -36,14 +36,14 @@ def recording(num_frames: int = 4) -> PointRecording:
     points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places))), 0, 1).copy()
     points[1, 0, 1] = np.nan
     sure = np.where(np.isfinite(points[..., 0]), 0.9, 0.0)
-    sizes = np.full((2, 2), 1000.0)
-    return PointRecording(("a", "b"), ("one", "two"), cameras, sizes, points, sure, np.arange(num_frames), None, "")
+    sizes, frames = np.full((2, 2), 1000.0), np.arange(num_frames)
+    return PointRecording(("a", "b"), ("one", "two"), cameras, sizes, points, sure, frames, frames / 30.0, None, "")
 
 
 def test_the_problem_starts_where_the_points_are() -> None:
     seen = recording()
     problem = make_point_problem(seen)
-    places = problem.frame.to_world(np.moveaxis(np.asarray(problem.start[..., :3]), 0, 1))
+    places = problem.frame.to_world(np.moveaxis(np.asarray(places_of(problem.model, problem.start))[:, :, 0], 0, 1))
     assert np.allclose(places[2], [[12.0, 24, 30], [-38, 4, 90]], atol=1e-3)
     assert np.allclose(places[1, 1], [-39, 2, 90], atol=1e-3)  # between its neighbours
     mask = np.asarray(problem.observations.mask["points"])

@@ -15,7 +15,7 @@ FRAMES, CAMERAS, PAIRS = 300, 3, (((0, 1), (2, 3)),)
 
 def test_the_chain_is_summed_out_exactly() -> None:
     rng = np.random.default_rng(0)
-    likelihood, elapsed = rng.normal(size=(5, 2)), np.array([1.0, 1.0, 2.0, 1.0, 4.0])
+    likelihood, elapsed = rng.normal(size=(5, 2)), np.array([1.0, 1.0, 2.0, 1.0, 4.0]) / 30
     share = np.zeros((5, 2))
     for path in itertools.product((0, 1), repeat=5):
         probability = SHARE if path[0] else 1 - SHARE
@@ -45,7 +45,7 @@ def legs() -> tuple[SeenPoints, Floats, Floats]:
 
 def test_exchanges_are_found_and_undone(legs: tuple[SeenPoints, Floats, Floats]) -> None:
     seen, points, wrong = legs
-    probability = swap_probabilities(points, seen, PAIRS, np.ones(FRAMES))
+    probability = swap_probabilities(points, seen, PAIRS, np.full(FRAMES, 1 / 30))
     assert ((probability > 0.5) == (wrong > 0.5)).mean() > 0.995
     assert (probability > 0.5)[wrong > 0.5].mean() > 0.9
     mended = exchanged(points, probability, PAIRS)
@@ -56,7 +56,7 @@ def test_exchanges_are_found_and_undone(legs: tuple[SeenPoints, Floats, Floats])
 def test_nothing_is_done_where_nothing_is_wrong(legs: tuple[SeenPoints, Floats, Floats]) -> None:
     seen, points, wrong = legs
     right = exchanged(points, wrong, PAIRS)
-    probability = swap_probabilities(right, seen, PAIRS, np.ones(FRAMES))
+    probability = swap_probabilities(right, seen, PAIRS, np.full(FRAMES, 1 / 30))
     assert not (probability > 0.5).any()
     assert probability.mean() < SHARE
     assert np.array_equal(exchanged(right, probability, PAIRS), right, equal_nan=True)
@@ -66,5 +66,5 @@ def test_where_limbs_coincide_the_data_tell_nothing(legs: tuple[SeenPoints, Floa
     seen, points, _ = legs
     images = seen.images.copy()
     images[:, :, 2:] = images[:, :, :2]
-    probability = swap_probabilities(points, seen._replace(images=images), PAIRS, np.ones(FRAMES))
+    probability = swap_probabilities(points, seen._replace(images=images), PAIRS, np.full(FRAMES, 1 / 30))
     assert np.allclose(probability, SHARE, rtol=1e-6)
