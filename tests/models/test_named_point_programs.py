@@ -49,7 +49,7 @@ def recording(rate: float, num_frames: int) -> PointRecording:
 
 
 def test_twice_the_frames_a_second_change_nothing() -> None:
-    """Frames between, in which nothing was seen, change neither the evidence, nor its gradient, nor the other frames' places."""
+    """Frames between, in which nothing was seen, change not the evidence, its gradient or the other frames' places."""
     found: list[Any] = []
     for rate, num_frames in ((30.0, 5), (60.0, 9)):
         problem = make_point_problem(recording(rate, num_frames))
