@@ -23,9 +23,10 @@ from timing import arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.geometry import project
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
-from poseppl.motion.tracking.keypoints import KeypointScene, scene_of_keypoints, triangulate
+from poseppl.motion.tracking.keypoints import KeypointScene, scene_of_keypoints
 
 PAIRS = ((1, 4), (2, 4))
 _MM = 1000.0

@@ -28,8 +28,8 @@ from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.geometry import depth, project
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import read_cameras
-from poseppl.motion.tracking.keypoints import triangulate
 from poseppl.motion.tracking.named_points import FREEDOM, PointRecording, logits
 from poseppl.motion.tracking.point_files import read_point_recording
 from poseppl.motion.tracking.point_smoothing import PointTracks, smooth_points

@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.motion.bodies.opensim import opensim_values
 from poseppl.motion.geometry import project
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import read_cameras, write_cameras
 from poseppl.motion.io.keypoint_layouts import LAYOUTS
 from poseppl.motion.io.mot import read_mot
@@ -35,7 +36,7 @@ from poseppl.motion.io.trc import read_trc
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track, walking_subject
 from poseppl.motion.tracking.estimates import angle_estimates
 from poseppl.motion.tracking.export import export
-from poseppl.motion.tracking.keypoints import scene_of_keypoints, triangulate
+from poseppl.motion.tracking.keypoints import scene_of_keypoints
 from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.report import new_picture, plot_pose3d, save_picture
 

@@ -14,6 +14,7 @@ _ONLY = (
     "layout",
     "person",
     "keep_calibration",
+    "keep_detections",
     "online",
     "no_export",
     "detector",
@@ -97,6 +98,13 @@ keypoint_options = option_group(
         default=None,
         help="--keypoints: take the cameras' places as they are. [default: small errors of them are found from what several "
         "cameras see of the person, and told]",
+    ),
+    click.option(
+        "--keep-detections",
+        is_flag=True,
+        default=None,
+        help="--keypoints: take the detector's left and right, and who is who, as they are. [default: exchanged limbs and "
+        "detections of others are found from what several cameras see over time, and told]",
     ),
 )
 """A detector's keypoints, and whom of those it found."""
@@ -202,6 +210,7 @@ def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
         stature=options["stature"],
         lengths=options["lengths"],
         refine=not options["keep_calibration"],
+        mend=not options["keep_detections"],
     )
     for note in found.notes():
         progress.note(note)

@@ -9,7 +9,18 @@ import click
 
 from poseppl.cli.track_keypoints import words_of_keypoints
 
-_BODYS = ("layout", "keep_calibration", "online", "noise", "stature", "lengths", "prior", "sigma_position", "sigma_angle")
+_BODYS = (
+    "layout",
+    "keep_calibration",
+    "keep_detections",
+    "online",
+    "noise",
+    "stature",
+    "lengths",
+    "prior",
+    "sigma_position",
+    "sigma_angle",
+)
 _NOT_WITH = (*_BODYS, "model", "checkpoint")
 _DRAWS = 200
 

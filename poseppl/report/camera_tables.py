@@ -27,6 +27,7 @@ def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[dict[str
     bias, spread, seen = errors.bias, errors.spread, np.isfinite(errors.distance)
     found = provenance(tree).get("cameras found")
     told = found if isinstance(found, dict) else {}
+    identity, swaps = (variable(tree, "observed_data", part) for part in ("identity", "swaps"))
     rows = []
     for c, name in enumerate(errors.cameras):
         mine = told.get(name)
@@ -40,6 +41,10 @@ def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[dict[str
             "right": float(bias[c, 0]),
             "down": float(bias[c, 1]),
         }
+        if swaps is not None and swaps.size:
+            mended["exchanged"] = int((swaps[:, c] > 0.5).any(-1).sum())
+        if identity is not None and np.isfinite(identity[:, c]).any():
+            mended["identity"] = float(np.nanmin(identity[:, c]))
         rows.append(row | mended)
     columns = {key for row in rows for key in row}
     return [{key: row.get(key, np.nan) for key in columns} for row in rows]

@@ -27,6 +27,8 @@ _DIMS = {
     "markers": ("marker", "axis"),
     "points": ("camera", "marker", "xy"),
     "overlap": ("camera",),
+    "identity": ("camera",),
+    "swaps": ("camera", "limbs"),
     "silhouette_area": ("camera",),
     "silhouette_centre": ("camera", "xy"),
 }

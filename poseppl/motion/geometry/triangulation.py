@@ -49,3 +49,10 @@ def nearest_points(centres: Floats, rays: Floats, weights: Floats) -> Floats:
     matrix = np.where(known[..., None, None], matrix + 1e-12 * np.eye(3), np.eye(3))
     places = np.linalg.solve(matrix, right[..., None])[..., 0]
     return np.asarray(np.where(known[..., None], places, np.nan))
+
+
+def triangulate(cameras: Cameras, points: Floats, confidence: Floats) -> Floats:
+    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, weighted by confidence; NaN elsewhere."""
+    rays = np.stack([viewing_rays(cameras, c, points[:, c]) for c in range(points.shape[1])], 1)
+    weights = np.where(np.isfinite(points).all(-1), confidence, 0.0)
+    return nearest_points(np.asarray(cameras.centre, np.float64), rays, weights)

@@ -11,21 +11,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.bodies.body import Body, body_builder
-from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
+from poseppl.motion.geometry import Cameras
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.calibration_units import infer_unit
+from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
+from poseppl.motion.tracking.data_association import Association, associate
 from poseppl.motion.tracking.keypoint_sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
@@ -40,21 +41,8 @@ LEAST_AGREEMENT = 0.5
 """A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
 LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
-_LEAST_RESIDUALS = 30
 _MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
 """Markers that are between two others where the detector has none."""
-
-
-class CameraErrors(NamedTuple):
-    """What remains of each camera's points between them and the places that all cameras' rays pass by.
-
-    Attributes:
-        scale: (C,) standard deviation of a coordinate, px, bias included; NaN where it cannot be told.
-        bias: (C, 2) median, px.
-    """
-
-    scale: Floats
-    bias: Floats
 
 
 def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
@@ -78,6 +66,7 @@ class KeypointScene(NamedTuple):
         refined: How the cameras differ from their calibration; None where that was not sought.
         agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
         told: What reading the files and bringing their clocks together found, a sentence each.
+        associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
     """
 
     scene: Scene[PointData]
@@ -86,6 +75,7 @@ class KeypointScene(NamedTuple):
     refined: RefinedCameras | None
     agreement: Floats
     told: tuple[str, ...] = ()
+    associated: Association | None = None
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -99,7 +89,8 @@ class KeypointScene(NamedTuple):
             }
             for c, name in enumerate(self.scene.camera_names)
         }
-        return {"layout": self.layout, "cameras found": cameras}
+        pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
+        return {"layout": self.layout, "cameras found": cameras, **pairs}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
@@ -112,6 +103,7 @@ class KeypointScene(NamedTuple):
                     "clock is wrong, or exchanged with another's"
                 )
         told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
+        told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
         for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
             if np.linalg.norm(bias) > LARGEST_BIAS * scale:
                 told.append(
@@ -136,6 +128,7 @@ def scene_of_keypoints(
     stature: float | None = None,
     lengths: FilePath | None = None,
     refine: bool = True,
+    mend: bool = True,
 ) -> KeypointScene:
     """Read what a detector found, and pick one person.
 
@@ -155,6 +148,7 @@ def scene_of_keypoints(
         stature: Of the person, mm; lengths are measured if None.
         lengths: A TOML file of segment lengths, mm, that are known.
         refine: Whether small errors of the cameras' poses are sought and mended.
+        mend: Whether detections of others, and limbs that the detector exchanged, are sought and mended.
 
     Raises:
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
@@ -175,31 +169,39 @@ def scene_of_keypoints(
     aligned, clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     people, numbers = aligned.people, aligned.frames
     step = FrameRange.parse(frames).step
-    pace = clocks.rate / step
-    chosen = choose_person(cameras, people, pace, person)
-    points, confidence = points_of(people, chosen)
+    chosen = choose_person(cameras, people, pace := clocks.rate / step, person)
     build = body_builder(model)
-    markers = build(None).tree.marker_names
-    points, confidence = _marker_points(points, confidence, people[0], markers)
+    bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
+    points, confidence = points_of(bodies, chosen)
+    refined = _refined(cameras, points, confidence, pace) if refine else None
+    cameras = cameras if refined is None else refined.cameras
+    sizes = np.array([record.size for record in records], float)
+    agreement = _agreement(people, chosen)
+    told_apart = mend and bool((agreement >= LEAST_AGREEMENT).all())
+    associated = associate(cameras, sizes, bodies, chosen, pace) if told_apart else None
+    points, confidence = (points, confidence) if associated is None else (associated.points, associated.confidence)
     places = triangulate(cameras, points, confidence)
-    refined = None
-    if refine and np.isfinite(places).all(-1).sum() >= _LEAST_RESIDUALS:
-        raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
-        refined = refine_cameras(cameras, points, confidence, raw, pace)
-        cameras = refined.cameras
-        places = triangulate(cameras, points, confidence)
     measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
     body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
     errors = camera_errors(cameras, points, places)
     spread = noise_of(body, cameras, noise)
     if noise is None:
         spread = np.where(np.isfinite(errors.scale)[:, None], errors.scale[:, None], spread)
-    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)))
-    source = ", ".join(map(str, folders.values()))
-    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
+    beside = {} if associated is None else {"identity": associated.identity, "swaps": associated.swaps}
+    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)), beside=beside)
+    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, ", ".join(map(str, folders.values())))
     notes = (*told, *clock_notes)
-    found = KeypointScene(scene, people[0].layout, errors, refined, _agreement(people, chosen), notes)
+    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, notes, associated)
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> RefinedCameras | None:
+    """The cameras with small errors of their poses mended; None where too few points are seen by two cameras."""
+    places = triangulate(cameras, points, confidence)
+    if np.isfinite(places).all(-1).sum() < LEAST_RESIDUALS:
+        return None
+    raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
+    return refine_cameras(cameras, points, confidence, raw, rate)
 
 
 def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
@@ -213,46 +215,19 @@ def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
     return LAYOUTS[found.layout].markers if found.layout else markers_of_names(found.names)
 
 
-def _marker_points(
-    points: Floats, confidence: Floats, found_in: DetectedPeople, markers: Sequence[str]
-) -> tuple[Floats, Floats]:
+def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeople:
     """The same of a body's markers; those without a keypoint are never seen, nor are points of too little confidence."""
-    table = _markers_of(found_in)
-    found = [name for name in markers if name in table]
-    if not found:
-        named = found_in.layout or f"points called {some(found_in.names)}"
+    table = _markers_of(found)
+    known = [name for name in markers if name in table]
+    if not known:
+        named = found.layout or f"points called {some(found.names)}"
         raise InputError(f"none of the body's markers is among {named}", field="--model", expected=some(markers))
-    into, of = [markers.index(name) for name in found], [table[name] for name in found]
-    seen = np.full((*points.shape[:2], len(markers), 2), np.nan)
-    sure = np.zeros(seen.shape[:3])
-    seen[:, :, into], sure[:, :, into] = points[:, :, of], confidence[:, :, of]
-    return np.where((sure >= LEAST_CONFIDENCE)[..., None], seen, np.nan), sure
-
-
-def triangulate(cameras: Cameras, points: Floats, confidence: Floats) -> Floats:
-    """Places (T, K, 3), mm, of points (T, C, K, 2) that two cameras see, weighted by confidence; NaN elsewhere."""
-    rays = np.stack([viewing_rays(cameras, c, points[:, c]) for c in range(points.shape[1])], 1)
-    weights = np.where(np.isfinite(points).all(-1), confidence, 0.0)
-    return nearest_points(np.asarray(cameras.centre, np.float64), rays, weights)
-
-
-def camera_errors(cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
-    """How far points (T, C, K, 2) are from the projections of places (T, K, 3) that were made of them.
-
-    A place takes three numbers of the two that each of n cameras has, so that the rest of a coordinate has a standard deviation
-    of sqrt(1 - 3 / 2n) of its own error's.
-    """
-    projected = np.moveaxis(np.asarray(project(cameras, jnp.asarray(np.nan_to_num(places), float)), np.float64), 0, 1)
-    count = np.isfinite(points).all(-1).sum(1)
-    left = np.sqrt(np.maximum(1 - 1.5 / np.maximum(count, 1), 0.25))
-    residual = np.where(np.isfinite(places)[:, None, :, :1], points - projected, np.nan)
-    scale, bias = np.full(points.shape[1], np.nan), np.zeros((points.shape[1], 2))
-    for c in range(points.shape[1]):
-        seen = np.isfinite(residual[:, c]).all(-1)
-        if seen.sum() >= _LEAST_RESIDUALS:
-            scale[c] = 1.4826 * np.median(np.abs(residual[:, c] / left[..., None])[seen])
-            bias[c] = np.median(residual[:, c][seen], 0)
-    return CameraErrors(scale, bias)
+    into, of = [markers.index(name) for name in known], [table[name] for name in known]
+    points = np.full((*found.points.shape[:2], len(markers), 2), np.nan)
+    confidence = np.zeros(points.shape[:3])
+    points[:, :, into], confidence[:, :, into] = found.points[:, :, of], found.confidence[:, :, of]
+    points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
+    return found._replace(points=points, confidence=confidence, names=tuple(markers))
 
 
 def _measured(body: Body, places: Floats) -> Mapping[str, float]:

@@ -19,7 +19,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.body import compile_once, load_builder
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.geometry import Cameras, depth
-from poseppl.motion.tracking.keypoints import triangulate
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.program import CompiledModel, Observation
 
 PROGRAMS = "poseppl_models.named_points:points_in_cameras"

@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.errors import InputError
 from poseppl.motion.geometry import project
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.io.openpose import read_openpose
+from poseppl.motion.tracking.camera_errors import camera_errors
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
-from poseppl.motion.tracking.keypoints import camera_errors, scene_of_keypoints, triangulate
+from poseppl.motion.tracking.keypoints import scene_of_keypoints
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -76,6 +78,10 @@ def test_the_person_and_the_cameras_errors_are_found(
     assert (kept.errors.scale > mended.errors.scale).all()
     assert any("cam_01: its calibration is off by" in note for note in mended.notes())
     assert (mended.agreement > 0.98).all()
+    associated: Any = mended.associated  # nobody's limbs are exchanged, and nobody else is taken for him
+    assert associated.pairs == ("arms", "legs") and not (associated.swaps > 0.5).any()
+    assert associated.swaps.mean() < 0.001 and np.nanmin(associated.identity) > 0.99
+    assert np.array_equal(mended.scene.data.points, kept.scene.data.points, equal_nan=True)
 
 
 @pytest.mark.parametrize("camera", range(4))
@@ -128,7 +134,7 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
 ) -> None:
     """One camera finds nobody in two of three frames, and the person is gone after frame 69: all else is as it was."""
     folders = {}
-    for c in (1, 2, 4):
+    for c in (1, 2, 3, 4):
         folder = tmp_path / f"cam0{c}"
         folder.mkdir()
         folders[f"cam_0{c}"] = folder
@@ -140,7 +146,7 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
     found = scene_of_keypoints(folders, records, rate=60, refine=False)
     assert any(note.startswith("cam_02: nobody was found in 76% of its 100 frames") for note in found.notes())
     seen = np.isfinite(found.scene.data.points).all(-1).any(-1)
-    assert len(found.scene.frames) == 100 and seen[:70, [0, 2]].mean() > 0.98 and not seen[70:].any()
+    assert len(found.scene.frames) == 100 and seen[:70, [0, 2, 3]].mean() > 0.98 and not seen[70:].any()
     assert seen[:70:3, 1].mean() > 0.9 and (found.agreement > 0.9).all()
 
 
