@@ -11,16 +11,13 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Jobs, Results, Tables
-from poseppl.experiments.images.systems import Method, Problem, System
+from poseppl.experiments.images.systems import Problem
 from poseppl.experiments.images.tracking import stacked
-from poseppl.experiments.jobs import Job
 from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.peursum.animated import AnimatedScene, animated_problem
 from poseppl.experiments.peursum.posture import posture_squares
-from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS, motion_of, smooth_track
+from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS, SmoothedRuns, motion_of, smooth_track
 from poseppl.experiments.peursum.tracks import run_track
-from poseppl.experiments.peursum.training import trained_file
-from poseppl.experiments.recordings import Recording
 from poseppl.experiments.tables import Table, markdown
 
 BURN_IN_FRAMES = 5
@@ -39,36 +36,10 @@ _ABOUT = (
 
 
 @dataclass(frozen=True)
-class SmoothedAnimation(Job):
-    """Runs of one filter before the animated body, and the smoothers after it.
-
-    Attributes:
-        scene: What is seen.
-        system: Who sees it.
-        method: The filter.
-        runs: Numbers of the runs, which are seeds.
-        rounds: Of the Gibbs sampler.
-        training: What the motion is learned from; None for a generic one.
-        training_rate: Frames a second at which it is learned.
-    """
+class SmoothedAnimation(SmoothedRuns):
+    """Runs before the animated body."""
 
     scene: AnimatedScene
-    system: System
-    method: Method
-    runs: tuple[int, ...]
-    rounds: int
-    training: Recording | None = None
-    training_rate: float = 50.0
-
-    @property
-    def name(self) -> str:
-        """Of its file."""
-        return f"{self.system.name}-{self.scene.name}-{self.method.name}-{self.runs[0]}"
-
-    @property
-    def cost(self) -> float:
-        """Relative to a second."""
-        return 30.0 + len(self.runs) * self.scene.num_frames * float(dict(self.method.settings)["num_particles"]) * 1e-3
 
 
 def smooth_animation(job: SmoothedAnimation) -> dict[str, Any]:
@@ -78,9 +49,7 @@ def smooth_animation(job: SmoothedAnimation) -> dict[str, Any]:
         ``squares`` (run, algorithm, frame, 2), mm^2, by :data:`ALGORITHMS`: mean squared distances of markers from the truth,
         as they are and with the pelvises together; ``ess_share`` (run,).
     """
-    system = job.system
-    if job.training is not None:
-        system = system.with_settings(model=trained_file(job.training, job.training_rate))
+    system = job.taught
     problem = animated_problem(job.scene, system)
     filter = job.method.build(problem)
     step, motion, rows = jax.jit(filter.step), motion_of(problem, system), []

@@ -146,12 +146,12 @@ def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]
     generic = [plain(few), annealed(few // LAYERS), plain(many), annealed(few)]
     blocks = [tuple(range(first, min(first + 5, scale.runs))) for first in range(0, scale.runs, 5)]
     jobs = [
-        SmoothedWalk(scene, LEARNED, learned(few), scale.walk_frames, runs, after_learned, training)
+        SmoothedWalk(scene, LEARNED, learned(few), runs, after_learned, training, num_frames=scale.walk_frames)
         for scene in scenes
         for runs in blocks
     ]
     jobs += [
-        SmoothedWalk(scene, PUBLISHED, method, scale.walk_frames, runs, after_generic)
+        SmoothedWalk(scene, PUBLISHED, method, runs, after_generic, num_frames=scale.walk_frames)
         for method in generic
         for scene in scenes
         for runs in blocks
@@ -196,9 +196,12 @@ def plan_runtimes(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
     scenes = circle_scenes(seen, 1, scale.walk_frames) + clutter_scenes(seen, 1, scale.walk_frames)
     after_learned, after_generic = scale.rounds
     runs = (0, 1)
-    jobs = [SmoothedWalk(each, LEARNED, learned(few), scale.timed_frames, runs, after_learned, training) for each in scenes]
+    jobs = [
+        SmoothedWalk(each, LEARNED, learned(few), runs, after_learned, training, num_frames=scale.timed_frames)
+        for each in scenes
+    ]
     jobs += [
-        SmoothedWalk(scene, PUBLISHED, method, scale.timed_frames, runs, after_generic)
+        SmoothedWalk(scene, PUBLISHED, method, runs, after_generic, num_frames=scale.timed_frames)
         for method in (plain(many), annealed(few))
         for scene in scenes
     ]

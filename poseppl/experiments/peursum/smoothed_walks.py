@@ -8,7 +8,7 @@ Errors are those of the mean posture (:mod:`poseppl.experiments.peursum.posture`
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -49,28 +49,38 @@ MOST_PAIRED = 10_000
 
 
 @dataclass(frozen=True)
-class SmoothedWalk(Job):
-    """Runs of one filter on a walk, and the smoothers after it.
+class SmoothedRuns(Job):
+    """Runs of one filter, and the smoothers after it.
 
     Attributes:
         scene: What is seen.
         system: Who sees it.
         method: The filter.
-        num_frames: How many frames of the scene.
         runs: Numbers of the runs, which are seeds.
         rounds: Of the Gibbs sampler.
         training: What the motion is learned from; None for a generic one.
         training_rate: Frames a second at which it is learned.
     """
 
-    scene: Scene
+    scene: Any
     system: System
     method: Method
-    num_frames: int
     runs: tuple[int, ...]
     rounds: int
     training: Recording | None = None
     training_rate: float = 50.0
+
+    @property
+    def length(self) -> int:
+        """Frames that are tracked."""
+        return int(self.scene.num_frames)
+
+    @property
+    def taught(self) -> System:
+        """The system with the motion that it learned."""
+        if self.training is None:
+            return self.system
+        return self.system.with_settings(model=trained_file(self.training, self.training_rate))
 
     @property
     def name(self) -> str:
@@ -80,7 +90,24 @@ class SmoothedWalk(Job):
     @property
     def cost(self) -> float:
         """Relative to a second."""
-        return 30.0 + len(self.runs) * self.num_frames * float(dict(self.method.settings)["num_particles"]) * 1e-3
+        return 30.0 + len(self.runs) * self.length * float(dict(self.method.settings)["num_particles"]) * 1e-3
+
+
+@dataclass(frozen=True)
+class SmoothedWalk(SmoothedRuns):
+    """Runs on the first frames of a walk.
+
+    Attributes:
+        num_frames: How many.
+    """
+
+    scene: Scene
+    num_frames: int = field(kw_only=True)
+
+    @property
+    def length(self) -> int:
+        """Frames that are tracked."""
+        return self.num_frames
 
 
 class Motion(NamedTuple):
@@ -102,9 +129,7 @@ def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
         (run,), mean shares of N that are effective, and that have descendants three frames later, NaN where a filter has no
         ancestors.
     """
-    system = job.system
-    if job.training is not None:
-        system = system.with_settings(model=trained_file(job.training, job.training_rate))
+    system = job.taught
     problem = problem_of(job.scene, system, job.num_frames)
     if job.training is None:
         filter, step = compiled_step(job.scene, system, job.num_frames, job.method)
