@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
+
+import pytest
 
 from poseppl.filters import (
     Filter,
@@ -57,6 +59,7 @@ class FilterRow(NamedTuple):
         evidence_error: Relative error of a frame's evidence that comes from its approximation, at most.
         genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
         equal_weights: Whether all particles of a frame weigh the same.
+        variant: Whether it is a second setting of a filter that has a row: its laws are slow tests.
     """
 
     name: str
@@ -69,6 +72,7 @@ class FilterRow(NamedTuple):
     evidence_error: float = 1e-4
     genealogy: bool = False
     equal_weights: bool = False
+    variant: bool = False
 
 
 FILTERS: list[FilterRow] = [
@@ -79,6 +83,7 @@ FILTERS: list[FilterRow] = [
         lambda model: particle_filter(model, 1000, resampling="stratified", ess_threshold=0.5),
         unbiased_evidence=True,
         genealogy=True,
+        variant=True,
     ),
     FilterRow(
         "particle-residual",
@@ -86,6 +91,7 @@ FILTERS: list[FilterRow] = [
         lambda model: particle_filter(model, 1000, resampling="residual", ess_threshold=0.9),
         unbiased_evidence=True,
         genealogy=True,
+        variant=True,
     ),
     FilterRow(
         "particle-multinomial",
@@ -93,6 +99,7 @@ FILTERS: list[FilterRow] = [
         lambda model: particle_filter(model, 1000, resampling="multinomial"),
         unbiased_evidence=True,
         genealogy=True,
+        variant=True,
     ),
     FilterRow("guided", guided_filter, lambda model: guided_filter(model, 500), unbiased_evidence=True, genealogy=True),
     FilterRow(
@@ -101,11 +108,16 @@ FILTERS: list[FilterRow] = [
         lambda model: guided_filter(model, 500, auxiliary=True, ess_threshold=0.5),
         unbiased_evidence=True,
         genealogy=True,
+        variant=True,
     ),
     FilterRow("kalman", kalman_filter, lambda model: kalman_filter(model, 500), equal_weights=True),
     FilterRow("switching", switching_filter, lambda model: switching_filter(model, 500), equal_weights=True),
     FilterRow(
-        "unscented", kalman_filter, lambda model: kalman_filter(model, 500, linearisation="unscented"), equal_weights=True
+        "unscented",
+        kalman_filter,
+        lambda model: kalman_filter(model, 500, linearisation="unscented"),
+        equal_weights=True,
+        variant=True,
     ),
     FilterRow("ensemble-kalman", ensemble_kalman_filter, lambda model: ensemble_kalman_filter(model, 1000), equal_weights=True),
     FilterRow(
@@ -113,6 +125,7 @@ FILTERS: list[FilterRow] = [
         ensemble_kalman_filter,
         lambda model: ensemble_kalman_filter(model, 1000, form="stochastic"),
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "hmc",
@@ -132,6 +145,7 @@ FILTERS: list[FilterRow] = [
         ),
         consistent=False,
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "assumed-density",
@@ -146,6 +160,7 @@ FILTERS: list[FilterRow] = [
         num_replicates=40,
         evidence_error=0.06,  # Laplace's approximation of three Gaussians that overlap
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "window",
@@ -176,6 +191,7 @@ FILTERS: list[FilterRow] = [
         unbiased_evidence=True,
         genealogy=True,
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "tempered-waste-free",
@@ -184,6 +200,7 @@ FILTERS: list[FilterRow] = [
         num_replicates=40,
         genealogy=True,
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "covariance-scaled",
@@ -197,6 +214,7 @@ FILTERS: list[FilterRow] = [
         lambda model: covariance_scaled_filter(model, 500, num_modes=2, num_starts=4, sampling="hypotheses", prior="mixture"),
         num_replicates=40,
         equal_weights=True,
+        variant=True,
     ),
     FilterRow(
         "annealed",
@@ -228,6 +246,7 @@ FILTERS: list[FilterRow] = [
         lambda model: demc_filter(model, 300, target="posterior", num_layers=5, snooker=0.1),
         num_replicates=40,
         equal_weights=True,
+        variant=True,
     ),
 ]
 
@@ -250,6 +269,7 @@ class SmootherRow(NamedTuple):
         num_particles: Of the particle filter whose history it takes.
         lag: Later frames whose data a frame knows; None knows all. Given those, it is consistent.
         moments: Those that are exact on a linear Gaussian model, with more particles or draws.
+        variant: Whether it is a second setting of a smoother that has a row: its laws are slow tests.
     """
 
     name: str
@@ -262,6 +282,7 @@ class SmootherRow(NamedTuple):
     num_particles: int = 500
     lag: int | None = None
     moments: tuple[str, ...] = MOMENTS
+    variant: bool = False
 
 
 SMOOTHERS: list[SmootherRow] = [
@@ -280,6 +301,7 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         discrete=True,
         num_particles=100,
+        variant=True,
     ),
     SmootherRow(
         "particle-mgrad",
@@ -298,6 +320,7 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         multimodal=False,
         num_particles=100,
+        variant=True,
     ),
     SmootherRow(
         "forward-backward",
@@ -316,9 +339,15 @@ SMOOTHERS: list[SmootherRow] = [
         backward_simulation_smoother,
         lambda model: backward_simulation_smoother(model, 300, method="metropolis", num_moves=2),
         discrete=True,
+        variant=True,
     ),
     SmootherRow("two-filter", two_filter_smoother, lambda model: two_filter_smoother(model, tile=128)),
-    SmootherRow("two-filter-linear", two_filter_smoother, lambda model: two_filter_smoother(model, method="linear")),
+    SmootherRow(
+        "two-filter-linear",
+        two_filter_smoother,
+        lambda model: two_filter_smoother(model, method="linear"),
+        variant=True,
+    ),
     SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True, moments=("means",)),
     SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True),
     SmootherRow(
@@ -341,6 +370,7 @@ SMOOTHERS: list[SmootherRow] = [
         ensemble_kalman_smoother,
         lambda model: ensemble_kalman_smoother(model, num_particles=1000, lag=40, form="stochastic"),
         multimodal=False,
+        variant=True,
     ),
     SmootherRow(
         "laplace", laplace_smoother, lambda model: laplace_smoother(model, num_draws=500), consistent=False, multimodal=False
@@ -360,6 +390,7 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         num_particles=100,
         multimodal=False,
+        variant=True,
     ),
     SmootherRow(
         "gibbs",
@@ -373,6 +404,7 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: gibbs_smoother(
             model, num_components=20, num_chains=2, num_draws=270, num_warmup=30, target="model", collapsed=False
         ),
+        variant=True,
     ),
     SmootherRow(
         "variational",
@@ -391,10 +423,17 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         consistent=False,
         moments=(),  # many narrow components leave an error of 0.2 standard deviations in the means
+        variant=True,
     ),
 ]
 
 
-def row_id(row: Any) -> str:
-    """The name of a row, for pytest."""
-    return str(row.name)
+def rows(chosen: Sequence[Any], quick: Callable[[Any], bool] = lambda row: not row.variant) -> pytest.MarkDecorator:
+    """A test for each row, the slow ones marked.
+
+    Args:
+        chosen: Rows.
+        quick: Which of them are quick tests; by default those that are no variants.
+    """
+    marks = {True: (), False: (pytest.mark.slow,)}
+    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[quick(row)]) for row in chosen])

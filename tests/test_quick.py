@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 import poseppl_models
 import pytest
-from catalogue import FILTERS, FilterRow, row_id
+from catalogue import FILTERS, FilterRow, rows
 from oracles.kalman import kalman_filter, simulate
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
@@ -203,7 +203,7 @@ def posed(row: FilterRow) -> tuple[poseppl.Filter, poseppl.Observation]:
     return row.build(model), model.observe({"y": YS}, {"y": MASK})
 
 
-@pytest.mark.parametrize("row", CHOSEN, ids=row_id)
+@rows(CHOSEN)
 def test_means_are_kalman_s(row: FilterRow) -> None:
     """Within five standard errors of independent runs; the paper's filter, which has no exact limit, at its first frame."""
     filter, data = posed(row)
@@ -220,7 +220,7 @@ def test_means_are_kalman_s(row: FilterRow) -> None:
     assert not agrees(kalman_filter(MATRICES, YS + 0.5).means)
 
 
-@pytest.mark.parametrize("row", CHOSEN, ids=row_id)
+@rows(CHOSEN)
 def test_frames_one_by_one_give_what_the_sequence_gives(row: FilterRow) -> None:
     filter, data = posed(row)
     key = jax.random.key(1)

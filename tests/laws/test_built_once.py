@@ -6,8 +6,7 @@ import gc
 import weakref
 
 import jax
-import pytest
-from catalogue import FILTERS, SMOOTHERS, row_id
+from catalogue import FILTERS, SMOOTHERS, rows
 from law_problems import problem
 
 from poseppl.filters import particle_filter, sharded
@@ -24,7 +23,7 @@ def live_executables() -> int:
     return len(jax.local_devices()[0].client.live_executables())
 
 
-@pytest.mark.parametrize("row", [*FILTERS, *SMOOTHERS], ids=row_id)
+@rows([*FILTERS, *SMOOTHERS])
 def test_equal_settings_give_the_same_object_which_knows_its_model(row):
     built = row.build(POSED.model)
     assert row.build(POSED.model) is built
@@ -33,7 +32,7 @@ def test_equal_settings_give_the_same_object_which_knows_its_model(row):
     assert row.build(other) is not built and row.build(other).model is other
 
 
-@pytest.mark.parametrize("row", FILTERS, ids=row_id)
+@rows(FILTERS)
 def test_what_jax_traces_is_built_anew(row):
     """What is built while a function is traced may hold its tracers, which must not be met again."""
     model, built = problem().model, []

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from catalogue import FILTERS, row_id
+from catalogue import FILTERS, rows
 from law_problems import MASKED, compiled, frame, go_through, problem
 
 from poseppl.filters import Filter, Info
 
-every_filter = pytest.mark.parametrize("row", FILTERS, ids=row_id)
+every_filter = rows(FILTERS)
 
 
 @every_filter

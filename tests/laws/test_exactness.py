@@ -9,17 +9,16 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import pytest
-from catalogue import FILTERS, row_id
+from catalogue import FILTERS, rows
 from law_problems import BATCH, MASKED, problem, replicate, z_scores
 from mistakes import SHARED_MISTAKES, Mistakes
 from oracles.kalman import kalman_filter
 from scipy.stats import norm
 
-every_filter = pytest.mark.parametrize("row", FILTERS, ids=row_id)
-sampling_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.posterior], ids=row_id)
-consistent_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.consistent], ids=row_id)
-unbiased_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.unbiased_evidence], ids=row_id)
+every_filter = rows(FILTERS)
+sampling_filters = rows([r for r in FILTERS if r.posterior])
+consistent_filters = rows([r for r in FILTERS if r.consistent])
+unbiased_filters = rows([r for r in FILTERS if r.unbiased_evidence])
 
 POSED = problem()
 REPLICATES = BATCH

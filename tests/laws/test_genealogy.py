@@ -5,13 +5,12 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
-from catalogue import FILTERS, row_id
+from catalogue import FILTERS, rows
 from law_problems import run
 from oracles.kalman import simulate
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
-genealogical_filters = pytest.mark.parametrize("row", [r for r in FILTERS if r.genealogy], ids=row_id)
+genealogical_filters = rows([r for r in FILTERS if r.genealogy])
 SPREAD = 0.01
 """Standard deviation of the transition, a hundredth of the first state's."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from catalogue import FILTERS, SMOOTHERS
+from catalogue import FILTERS, SMOOTHERS, rows
 from law_problems import BATCH, replicate, z_scores
 from mistakes import NO_MISTAKES, Mistakes
 from other_problems import clamped_and_smoothed, counted_and_smoothed, positive
@@ -29,14 +29,8 @@ GAUSSIAN = (
 ROWS = [row for row in SMOOTHERS if row.consistent]
 
 
-def marked(rows, quick):
-    return pytest.mark.parametrize(
-        "row", [pytest.param(row, id=row.name, marks=() if row.name in quick else pytest.mark.slow) for row in rows]
-    )
-
-
 def exact_rows(names):
-    return marked([row for row in ROWS if row.name in names], QUICK)
+    return rows([row for row in ROWS if row.name in names], lambda row: row.name in QUICK)
 
 
 def check(row, *posed_by):
@@ -61,7 +55,7 @@ def check_smoother(row, dimension):
     assert broken_laws(row, posed, replicate(Mistakes(filtered=1)))
 
 
-@marked([row for row in FILTERS if row.consistent], QUICK_FILTERS)
+@rows([row for row in FILTERS if row.consistent], lambda row: row.name in QUICK_FILTERS)
 def test_filters_of_six_coordinates(row):
     check_filter(row, 6)
 
@@ -72,7 +66,7 @@ def test_smoothers_of_six_coordinates(row):
 
 
 @pytest.mark.slow
-@marked([row for row in FILTERS if row.name in QUICK_FILTERS], QUICK_FILTERS)
+@rows([row for row in FILTERS if row.name in QUICK_FILTERS])
 def test_filters_of_eight_coordinates(row):
     check_filter(row, 8)
 

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from catalogue import SMOOTHERS, row_id
+from catalogue import SMOOTHERS, rows
 from smoothing_problems import history_for_conduct, linear_problem, smoother_for_conduct
 
 from poseppl.smoothers import Smoother, SmoothingInfo
 
-every_smoother = pytest.mark.parametrize("row", SMOOTHERS, ids=row_id)
+every_smoother = rows(SMOOTHERS)
 
 
 @every_smoother

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
-from catalogue import SMOOTHERS, row_id
+from catalogue import SMOOTHERS, rows
 from mistakes import SHARED_MISTAKES, Mistakes
 from smoothing_problems import (
     broken_laws,
@@ -42,20 +42,14 @@ CHEAP = (
     "variational",
 )
 """Smoothers that make their replicates in a tenth of a second."""
-consistent_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent], ids=row_id)
-discrete_smoothers = pytest.mark.parametrize("row", [r for r in SMOOTHERS if r.consistent and r.discrete], ids=row_id)
+consistent_smoothers = rows([r for r in SMOOTHERS if r.consistent])
+discrete_smoothers = rows([r for r in SMOOTHERS if r.consistent and r.discrete])
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
-
-
-def smoothers(rows, quick):
-    """Smoothers; those that `quick` does not choose are slow."""
-    marks = {row.name: () if quick(row) else pytest.mark.slow for row in rows}
-    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[row.name]) for row in rows])
 
 
 def linear_smoothers(quick):
     """All that know something of a linear Gaussian model."""
-    return smoothers(LINEAR, quick)
+    return rows(LINEAR, quick)
 
 
 def check_exact(row, *posed_by):
@@ -63,7 +57,7 @@ def check_exact(row, *posed_by):
     assert not broken_laws(row, posed, replicate())
 
 
-@linear_smoothers(lambda row: row.consistent or row.name in CHEAP)
+@linear_smoothers(lambda row: row.consistent and not row.variant or row.name in CHEAP)
 def test_means_and_covariances_are_those_of_rauch_tung_and_striebel(row):
     """Also at a frame without data, whose smoothing distribution comes from both sides."""
     check_exact(row, linear_problem_with_powers, row.lag)
@@ -75,7 +69,7 @@ def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_state
     check_exact(row, markov_problem, num_states)
 
 
-@smoothers([row for row in SMOOTHERS if row.consistent and row.multimodal], lambda row: row.name in CHEAP)
+@rows([row for row in SMOOTHERS if row.consistent and row.multimodal], lambda row: row.name in CHEAP)
 def test_growth_model_has_the_moments_of_quadrature(row):
     """Two modes, a transition that bends, and time as an input."""
     check_exact(row, growth_problem)
