@@ -56,9 +56,9 @@ def find(table: Table, column: str, **where: Any) -> Measured:
 
 
 def mean_interval(values: Sequence[float] | Floats) -> tuple[float, float, float]:
-    """Mean of runs, and Student's 95 % interval; infinite for a single run, a point where all are alike."""
+    """Mean of runs, and Student's 95 % interval; infinite for a single run or none, a point where all are alike."""
     found = np.asarray(values, float)
-    mean = float(found.mean())
+    mean = float(found.mean()) if len(found) else np.nan
     if len(found) < 2:
         return mean, -np.inf, np.inf
     half = float(stats.t.ppf(0.975, len(found) - 1) * found.std(ddof=1) / len(found) ** 0.5)

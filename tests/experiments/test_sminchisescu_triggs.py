@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED
+from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.page import page_of
 from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.recordings import BUILT_IN
@@ -17,7 +18,7 @@ from poseppl.experiments.sminchisescu_triggs import EXPERIMENT
 from poseppl.experiments.sminchisescu_triggs.claims import claims
 from poseppl.experiments.sminchisescu_triggs.motions import PROGRAMS, moving
 from poseppl.experiments.sminchisescu_triggs.plan import FULL, QUICK, plan_arm, plan_complex, plan_pivot
-from poseppl.experiments.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, mean_interval, share_interval
+from poseppl.experiments.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, share_interval
 from poseppl.experiments.sminchisescu_triggs.tabulate import COLUMNS, losses
 from poseppl.experiments.sminchisescu_triggs.trackers import PUBLISHED, TRACKERS
 from poseppl.experiments.sminchisescu_triggs.tracks import Tracks, scene_of, track
@@ -47,6 +48,7 @@ def test_intervals():
     expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     np.testing.assert_allclose(mean_interval(values), (values.mean(), expected.low, expected.high), rtol=1e-9)
     assert mean_interval(np.array([2.0]))[1:] == (-np.inf, np.inf)
+    np.testing.assert_equal(mean_interval([]), (np.nan, -np.inf, np.inf))
     np.testing.assert_array_equal(kept_seconds(np.array([0.4, np.inf]), 1.2), [0.4, 1.2])
 
 

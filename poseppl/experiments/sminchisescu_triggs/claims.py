@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim
-from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, mean_interval, share_interval
+from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, share_interval
 from poseppl.experiments.sminchisescu_triggs.trackers import PUBLISHED
 from poseppl.experiments.tables import Table
 

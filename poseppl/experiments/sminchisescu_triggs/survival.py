@@ -33,13 +33,3 @@ def kept_seconds(lost: Floats, seconds: Floats | float) -> Floats:
     """How long a body was kept, s; all of the scene where it was never lost."""
     kept: Floats = np.minimum(np.asarray(lost, float), seconds)
     return kept
-
-
-def mean_interval(values: Floats) -> tuple[float, float, float]:
-    """Mean of runs, and Student's 95 % interval; infinite for a single run, a point where all are alike."""
-    values = np.asarray(values, float)
-    mean = float(values.mean())
-    if len(values) < 2:
-        return mean, -np.inf, np.inf
-    half = float(stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
-    return mean, mean - half, mean + half

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from poseppl.experiments.experiment import Results
+from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.sminchisescu_triggs.images import Pictures
-from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, mean_interval, share_interval
+from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, share_interval
 from poseppl.experiments.sminchisescu_triggs.tracks import Tracks
 from poseppl.experiments.tables import Table
 
