@@ -1,17 +1,18 @@
 """Filters of a chaotic state in high dimension: Lorenz's model of 1996, half of its coordinates seen, 100 frames.
 
-    python benchmarks/ensembles.py [--quick] [--dimensions 40,400] [--filters NAMES] [--seeds 3] [--frames 100]
-        [--output ensembles]
+    python benchmarks/ensembles.py [--quick] [--dimensions 40,400] [--spreads 1] [--filters NAMES] [--seeds 3]
+        [--frames 100] [--output ensembles]
 
 Beside each filter: the error of its means (root mean square over frames and coordinates), the share of the truth in its 90 %
 intervals, whether verdicts that need no truth find an error, and the seconds of a run that compiles nothing. Data are simulated
-from the model, with a seed each, noise 1; the first state is known within 1. Runs that OUTPUT/ensembles.csv holds are
+from the model, with a seed each, noise 1; the first state is known within SPREAD. Runs that OUTPUT/ensembles.csv holds are
 not made again; NAMES are separated by semicolons. The ensemble filters' tapers reach 20 coordinates to either side, of which
 half are seen.
 """
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -45,8 +46,8 @@ from poseppl.runs.simulation import simulate
 RADIUS = 20.0
 LARGE = 100
 """Dimension from which on only Gaussian filters run."""
-_COLUMNS = ("dimension", "filter", "seed", "frames", "error", "coverage", "verdict", "seconds")
-_KEY = 4
+_COLUMNS = ("dimension", "spread", "filter", "seed", "frames", "error", "coverage", "verdict", "seconds")
+_KEY = 5
 _ABOUT = "Error of means, share of the truth in 90 % intervals, kinds of errors among verdicts without truth, seconds of a run."
 
 
@@ -90,15 +91,14 @@ def run_once(model: CompiledModel, built: tuple[Any, Any, Any], seed: int, frame
 def summary(table: Table) -> list[list[str]]:
     """Means over seeds, of each dimension and filter."""
     rows = []
-    for dimension, name in dict.fromkeys(row[:2] for row in table.rows):
-        runs = [row[_KEY:] for row in table.rows if row[:2] == (dimension, name)]
+    for case in dict.fromkeys(row[:3] for row in table.rows):
+        runs = [row[_KEY:] for row in table.rows if row[:3] == case]
         error, coverage, seconds = (np.array([float(run[i]) for run in runs]) for i in (0, 1, 3))
         red = sum(run[2] != "none" for run in runs)
         low = int((coverage < 0.8).sum())
         rows.append(
             [
-                f"{dimension}",
-                name,
+                *case,
                 f"{error.mean():.2f} ({error.min():.2f} to {error.max():.2f})",
                 f"{coverage.mean():.0%}",
                 f"{red} of {len(runs)}",
@@ -110,26 +110,26 @@ def summary(table: Table) -> list[list[str]]:
 
 
 def main() -> None:
-    options = arguments(__doc__, dimensions="40,400", filters="", seeds=3, frames=100, output="ensembles")
+    options = arguments(__doc__, dimensions="40,400", spreads="1", filters="", seeds=3, frames=100, output="ensembles")
     start_jax()
     output = Path(options.output)
     output.mkdir(parents=True, exist_ok=True)
     seeds, frames = (1, 5) if options.quick else (options.seeds, options.frames)
     table = Table("ensembles", _COLUMNS, read_runs(output / "ensembles.csv"), _ABOUT)
-    for dimension in map(int, options.dimensions.split(",")):
-        model = lorenz96(dimension).compile()
+    for dimension, spread in itertools.product(map(int, options.dimensions.split(",")), options.spreads.split(",")):
+        model = lorenz96(dimension, initial_spread=float(spread)).compile()
         collect, predict = collect_draws(model, max_draws=20), predictive_checks(model)
         names = [name for name in options.filters.split(";") if name] or list(FILTERS)
         for name in names if dimension < LARGE else [name for name in names if "Kalman" in name]:
             built = FILTERS[name](model), collect, predict
             for seed in range(seeds):
-                key = (str(dimension), name, str(seed), str(frames))
+                key = (str(dimension), spread, name, str(seed), str(frames))
                 if key in {row[:_KEY] for row in table.rows}:
                     continue
                 table.rows.append((*key, *run_once(model, built, seed, frames)))
                 write_csv(table, output)
                 print(*table.rows[-1], sep="\t", flush=True)
-    show("", ["d", "filter", "error", "90 % hold", "told", "below 80 %", "s"], summary(table))
+    show("", ["d", "spread", "filter", "error", "90 % hold", "told", "below 80 %", "s"], summary(table))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from poseppl.experiments.tables import Table
 from verdicts import (
     choo_fleet,
     compile_times,
+    ensembles,
     fast_motion,
     keypoints,
     learned_prior,
@@ -69,6 +70,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "learned-prior": learned_prior.learned_prior,
         "smoothing-pays": smoothing.smoothing_pays,
         "filters": sampling.filters,
+        "ensembles": ensembles.ensembles,
         "modes-found": modes.modes_found,
         "trajectory": sampling.trajectory,
         "particle-mgrad": sampling.particle_mgrad,

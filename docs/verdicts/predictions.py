@@ -19,16 +19,17 @@ _HOLDS = {True: "holds", False: "does not hold"}
 def checks(tables: Tables) -> str:
     """Coverage and errors found by model and filter, and whether the two goals hold."""
     rows = tables["predictive_checks"].records()
-    groups, single = _grouped(rows, _kind), _grouped(rows, str)
+    groups, single = grouped(rows, _kind), grouped(rows, str)
     columns = (
         *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),
         *("errors found", "missed of those below 80 %", "accused of those above 87 %"),
     )
     shown = [[*key, *_summed(group)] for key, group in groups.items()]
-    return f"{markdown(columns, shown)}\n\n{_goal(rows, single, 'below')}\n{_goal(rows, single, 'above')}"
+    return f"{markdown(columns, shown)}\n\n{goal(rows, single, 'below')}\n{goal(rows, single, 'above')}"
 
 
-def _grouped(rows: list[dict[str, Any]], name: Callable[[str], str]) -> Groups:
+def grouped(rows: list[dict[str, Any]], name: Callable[[str], str]) -> Groups:
+    """Runs by the name of their model, and by filter."""
     groups: Groups = {}
     for row in rows:
         groups.setdefault((name(row["model"]), row["filter"]), []).append(row)
@@ -71,7 +72,7 @@ def _span(values: list[float], digits: int) -> str:
     return f"{statistics.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
-def _goal(rows: list[dict[str, Any]], groups: Groups, side: str) -> str:
+def goal(rows: list[dict[str, Any]], groups: Groups, side: str) -> str:
     """Whether no run is missed, or none accused, and which are."""
     below = side == "below"
     fault = missed if below else accused

@@ -19,6 +19,7 @@ from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.infer import infer, smooth
+from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.results import provenance
 
@@ -85,9 +86,10 @@ def smoothed(found: Filtered, options: Mapping[str, Any], progress: Any) -> xr.D
     collect = collect_draws(found.model, max_draws=options["max_draws"])
     key, attrs = jax.random.key(options["seed"]), {"smoother": options["smooth"]}
     try:
-        return diagnose(smooth(found.result, smoother, key, found.inputs, collect=collect, attrs=attrs))
+        result = smooth(found.result, smoother, key, found.inputs, collect=collect, attrs=attrs)
     except ValueError as error:
         raise InputError(str(error), field="--smooth") from error
+    return diagnose(check_posterior(result, found.model, jax.random.fold_in(key, 1), found.inputs))
 
 
 def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from poseppl.diagnostics.diagnosis import diagnose as diagnose, root_index as ro
 from poseppl.diagnostics.forecasts import (
     ForecastScore as ForecastScore,
     HindcastScore as HindcastScore,
+    add_hindcasts as add_hindcasts,
     crps as crps,
     score_forecast as score_forecast,
     score_hindcasts as score_hindcasts,

@@ -25,6 +25,9 @@ from poseppl.diagnostics.calibration import LEVELS, Coverage, coverage, inside_i
 from poseppl.errors import InputError
 from poseppl.runs.contents import group_of
 
+HINDCAST_LEVEL = 0.9
+"""Nominal probability of the intervals of forecasts from all frames."""
+
 
 class ForecastScore(NamedTuple):
     """How well a forecast foretold one data site.
@@ -89,11 +92,13 @@ class HindcastScore(NamedTuple):
         crps: Mean score (H,), in the data's units, over starts and entries.
         crps_error: Its standard errors (H,), by batches of neighbouring starts.
         coverage: Coverage of the central 90 % intervals at each lead.
+        overall: Their coverage over all leads.
     """
 
     crps: Floats
     crps_error: Floats
     coverage: tuple[Coverage, ...]
+    overall: Coverage
 
 
 def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, HindcastScore]:
@@ -110,16 +115,50 @@ def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, Hin
     scores = {}
     for name, drawn in predicted.data_vars.items():
         observed = np.asarray(result["observed_data"].dataset[name].values, float)
-        parts, covered = [], []
+        parts, covered, all_inside, all_seen = [], [], [], []
         for lead in leads:
             draws, true = drawn.sel(lead=lead).values, observed[lead : lead + starts]
             each = crps(draws.reshape(-1, *true.shape), true).reshape(starts, -1)
             seen = np.isfinite(each)
             parts.append(ratio_interval(np.where(seen, each, 0.0).sum(1), seen.sum(1)))
-            covered.append(coverage(inside_interval(draws, true, 0.9), 0.9, valid=np.isfinite(true)))
+            all_inside.append(inside_interval(draws, true, HINDCAST_LEVEL))
+            all_seen.append(np.isfinite(true))
+            covered.append(coverage(all_inside[-1], HINDCAST_LEVEL, valid=all_seen[-1]))
+        overall = coverage(np.stack(all_inside, 1), HINDCAST_LEVEL, valid=np.stack(all_seen, 1))
         means, errors = (np.array([part[column] for part in parts]) for column in range(2))
-        scores[str(name)] = HindcastScore(means, errors, tuple(covered))
+        scores[str(name)] = HindcastScore(means, errors, tuple(covered), overall)
     return scores
+
+
+def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
+    """Add the scores of forecasts from all frames to the result that they start from, for verdicts and report.
+
+    Args:
+        result: The result.
+        predicted: What :func:`poseppl.runs.forecasting.hindcast` made of it.
+
+    Returns:
+        The result with the group ``hindcasts`` (a shallow copy): ``crps``, ``crps_error``, ``coverage`` and ``coverage_se``
+        (site, lead), ``overall`` and ``overall_se`` (site,), those of all leads.
+    """
+    scores = score_hindcasts(predicted, result)
+    shares = [[each.estimate for each in score.coverage] for score in scores.values()]
+    errors = [[each.standard_error for each in score.coverage] for score in scores.values()]
+    by_lead = {
+        "crps": [score.crps for score in scores.values()],
+        "crps_error": [score.crps_error for score in scores.values()],
+        "coverage": shares,
+        "coverage_se": errors,
+    }
+    by_site = {
+        "overall": [score.overall.estimate for score in scores.values()],
+        "overall_se": [score.overall.standard_error for score in scores.values()],
+    }
+    data = {name: (("site", "lead"), np.array(values)) for name, values in by_lead.items()}
+    data |= {name: (("site",), np.array(values)) for name, values in by_site.items()}
+    added = result.copy()
+    added["hindcasts"] = xr.DataTree(xr.Dataset(data, {"site": list(scores), "lead": predicted["lead"].values}))
+    return added
 
 
 def crps(draws: ArrayLike, data: ArrayLike) -> Floats:

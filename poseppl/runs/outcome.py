@@ -16,7 +16,7 @@ from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
 from poseppl.smoothers.base import History
 
-_KEPT = ("observed_data", "truth", "camera", "body", "inputs")
+_KEPT = ("observed_data", "truth", "camera", "body", "inputs", "predictive")
 """Groups of a filter's result that its smoothing has, too."""
 
 
@@ -84,7 +84,8 @@ def smoothed_result(
 
     Args:
         run: The smoothing.
-        filtered: The result of the filter; of its statistics ``log_evidence`` and ``failed`` are kept.
+        filtered: The result of the filter; ``log_evidence`` and ``failed`` of its statistics are kept, and as group
+            ``filtered`` its moments and ``ess``.
         attrs: Provenance of the smoothing.
         observations: The data that were smoothed; those of the filter's result if None.
     """
@@ -98,9 +99,12 @@ def smoothed_result(
         rate=filtered.attrs.get("rate"),
         attrs={name: value for name, value in told.items() if value is not None},
     )
-    return smoothed.assign(
-        {name: filtered[name] for name in _KEPT if name in filtered.children and name not in smoothed.children}
-    )
+    before = xr.Dataset(
+        {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
+        | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
+    ).drop_vars("quantile", errors="ignore")
+    kept = {name: filtered[name] for name in _KEPT if name in filtered.children and name not in smoothed.children}
+    return smoothed.assign({**kept, "filtered": xr.DataTree(before)})
 
 
 def history_of_result(tree: xr.DataTree) -> History:

@@ -21,7 +21,10 @@ group                        variables
                              the standard deviations of the random walk's step to each frame, mm and radians
 ``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:
                              ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
-                             ``chi_square`` and ``chi_square_transform`` (frame,)
+                             ``chi_square`` and ``chi_square_transform`` (frame,); of a smoothed result those of its filter
+``filtered``                 of a smoothed result its filter's ``state_mean``, ``state_sd`` and ``ess``
+``hindcasts``                added by :func:`poseppl.diagnostics.add_hindcasts`
+``posterior_checks``         added by :func:`poseppl.runs.posterior_checks.check_posterior`
 ``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
 ===========================  =================================================================================================
 

@@ -91,7 +91,7 @@ class Smoother:
     @property
     def provenance(self) -> dict[str, Any]:
         """Attributes of a result that tell of the smoother, for those who judge it."""
-        return {"closed form": self.closed_form}
+        return {"closed form": self.closed_form, "joint": self.joint}
 
 
 def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> History:

@@ -7,8 +7,10 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from poseppl.diagnostics.forecasts import crps, score_forecast, score_hindcasts
+from poseppl.diagnostics import verdicts
+from poseppl.diagnostics.forecasts import add_hindcasts, crps, score_forecast, score_hindcasts
 from poseppl.errors import InputError
+from poseppl.runs.results import Names, build_result
 
 
 def test_scores_are_those_of_the_exact_predictive_distribution():
@@ -72,3 +74,19 @@ def test_hindcasts_are_scored_by_the_frames_that_they_foretell():
     assert [each.trials for each in score.coverage] == [29, 29] and score.coverage[1].estimate == 0.0 < score.coverage[
         0
     ].estimate
+
+
+@pytest.mark.parametrize(("step", "severity"), [(1.0, None), (0.3, "error"), (4.0, "warning")])
+def test_a_model_of_the_wrong_step_is_told_by_its_forecasts(step, severity):
+    """A random walk of steps of 1 that is seen without noise, forecast as one of other steps, up to four frames ahead."""
+    rng = np.random.default_rng(5)
+    frames, horizon = 204, 4
+    walk = rng.standard_normal((frames, 2)).cumsum(0)
+    starts = frames - horizon
+    moves = step * rng.standard_normal((1, 200, starts, horizon, 2)).cumsum(3)
+    dims = ("chain", "draw", "start", "lead", "entry")
+    predicted = xr.Dataset({"y": (dims, walk[:starts, None] + moves)}, {"start": range(starts), "lead": range(1, horizon + 1)})
+    result = build_result(state=rng.standard_normal((2, 50, frames, 1)), names=Names(("x",)), observed={"y": walk})
+    told = [each for each in verdicts(add_hindcasts(result, predicted)) if "forecasts of y" in each.text]
+    assert [each.severity for each in told] == ([] if severity is None else [severity])
+    assert all("1 to 4 frames ahead" in each.text for each in told)

@@ -20,11 +20,13 @@ from poseppl.diagnostics.verdicts.chains import (
     rejection,
 )
 from poseppl.diagnostics.verdicts.coverage import coverage
+from poseppl.diagnostics.verdicts.forecasts import forecasts
 from poseppl.diagnostics.verdicts.particles import degeneracy
 from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
 from poseppl.diagnostics.verdicts.prior import learned_prior
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
+from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.diagnostics.verdicts.steps import estimated_steps
 from poseppl.diagnostics.verdicts.unreached import check_unreached as check_unreached, unreached
 from poseppl.diagnostics.verdicts.validity import failures, missing
@@ -51,6 +53,8 @@ CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     rejection,
     prediction,
     unreached,
+    smoothing,
+    forecasts,
     coverage,
     missing,
 )

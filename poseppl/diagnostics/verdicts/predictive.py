@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
+from poseppl.diagnostics.smoothing import fits_model
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
 from poseppl.runs.contents import group_of
 from poseppl.runs.predictive import Prediction
@@ -27,7 +28,12 @@ def prediction(tree: xr.DataTree) -> list[Verdict]:
     if told is not None:
         return [Verdict(INFO, f"Predictive checks are {told}.")]
     checks = prediction_of(tree)
-    return [] if checks is None else check_predictions(checks)
+    found = [] if checks is None else check_predictions(checks)
+    if "smoother" not in provenance(tree):
+        return found
+    # a smoother that is not bound to the filter's particles may be right where the filter is not
+    let_be = fits_model(tree)
+    return [Verdict(WARNING if let_be else each.severity, f"Of the filter that was smoothed: {each.text}") for each in found]
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:

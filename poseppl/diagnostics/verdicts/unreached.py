@@ -14,6 +14,7 @@ from poseppl.diagnostics.verdicts.predictive import INFLATION_HIGH, OVER_CONFIDE
 from poseppl.diagnostics.verdicts.verdict import ERROR, Verdict, statistic
 from poseppl.runs.contents import names_of
 from poseppl.runs.predictive import Prediction
+from poseppl.runs.results import provenance
 
 MAX_NAMED = 4
 
@@ -21,6 +22,8 @@ MAX_NAMED = 4
 def unreached(tree: xr.DataTree) -> list[Verdict]:
     """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
     prediction, ess = prediction_of(tree), statistic(tree, "ess")
+    if "smoother" in provenance(tree):  # whose posterior knows more than the prediction's data
+        return []
     if prediction is None or prediction.explained is None or ess is None:
         return []
     summary = tree["summary"].dataset

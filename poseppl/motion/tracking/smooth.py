@@ -17,6 +17,7 @@ from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
 from poseppl.runs.contents import frame_numbers
 from poseppl.runs.outcome import history_of_result, smoothed_result
+from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.results import provenance
 from poseppl.runs.smoothing import run_smoother
 
@@ -92,4 +93,8 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         "smoother seed": settings.seed,
         "versions": versions(),
     }
-    return diagnose(smoothed_result(run, tree, attrs))
+    result = smoothed_result(run, tree, attrs)
+    if lasting or problem.pose is not None:  # the smoother's state is not that of the result
+        return diagnose(result)
+    key = jax.random.fold_in(jax.random.key(settings.seed), 1)
+    return diagnose(check_posterior(result, problem.model, key, problem.inputs, data=problem.observations))

@@ -1,0 +1,110 @@
+r"""Figures of a smoothed result without a truth: its draws against the model, and its moments against the filter's.
+
+Of a smoother and a model that are right, squared residuals of the data and squared steps of the draws are on average what the
+model expects (:mod:`poseppl.runs.posterior_checks`). Of a smoother and a filter that are right, means m and variances P obey
+
+    E[(m_s - m_f)^2] = P_f - P_s
+
+(law of total variance, given the data that the filter knew), whatever their distributions. Where the smoothed means lie
+farther from the filter's than this, or nearer, by D = sum (m_s - m_f)^2 - (P_f - P_s), the smoothed means err by more than they
+claim, or the variance is smaller than what the later data can have left. Coordinates are weighed by their filtered variance,
+and what the Monte Carlo errors of both means add to D is taken off.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from poseppl.arrays import Floats
+from poseppl.diagnostics.batches import Interval, ratio_interval
+from poseppl.runs.contents import variable
+from poseppl.runs.posterior_checks import GROUP
+
+RESIDUAL_HIGH = 1.2
+"""Squared residuals of the data over what is expected, from which they are wrong; most of them is noise, not error."""
+STEPS_HIGH = 1.4
+"""Squared steps over what is expected, from which they are wrong."""
+UNKNOWN = Interval(float("nan"), float("nan"), float("nan"))
+
+
+class SmoothingFigures(NamedTuple):
+    """Figures of a sequence; NaN where a result does not tell.
+
+    Attributes:
+        data: Squared residuals of the data over what the draws expect; 1 is right.
+        steps: Squared steps of the draws over what the transition expects; 1 is right.
+        distance: D over the smoothed variance; 0 is right, 1 is as much again.
+    """
+
+    data: Interval
+    steps: Interval
+    distance: Interval
+
+
+def smoothing_figures(tree: xr.DataTree) -> SmoothingFigures:
+    """Sum the checks of a smoothed result up."""
+    return SmoothingFigures(_data(tree), _steps(tree), _distance(tree))
+
+
+def exceeds(ratio: Interval, bound: float) -> bool:
+    """Whether a ratio is above a bound, and above 1 by its interval."""
+    return bool(np.isfinite(ratio.half_width) and ratio.estimate > bound and ratio.estimate - ratio.half_width > 1)
+
+
+def fits_model(tree: xr.DataTree) -> bool:
+    """Whether smoothed trajectories are known to be draws of the model: data and steps are both as expected."""
+    figures = smoothing_figures(tree)
+    known = np.isfinite(figures.data.half_width) and np.isfinite(figures.steps.half_width)
+    return bool(known) and not (exceeds(figures.data, RESIDUAL_HIGH) or exceeds(figures.steps, STEPS_HIGH))
+
+
+def _data(tree: xr.DataTree) -> Interval:
+    square, seen = (variable(tree, GROUP, name) for name in ("data_square", "data_seen"))
+    if square is None or seen is None:
+        return UNKNOWN
+    counts = seen > 0
+    return ratio_interval((square * seen)[counts], seen[counts])
+
+
+def _steps(tree: xr.DataTree) -> Interval:
+    square, expected = (variable(tree, GROUP, f"step_{name}") for name in ("square", "expected"))
+    if square is None or expected is None:
+        return UNKNOWN
+    ratio = _weighed(square[1:], expected[1:], expected[1:].mean(axis=0))
+    # half of both squares is that of the draw of the transition that they share
+    doubled = ratio._replace(standard_error=2 * ratio.standard_error, half_width=2 * ratio.half_width)
+    return doubled._replace(estimate=2 * ratio.estimate - 1)
+
+
+def _distance(tree: xr.DataTree) -> Interval:
+    before, spread_before, draws_before = (variable(tree, "filtered", name) for name in ("state_mean", "state_sd", "ess"))
+    mean, spread = (variable(tree, "summary", f"state_{name}") for name in ("mean", "sd"))
+    draws = variable(tree, "sample_stats", "ess")
+    if before is None or spread_before is None or mean is None or spread is None:
+        return UNKNOWN
+    variance_before, variance = np.square(spread_before, dtype=float), np.square(spread, dtype=float)
+    error = variance_before / _effective(draws_before) + variance / _effective(draws)
+    distance = np.square(mean - before, dtype=float) - (variance_before - variance) - error
+    # in the last frame both know the same
+    return _weighed(distance[:-1], variance[:-1], variance_before.mean(axis=0))
+
+
+def _effective(draws: Floats | None) -> Floats:
+    """Effective numbers (T, 1), infinite where they are not told."""
+    if draws is None:
+        return np.full((1, 1), np.inf)
+    numbers: Floats = np.maximum(np.nan_to_num(np.asarray(draws, np.float64), nan=np.inf), 1.0)
+    return numbers[:, None]
+
+
+def _weighed(numerator: Floats, denominator: Floats, scale: Floats) -> Interval:
+    """Sum over sum of (frame, dof), each coordinate in units of its scale (dof,); those without are left out."""
+    free = np.isfinite(scale) & (scale > 0)
+    if not free.any():
+        return UNKNOWN
+    above, below = ((part[:, free] / scale[free]).sum(axis=1) for part in (numerator, denominator))
+    known = np.isfinite(above) & np.isfinite(below)
+    return ratio_interval(above[known], below[known])
