@@ -13,7 +13,7 @@ True
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -154,7 +154,7 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
         "overall": [score.overall.estimate for score in scores.values()],
         "overall_se": [score.overall.standard_error for score in scores.values()],
     }
-    data = {name: (("site", "lead"), np.array(values)) for name, values in by_lead.items()}
+    data: dict[str, Any] = {name: (("site", "lead"), np.array(values)) for name, values in by_lead.items()}
     data |= {name: (("site",), np.array(values)) for name, values in by_site.items()}
     added = result.copy()
     added["hindcasts"] = xr.DataTree(xr.Dataset(data, {"site": list(scores), "lead": predicted["lead"].values}))
