@@ -1,21 +1,21 @@
 """Pages of one HTML file that holds its style, data and scripts, and opens without a network.
 
 What comes from results is escaped: by Jinja2 in the templates, in the data by the page's script before Plotly reads a text.
-A browser runs no script but the page's own two, which it knows by their hashes, and fetches nothing (content security policy).
+A browser runs no script but the page's own, which it knows by their hashes, and fetches nothing (content security policy).
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
-import json
 from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.graph_objects import Figure
 from plotly.offline import get_plotlyjs
+
+from poseppl.report.page_data import to_json
 
 DASH = "–"
 
@@ -40,23 +40,6 @@ def shown(value: Any, form: str = "") -> str:
     return f"{float(f'{value:.3g}'):,.0f}" if abs(value) >= 100 else f"{value:.2g}"
 
 
-def to_json(value: object) -> str:
-    """JSON of charts and plain data, arrays as nested lists of five significant figures, null for what is not finite."""
-    return json.dumps(value, default=_plain, separators=(",", ":"), allow_nan=False)
-
-
-def _plain(values: Any) -> Any:
-    if isinstance(values, Figure):
-        layout = values.layout.to_plotly_json()
-        del layout["template"]  # the page has its own
-        return {"data": [trace.to_plotly_json() for trace in values.data], "layout": layout}
-    if isinstance(values, np.ndarray) and values.dtype.kind == "f":
-        if values.ndim > 1:
-            return [_plain(row) for row in values]
-        return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
-    return values.tolist()
-
-
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("poseppl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     made.filters["shown"] = shown
@@ -79,8 +62,8 @@ def page_html(template: str, **content: Any) -> str:
     """
     loader = ENVIRONMENT.loader
     assert loader is not None
-    style, own = (loader.get_source(ENVIRONMENT, name)[0] for name in ("page.css", "page.js"))
-    scripts = [get_plotlyjs(), own]
+    style, *own = (loader.get_source(ENVIRONMENT, name)[0] for name in ("page.css", "page.js", "poses.js"))
+    scripts = [get_plotlyjs(), *own]
     hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
     known = " ".join(f"'sha256-{value}'" for value in hashes)
     policy = f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'"

@@ -22,7 +22,7 @@ BAND = "#cfe6ee"
 GRID = "#e7e9ec"
 TEXT = "#22262b"
 MUTED = "#69727d"
-MODES = ("#b3367e", "#d9822b", "#7a5195", "#5a9e4b")
+MODES = ("#882255", "#e69f00", "#44aa99", "#d6b0d8")
 
 
 class Picture(Figure):

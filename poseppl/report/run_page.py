@@ -5,6 +5,8 @@ Bounded in size for any length of sequence: the slider shows at most 120 frames 
 
 from __future__ import annotations
 
+from typing import Any
+
 import xarray as xr
 
 from poseppl.diagnostics import verdicts
@@ -19,6 +21,7 @@ from poseppl.report.charts import charts
 from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
 from poseppl.report.page import page_html
 from poseppl.report.pose_data import pose_data
+from poseppl.report.site_charts import data_charts, site_charts
 from poseppl.report.tables import cards, error_table, inefficiency_table, settings_table, worst_frames_table
 from poseppl.runs.results import is_weighted, provenance
 
@@ -42,7 +45,9 @@ def report_html(tree: xr.DataTree) -> str:
     whole = diagnosed(tree)
     drawn, poses, known, modes = charts(whole), pose_data(whole), provenance(whole), modes_over_time(whole)
     doubts, errors = doubts_of(whole), image_errors(whole)
-    besides = {"modes": mode_chart(modes), "residuals": residual_chart(whole, errors), "joints": joint_charts(whole)}
+    own = "body" not in whole.children
+    besides: dict[str, Any] = {"data": data_charts(whole) if own else {}, "coordinates": site_charts(whole) if own else {}}
+    besides |= {"modes": mode_chart(modes), "residuals": residual_chart(whole, errors), "joints": joint_charts(whole)}
     drawn |= {name: each for name, each in besides.items() if each}
     if poses is not None and poses["space"] is not None:
         poses["space"]["ghosts"] = ghosts(modes, poses["frames"])
@@ -56,6 +61,8 @@ def report_html(tree: xr.DataTree) -> str:
         charts=drawn,
         poses=poses,
         found=verdicts(whole),
+        own=own,
+        predicted="posterior_predictive" in whole.children,
         known="truth" in whole.children,
         weighted=is_weighted(whole),
         errors=error_table(whole),

@@ -17,6 +17,8 @@ group                        variables
 ``truth``                    where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``                   the calibration, one row a camera
 ``body``                     ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
+``flesh``                    of bodies with flesh: where its parts are at the mean states, see
+                             :func:`poseppl.motion.tracking.flesh_places.with_flesh`
 ``inputs``                   what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof),
                              the standard deviations of the random walk's step to each frame, mm and radians
 ``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:

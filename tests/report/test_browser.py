@@ -36,7 +36,7 @@ def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     driver.execute_script(_MOVE, 3)
     assert driver.execute_script("return document.getElementById('frame').textContent") == "frame 13"
     traces, before, width = driver.execute_script(_SPACE)
-    assert traces == 4, "draws, mean, joints and truth"
+    assert traces == 5, "draws, mean, joints, truth and floor"
     assert width == 20 * 14 * 3
     edges = tree["body/edges"].values
     np.testing.assert_allclose(before, tree["summary/markers_mean"].values[3, edges.ravel(), 0], atol=0.51)
@@ -95,7 +95,7 @@ def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
 def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, arguments: dict[str, Any]) -> None:
     write_report(synthetic_result(**arguments), tmp_path / "report.html")
     open_page(driver, tmp_path / "report.html")
-    assert driver.execute_script("return document.getElementById('space').data.length") == 3 + ("weighted" not in arguments)
+    assert driver.execute_script("return document.getElementById('space').data.length") == 4 + ("weighted" not in arguments)
     assert errors(driver) == []
 
 

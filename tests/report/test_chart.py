@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
+from page_reading import decoded
 from synthetic import synthetic_result, two_sided_result
 
 from poseppl import report
@@ -13,14 +12,32 @@ from poseppl.diagnostics.modes import modes_over_time
 from poseppl.report.chart import Panel, band, grid, line, log_ticks, stack
 from poseppl.report.charts import charts
 from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
-from poseppl.report.page import to_json
+from poseppl.report.page_data import to_json
 
 X = np.arange(3)
 
 
-def test_numbers_of_a_page_are_short_and_what_is_not_finite_is_null() -> None:
+def test_short_arrays_are_short_numbers_and_what_is_not_finite_is_null() -> None:
     given = {"a": np.array([[1.23456789, np.nan], [-np.inf, 123456.7]]), "n": np.arange(2), "i": np.int64(3)}
-    assert json.loads(to_json(given)) == {"a": [[1.2346, None], [None, 123460.0]], "n": [0, 1], "i": 3}
+    assert decoded(to_json(given)) == {"a": [[1.2346, None], [None, 123460.0]], "n": [0, 1], "i": 3}
+
+
+def test_long_arrays_are_there_once_and_within_half_a_step() -> None:
+    values = np.random.default_rng(0).normal(1000.0, 300.0, (40, 5, 3))
+    values[3, 2, 1] = np.nan
+    frames = np.arange(7, 47)
+    text = to_json({"a": values, "again": values.copy(), "x": frames, "short": frames[:3]})
+    assert len(text) < 2 * (4 / 3) * (values.size + frames.size) + 300
+    read = decoded(text)
+    found = np.array(read["a"], float)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(values))
+    np.testing.assert_allclose(found, values, atol=0.51 * np.ptp(values[np.isfinite(values)]) / 65_534)
+    assert read["again"] == read["a"] and read["x"] == frames.tolist() and read["short"] == [7, 8, 9]
+
+
+def test_what_may_be_on_a_logarithmic_scale_keeps_five_figures() -> None:
+    values = np.geomspace(1e-7, 1e3, 50)
+    np.testing.assert_allclose(decoded(to_json({"y": values}))["y"], values, rtol=1e-4)
 
 
 def test_pictures_draw_the_charts_of_the_page() -> None:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import csv
-import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from page_reading import data_of
 from same_data import run_on, scene
 
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
 from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps
-from poseppl.report.page import shown, to_json
+from poseppl.report.page import shown
+from poseppl.report.page_data import to_json
 from poseppl.report.variance_charts import variance_charts
 
 DATA = scene(num_frames=20)
@@ -32,12 +32,6 @@ def comparison() -> xr.DataTree:
         "wrong": run_on(DATA, method="particle", weighted=40.0, shift=6.0),
     }
     return compare(runs)
-
-
-def _data(page: str, name: str) -> Any:
-    found = re.search(f'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
-    assert found
-    return json.loads(found.group(1))
 
 
 def _row(page: str, first: str) -> list[str]:
@@ -62,7 +56,7 @@ def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataT
     page = comparison_html(comparison)
     assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
     assert _row(page, "wrong").count("–") == 3, "rejection, R-hat and evidence"
-    tau = _data(page, "charts-data")["heat"]["inefficiency factor τ"]
+    tau = data_of(page, "charts-data")["heat"]["inefficiency factor τ"]
     assert all(value is None for line in tau["data"][2]["customdata"] for value in line)
     assert tau["data"][3]["name"] == "wrong (miscalibrated)"
     told = [note["text"] for note in tau["layout"]["annotations"] if note["xref"] == "x3 domain"]

@@ -1,23 +1,17 @@
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_reading import data_of, decoded
 from synthetic import synthetic_result
 
 from poseppl.report import report_html, write_report
-from poseppl.report.page import to_json
+from poseppl.report.page_data import to_json
 from poseppl.report.pose_data import pose_data
 from poseppl.runs.results import Names, build_result
-
-
-def _data(page: str, name: str) -> object:
-    found = re.search(f'<script type="application/json" id="{name}">(.*?)</script>', page, re.S)
-    assert found
-    return json.loads(found.group(1))
 
 
 def test_one_file_without_a_network(tmp_path: Path) -> None:
@@ -57,7 +51,7 @@ def test_provenance_and_verdicts_are_told() -> None:
 )
 def test_every_kind_of_result_has_a_report(arguments: dict[str, int]) -> None:
     page = report_html(synthetic_result(**arguments))  # type: ignore[arg-type]
-    charts = _data(page, "charts-data")
+    charts = data_of(page, "charts-data")
     assert isinstance(charts, dict)
     assert ("coverage" in charts) == (arguments.get("with_truth", True) and arguments.get("num_draws") != 1)
     for name in charts:
@@ -71,9 +65,9 @@ def test_a_model_without_a_body_has_a_report() -> None:
     assert "<h1>Posterior of a state-space model</h1>" in page
     tree.attrs["model"] = '"a cart"'
     assert "<h1>a cart</h1>" in report_html(tree)
-    assert _data(page, "pose-data") is None
+    assert data_of(page, "pose-data") is None
     assert "<h2>Poses</h2>" not in page
-    assert list(_data(page, "charts-data")["coordinates"]) == ["level", "slope"]  # type: ignore[index]
+    assert list(data_of(page, "charts-data")["coordinates"]) == ["level", "slope"]  # type: ignore[index]
 
 
 def test_values_that_are_not_finite_become_null() -> None:
@@ -97,11 +91,11 @@ def test_rounding_keeps_the_poses() -> None:
     tree = synthetic_result(num_frames=5)
     poses = pose_data(tree)
     assert poses is not None
-    shown = json.loads(to_json(poses))
+    shown = decoded(to_json(poses))
     np.testing.assert_allclose(shown["space"]["mean"], tree["summary/markers_mean"], atol=0.51)
     np.testing.assert_allclose(poses["space"]["truth"], tree["truth/markers"], atol=0.51)
     mean = tree["posterior/points"].values.mean(axis=(0, 1))
     np.testing.assert_allclose(poses["image"]["mean"], mean, atol=1e-3 * np.ptp(mean[..., 1]))
     seen = tree["observed_data/points"].values
-    assert json.loads(to_json(poses))["image"]["observed"][2][0][3] == [None, None]
+    assert decoded(to_json(poses))["image"]["observed"][2][0][3] == [None, None]
     np.testing.assert_allclose(poses["image"]["observed"][0], seen[0], atol=1e-3 * np.ptp(mean[..., 1]))

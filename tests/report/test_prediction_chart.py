@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import re
-
 import numpy as np
 import pytest
+from page_reading import data_of
 from synthetic import predicted_result, synthetic_result
 
 from poseppl.report import report_html
@@ -34,9 +32,7 @@ def test_the_report_shows_it_where_there_are_checks() -> None:
     transform = np.random.default_rng(1).uniform(size=(12, 5))
     page = report_html(predicted_result(transform))
     assert "<h2>Predictions</h2>" in page and 'id="chart-predictions"' in page
-    found = re.search('<script type="application/json" id="charts-data">(.*?)</script>', page, re.S)
-    assert found
-    bars = json.loads(found[1])["predictions"]["data"][0]
+    bars = data_of(page, "charts-data")["predictions"]["data"][0]
     counts = np.histogram(transform, 10, (0, 1))[0]
     np.testing.assert_allclose(bars["y"], 100 * counts / 60, rtol=1e-3)
     np.testing.assert_allclose(bars["x"], np.arange(0.05, 1, 0.1), rtol=1e-6)

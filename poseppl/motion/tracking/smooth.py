@@ -10,6 +10,7 @@ import xarray as xr
 
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
+from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
 from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
@@ -93,7 +94,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         "smoother seed": settings.seed,
         "versions": versions(),
     }
-    result = smoothed_result(run, tree, attrs)
+    result = with_flesh(smoothed_result(run, tree, attrs), problem)
     if lasting or problem.pose is not None:  # the smoother's state is not that of the result
         return diagnose(result)
     key = jax.random.fold_in(jax.random.key(settings.seed), 1)

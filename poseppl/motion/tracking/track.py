@@ -16,6 +16,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -232,7 +233,7 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
         "lengths": {name: round(float(value), 6) for name, value in body.lengths.items()},
         "residual_mm": scene.residual,
     }
-    return build_result(
+    result = build_result(
         **{**parts, "attrs": {**attrs, **told, **parts["attrs"]}},
         names=Names(names, tree.marker_names, scene.camera_names),
         observed=scene.data.observed(scene.body),
@@ -244,6 +245,7 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
         frames=scene.frames,
         rate=scene.rate,
     )
+    return with_flesh(result, problem)
 
 
 def versions() -> dict[str, str]:
