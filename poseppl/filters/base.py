@@ -4,8 +4,10 @@
     step(rng_key, state, observation, inputs) -> (state, info)      each later frame
 
 A state is a NamedTuple that carries no key and has at least `particles` and `log_weights`: (N, d) and (N,) for particle
-filters, (M, R, d) and zeros (M, R) for M chains of R draws. Everything that changes between frames is an argument, so one
-compilation of `step` serves a sequence of any length. `inputs` follows the time convention of `poseppl.program`.
+filters, (M, R, d) and zeros (M, R) for M chains of R draws. One that knows the moments of the flat state has them as
+`marginals`; a result's means, standard deviations and quantiles are then of these, not of draws. Everything that changes
+between frames is an argument, so one compilation of `step` serves a sequence of any length. `inputs` follows the time
+convention of `poseppl.program`.
 """
 
 from __future__ import annotations

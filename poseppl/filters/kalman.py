@@ -24,6 +24,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import Method, condition, linearise, linearise_about, predict
+from poseppl.gaussians.marginals import Marginals, gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 
@@ -42,6 +43,11 @@ class KalmanState(NamedTuple):
     log_weights: Array
     posterior: Gaussian
     started: Array
+
+    @property
+    def marginals(self) -> Marginals:
+        """Those of the Gaussian."""
+        return gaussian_marginals(*self.posterior)
 
 
 @built_once

@@ -11,8 +11,8 @@ moments are matched: unlike the switching filter's (:mod:`poseppl.filters.switch
 particles, and the evidence is unbiased, where programs are linear and Gaussian given the finite sites. Where they are not they
 are linearised, as by an extended Kalman filter, and the limit is that approximation.
 
-Which sites are finite, and what is left given them, is read from the program. States that are told are draws, one of each
-Gaussian; :func:`site_probabilities` tells probabilities.
+Which sites are finite, and what is left given them, is read from the program. Means and quantiles are those of the mixture;
+particles are draws, one of each Gaussian.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from poseppl.filters.hidden_markov import integer_bounds
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import first_order, predict
+from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
 from poseppl.particles.stacks import rows_of
@@ -50,11 +51,13 @@ class CollapsedState(NamedTuple):
         particles: Flat states (N, d): the finite values, and a draw from the Gaussian.
         log_weights: Normalised log-weights (N,).
         real: Means (N, r) and covariances (N, r, r) of the real coordinates.
+        marginals: The mixture of all particles' Gaussians.
     """
 
     particles: Array
     log_weights: Array
     real: Gaussian
+    marginals: Marginals
 
 
 @built_once
@@ -122,7 +125,7 @@ def rao_blackwellised_filter(
             num_likelihood=num_particles,
             num_gradient=num_particles,
         )
-        return CollapsedState(particles, weighed.log_weights, real), info
+        return CollapsedState(particles, weighed.log_weights, real, split.marginals(weighed.log_weights, drawn, real)), info
 
     return Filter(init, step, evidence="weights")
 
@@ -169,6 +172,12 @@ class _Split(NamedTuple):
     def given(self, x: Array, before: Array, inputs: Any) -> Any:
         """Inputs of the real model, with the finite values of this frame and the one before."""
         return Clamped(inputs, x, before) if self.model.finite_sites else inputs
+
+    def marginals(self, log_weights: Array, drawn: Array, real: Gaussian) -> Marginals:
+        """Gaussians (N, r) of the real coordinates beside finite values, those of states (N, d)."""
+        variances = jnp.diagonal(real.covariance, axis1=1, axis2=2)
+        means = drawn.at[:, self.columns].set(real.mean)
+        return Marginals(log_weights, means, jnp.zeros_like(drawn).at[:, self.columns].set(variances))
 
     def check(self, which: str, inputs: Any) -> None:
         """Refuse finite sites that depend on real ones, whose values no particle has.

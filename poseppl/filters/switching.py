@@ -30,6 +30,7 @@ from poseppl.checks import check_at_least
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.conditional_proposal import conditional_model
+from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.bijector import integer_bounds
@@ -45,6 +46,7 @@ class SwitchingState(NamedTuple):
         log_masses: Log-probabilities of the K values (K,).
         means: Means of the real coordinates given each (K, r).
         scales: Square roots of their covariances (K, r, r).
+        marginals: The mixture of the Gaussians, of all coordinates.
         started: Whether there has been a frame, a boolean; before the first one the Gaussians are those of the initial program.
     """
 
@@ -53,6 +55,7 @@ class SwitchingState(NamedTuple):
     log_masses: Array
     means: Array
     scales: Array
+    marginals: Marginals
     started: Array
 
 
@@ -95,7 +98,8 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
 
     def state_of(particles: Array, masses: Array, means: Array, scales: Array, *, started: bool) -> SwitchingState:
         uniform = jnp.full(num_particles, -jnp.log(num_particles), particles.dtype)
-        return SwitchingState(particles, uniform, masses, means, scales, jnp.asarray(started))
+        marginals = switch.marginals(masses, _Gaussians(means, scales))
+        return SwitchingState(particles, uniform, masses, means, scales, marginals, jnp.asarray(started))
 
     @jax.jit  # one program instead of one for each of its operations
     def initial_state(observation: Observation, inputs: Any = None) -> SwitchingState:
@@ -175,6 +179,12 @@ class _Switch(NamedTuple):
         if self.column is None:
             return inputs
         return Clamped(inputs, jnp.zeros_like(before).at[self.column].set(value), before)
+
+    def marginals(self, log_masses: Array, gaussians: _Gaussians) -> Marginals:
+        """The mixture of the Gaussians, with their finite values."""
+        means = jax.vmap(self.state)(self.values, gaussians.means)
+        variances = jnp.sum(jnp.square(gaussians.scales), 2)
+        return Marginals(log_masses, means, jnp.zeros_like(means).at[:, self.columns].set(variances))
 
     def draw(self, rng_key: Array, count: int, log_masses: Array, gaussians: _Gaussians) -> Array:
         key_value, key_noise = jax.random.split(rng_key)

@@ -113,6 +113,18 @@ def solve_upper(factor: BlockCholesky, z: Array) -> Array:
     return jnp.concatenate([earlier, scaled[-1:]])
 
 
+def covariances(factor: BlockCholesky) -> Array:
+    """The diagonal blocks of P^(-1), (T, d, d), by S_t = W_t^T W_t + K_t^T S_(t+1) K_t."""
+    own = jnp.swapaxes(factor.inverses, 1, 2) @ factor.inverses
+
+    def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        covariance = row[0] + row[1].T @ following @ row[1]
+        return covariance, covariance
+
+    _, earlier = jax.lax.scan(back, own[-1], (own[:-1], factor.gains), reverse=True)
+    return jnp.concatenate([earlier, own[-1:]])
+
+
 def solve_lower(factor: BlockCholesky, b: Array) -> Array:
     """L^(-1) b for b (T, d)."""
 

@@ -1,8 +1,9 @@
 """Collectors of what is kept of a run, which the driver calls with every frame.
 
 Kept are a thinning of the draws and, made over all of them, their mean, standard deviation and quantiles; so the memory of a
-long run is bounded by the thinning, and its intervals do not depend on it. Extras (such as the markers of a body) are functions
-of a state, and are kept in the same way.
+long run is bounded by the thinning, and its intervals do not depend on it. Where a filter's state has
+``marginals`` (:class:`poseppl.gaussians.marginals.Marginals`), the summary of the flat state is of these, not of draws. Extras
+(such as the markers of a body) are functions of a state, and are kept in the same way.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least
+from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.quantiles import column_quantiles
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import normalise
@@ -80,38 +82,44 @@ def collect_draws(
         bent = {name: value for name, value in sites.items() if not model.sites[name].identity}
         return {**jax.vmap(lambda x: of_state(x, inputs))(states), **bent, "state": states}
 
-    def summarise(values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array]) -> dict[str, Array]:
-        summary = {f"{name}_mean": _average(value, weights) for name, value in values.items()}
+    def summarise(
+        values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array], exact: Marginals | None
+    ) -> dict[str, Array]:
+        drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
+        summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
         # Bessel's correction where draws count alike
         count = values["state"].shape[0]
         scale = count / max(count - 1, 1) if weights is None else 1.0
-        spread = {name: value for name, value in values.items() if name not in mean_only}
+        spread = {name: value for name, value in drawn.items() if name not in mean_only}
         for name, value in spread.items():
             summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
         between = _quantiles({name: sample[name] for name in spread}, levels)
-        return summary | {f"{name}_quantile": value for name, value in between.items()}
+        if exact is not None:
+            between["state"] = exact.quantiles(levels)
+            summary |= {"state_mean": exact.mean, "state_sd": exact.standard_deviation}
+        summary |= {f"{name}_quantile": value for name, value in between.items()}
+        of_states = (values["state"], weights) if exact is None else (exact.means, jnp.exp(exact.log_weights))
+        return summary | summary_of_sites(model, summary, *of_states)
 
-    def told(
-        kept: dict[str, Array], summary: dict[str, Array], values: Mapping[str, Array], weights: Array | None, inputs: Any
-    ) -> Draws:
+    def told(kept: dict[str, Array], summary: dict[str, Array], inputs: Any) -> Draws:
         state = kept.pop("state")
         flat = sites_of(model, state.reshape(-1, model.dimension), inputs)
         sites = {name: value.reshape(*state.shape[:2], *value.shape[1:]) for name, value in flat.items()}
         extras = {name: value for name, value in kept.items() if name not in sites}
-        return Draws(state, sites, extras, {**summary, **summary_of_sites(model, summary, values["state"], weights)})
+        return Draws(state, sites, extras, summary)
 
     def of_chains(rng_key: Array, state: Any, inputs: Any) -> Draws:
         chains, length, dimension = state.particles.shape
         even = state.particles[systematic(rng_key, state.log_weights[:, 0], chains)]
         values = values_of(even.reshape(chains * length, dimension), inputs)
-        summary = summarise(values, None, values)
+        summary = summarise(values, None, values, getattr(state, "marginals", None))
         every = -(-length // max_draws)
         kept = {
             name: value.reshape(chains, length, *value.shape[1:])[:, (length - 1) % every :: every]
             for name, value in values.items()
             if name not in mean_only
         }
-        return told(kept, summary, values, None, inputs)
+        return told(kept, summary, inputs)
 
     def of_particles(rng_key: Array, state: Any, inputs: Any) -> Draws:
         key_sample, key_kept = jax.random.split(rng_key)
@@ -122,9 +130,10 @@ def collect_draws(
         values = values_of(states, inputs)
         chosen = systematic(key_sample, log_weights, min(_NUM_QUANTILE_DRAWS, max(states.shape[0], 1)))
         thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
-        summary = summarise(values, weights, {name: value[chosen] for name, value in values.items()})
+        sample = {name: value[chosen] for name, value in values.items()}
+        summary = summarise(values, weights, sample, getattr(state, "marginals", None))
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
-        return told(kept, summary, values, weights, inputs)
+        return told(kept, summary, inputs)
 
     def collect(rng_key: Array, state: Any, info: Any, inputs: Any) -> Draws:
         return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
@@ -138,6 +147,8 @@ def _average(values: Array, weights: Array | None) -> Array:
 
 def _quantiles(sample: Mapping[str, Array], levels: Array) -> dict[str, Array]:
     """Quantiles (levels, ...) of each array (N, ...), all of them side by side."""
+    if not sample:
+        return {}
     sizes = [value[0].size for value in sample.values()]
     together = jnp.concatenate([value.reshape(value.shape[0], -1).astype(float) for value in sample.values()], 1)
     parts = jnp.split(column_quantiles(together, levels), np.cumsum(sizes)[:-1], axis=1)

@@ -91,20 +91,20 @@ def smoothed_result(
     """
     parts, known = _parts_of_smoothing(run, arrays_of(filtered, "sample_stats")), provenance(filtered)
     told = {**known, "filter seconds": known.get("wall_seconds"), **attrs, **parts.pop("attrs")}
-    smoothed = build_result(
-        **parts,
-        names=_names(filtered),
-        observed=None if observations is None else _with_nan(observations),
-        frames=frame_numbers(filtered),
-        rate=filtered.attrs.get("rate"),
-        attrs={name: value for name, value in told.items() if value is not None},
-    )
     before = xr.Dataset(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
     ).drop_vars("quantile", errors="ignore")
-    kept = {name: filtered[name] for name in _KEPT if name in filtered.children and name not in smoothed.children}
-    return smoothed.assign({**kept, "filtered": xr.DataTree(before)})
+    kept = _KEPT if observations is None else set(_KEPT) - {"observed_data"}
+    return build_result(
+        **parts,
+        names=_names(filtered),
+        observed=None if observations is None else _with_nan(observations),
+        others={**{name: group_of(filtered, name) for name in kept if name in filtered.children}, "filtered": before},
+        frames=frame_numbers(filtered),
+        rate=filtered.attrs.get("rate"),
+        attrs={name: value for name, value in told.items() if value is not None},
+    )
 
 
 def history_of_result(tree: xr.DataTree) -> History:

@@ -11,6 +11,7 @@ group                        variables
 ``sample_stats``             one value a frame: ``log_evidence``, ``ess``, ``acceptance_rate``, ``divergences``, ...
 ``summary``                  ``state_mean``, ``state_sd``, ``state_quantile`` (frame, quantile, dof), and the same of
                              ``markers``, made over all draws or particles, where ``posterior`` may hold a thinning of them;
+                             where the algorithm knows the moments of the flat state they are these, without error of draws;
                              of a site ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
                              ``NAME_probability`` (frame, ..., NAME_value)
 ``observed_data``            ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
@@ -91,6 +92,7 @@ def build_result(
     rate: float | None = None,
     num_particles: int | None = None,
     attrs: Mapping[str, Any] | None = None,
+    others: Mapping[str, xr.Dataset] | None = None,
 ) -> xr.DataTree:
     """Assemble the result of a run.
 
@@ -114,6 +116,7 @@ def build_result(
         rate: Frames a second.
         num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
         attrs: Provenance: anything that JSON can hold.
+        others: Further groups as they are, such as those of another result.
 
     Returns:
         The tree.
@@ -135,12 +138,10 @@ def build_result(
     if observed is not None:
         data = observed if isinstance(observed, Mapping) else {"points": observed}
         groups["observed_data"] = labelled(data, ("frame",), known)
-    if truth is not None and any(part is not None for part in truth):
-        parts = {name: values for name, values in truth._asdict().items() if values is not None}
-        groups["truth"] = labelled(parts, ("frame",), known)
-    if cameras is not None:
-        parts = {name: values for name, values in cameras.items() if values is not None}
-        groups["camera"] = labelled(parts, ("camera",), known)
+    for group, leading, given in (("truth", "frame", (truth or Truth())._asdict()), ("camera", "camera", cameras or {})):
+        parts = {name: values for name, values in given.items() if values is not None}
+        if parts:
+            groups[group] = labelled(parts, (leading,), known)
     if edges is not None:
         skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
         groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
@@ -148,7 +149,7 @@ def build_result(
         groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
         groups["predictive"] = _predictive(predictive, known)
-    tree = xr.DataTree.from_dict(groups)
+    tree = xr.DataTree.from_dict(groups | dict(others or {}))
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
 

@@ -36,7 +36,7 @@ _LONGEST = 64
 _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
 _PATIENCE = 0.25
-"""Seconds of a call up to which the next one takes twice as many frames."""
+"""Seconds that a call may take where the number of its frames adapts."""
 
 
 class Progress(Protocol):
@@ -120,8 +120,9 @@ def run_filter(
         while course.stop < num_frames:
             start, began = course.stop, time.perf_counter()
             state, kept = course.advance(min(start + pace, num_frames) if start else 1)
-            if adapts and start and time.perf_counter() - began < _PATIENCE:
-                pace = min(2 * pace, length)
+            if adapts:
+                seconds = (time.perf_counter() - began) / (course.stop - start)
+                pace = min(max(int(_PATIENCE / max(seconds, 1e-9)), _SAVED), length)
             if checkpoint is not None:
                 checkpoint.save(start, course.stop, state, kept)
             if progress:

@@ -20,6 +20,7 @@ from jax import Array
 
 from poseppl.arrays import Booleans
 from poseppl.errors import PosepplError
+from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
@@ -58,6 +59,7 @@ class _Frame(NamedTuple):
 
     particles: Array
     log_weights: Array
+    marginals: Marginals | None
 
 
 def run_smoother(
@@ -125,11 +127,12 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
     tell_defined_anew(smoother, "collector", collect)
 
     def collected(rng_key: Array, smoothed: Smoothed, inputs: Any) -> Any:
-        frames = _Frame(smoothed.particles, smoothed.log_weights)
+        frames = _Frame(smoothed.particles, smoothed.log_weights, smoothed.marginals)
         key_trajectories, key_frames = jax.random.split(rng_key)
         if smoother.joint and smoothed.particles.ndim == 3:
             chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
-            frames = jax.tree.map(lambda leaf: leaf[:, None, chosen], frames)
+            particles, log_weights = (leaf[:, None, chosen] for leaf in frames[:2])
+            frames = _Frame(particles, log_weights, smoothed.marginals)
         keys = jax.random.split(key_frames, smoothed.particles.shape[0])
         return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
 

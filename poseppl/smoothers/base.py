@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.filters.base import Info
+from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
 
@@ -62,11 +63,13 @@ class Smoothed(NamedTuple):
         particles: Flat states (T, N, d), or (T, M, R, d) for M Markov chains of R draws.
         log_weights: Normalised log-weights (T, N), or zeros (T, M, R).
         info: Diagnosis.
+        marginals: Moments of every frame, with a leading T, where the smoother knows them without draws.
     """
 
     particles: Array
     log_weights: Array
     info: SmoothingInfo
+    marginals: Marginals | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian, lower_inverse
 from poseppl.gaussians.linearisation import Method, linearise_about, predict
+from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -49,24 +50,14 @@ def rauch_tung_striebel_smoother(
     check_choice(Method, linearisation=linearisation)
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
-        filtered, predicted, gains = _passes(model, observations, inputs, linearisation, num_iterations)
-        num_frames = filtered.mean.shape[0]
-        keys = jax.random.split(rng_key, num_frames)
-        last = rows_of(filtered, -1)
-        start = _draw(keys[-1], jnp.broadcast_to(last.mean, (num_draws, model.dimension)), last.covariance)
-
-        def back(later: Array, row: Any) -> tuple[Array, Array]:
-            key, (mean, covariance), ahead, gain = row
-            draws = _draw(key, mean + (later - ahead.mean) @ gain.T, covariance - gain @ ahead.covariance @ gain.T)
-            return draws, draws
-
-        earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
-        _, draws = jax.lax.scan(back, start, (keys[:-1], earlier, ahead, gains[1:]), reverse=True)
+        forward = _passes(model, observations, inputs, linearisation, num_iterations)
+        particles = _draw(rng_key, forward, num_draws)
+        num_frames = len(particles)
         info = smoothing_info(
             num_frames, jnp.asarray(num_draws), num_transition=float(num_frames), num_gradient=2.0 * num_frames
         )
-        particles = jnp.concatenate([draws, start[None]])
-        return Smoothed(particles, jnp.full(particles.shape[:-1], -jnp.log(num_draws), particles.dtype), info)
+        log_weights = jnp.full(particles.shape[:-1], -jnp.log(num_draws), particles.dtype)
+        return Smoothed(particles, log_weights, info, gaussian_marginals(*_backward(forward)))
 
     return Smoother(smooth, joint=True, closed_form=True)
 
@@ -143,9 +134,19 @@ def _forward(
     return prepend(_Forward(filtered, predicted, jnp.zeros_like(filtered.covariance)), rest)
 
 
-def _draw(rng_key: Array, means: Array, covariance: Array) -> Array:
-    """Draws around means (N, d); directions in which rounding left no variance stay where they are."""
-    values, vectors = jnp.linalg.eigh((covariance + covariance.T) / 2)
-    noise = jax.random.normal(rng_key, means.shape, means.dtype)
-    draws: Array = means + (noise * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
-    return draws
+def _draw(rng_key: Array, forward: _Forward, num_draws: int) -> Array:
+    """Draw trajectories (T, N, d); directions in which rounding left no variance stay where they are."""
+    filtered, predicted, gains = forward
+    earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
+    left = earlier.covariance - gains[1:] @ ahead.covariance @ jnp.swapaxes(gains[1:], 1, 2)
+    values, vectors = jnp.linalg.eigh(append(left, filtered.covariance[-1]))
+    noise = jax.random.normal(rng_key, (len(values), num_draws, values.shape[1]), values.dtype)
+    moved = filtered.mean[:, None] + (noise * jnp.sqrt(jnp.maximum(values, 0.0))[:, None]) @ jnp.swapaxes(vectors, 1, 2)
+
+    def back(later: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        free, mean, gain = row
+        draws = free + (later - mean) @ gain.T
+        return draws, draws
+
+    _, draws = jax.lax.scan(back, moved[-1], (moved[:-1], ahead.mean, gains[1:]), reverse=True)
+    return append(draws, moved[-1])

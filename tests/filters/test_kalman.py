@@ -10,11 +10,13 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+import scipy.stats
 from law_problems import frame, problem, run
 from oracles.kalman import kalman_filter as kalman_oracle
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
+import poseppl
 from poseppl.filters import kalman_filter
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import linearise, predict
@@ -22,6 +24,8 @@ from poseppl.program import StateSpaceModel
 from poseppl.smoothers import rauch_tung_striebel_smoother, smoothed_moments
 
 POSED = problem()
+KEY = jax.random.key(0)
+VALUES = {"y": np.where(POSED.observations.mask["y"], POSED.observations.values["y"], np.nan)}
 both = pytest.mark.parametrize("linearisation", ["first-order", "unscented"])
 
 
@@ -113,6 +117,19 @@ def test_drawn_trajectories_have_the_smoothed_moments():
     assert np.abs((draws.mean(1) - mean) / error).max() < 5
     spread = jax.vmap(lambda x: jnp.cov(x.T))(draws)
     assert np.abs(spread - covariances).max() < 5 * np.sqrt(2 / 20_000) * np.abs(covariances).max()
+
+
+def test_summaries_of_gaussians_are_those_of_the_formula():
+    """Of their draws they have an error of 3 %."""
+    result = poseppl.infer(POSED.model, VALUES, kalman_filter, KEY, POSED.inputs)
+    smoothed = poseppl.smooth(result, rauch_tung_striebel_smoother(POSED.model), KEY, inputs=POSED.inputs)
+    for told, (means, covariances) in ((result, POSED.exact[:2]), (smoothed, dense_posterior())):
+        summary, deviations = told["summary"], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        np.testing.assert_allclose(summary["state_mean"], means, atol=5e-6)
+        np.testing.assert_allclose(summary["x_sd"], deviations, atol=5e-6)
+        ends = means + scipy.stats.norm.ppf(0.95) * deviations
+        np.testing.assert_allclose(summary["state_quantile"].sel(quantile=0.95), ends, atol=1e-5)
+        assert np.abs(told["unconstrained_posterior/state"].mean(("chain", "draw")) - means).max() > 1e-3
 
 
 def test_one_frame_and_no_data():

@@ -33,7 +33,8 @@ def found():
         chance = jax.vmap(lambda state: site_probabilities(problem.model, state)["k"][1])(states)
         seconds = jnp.sum(weights * (states.real.covariance[..., 0, 0] + mean**2), 1)
         draws = jnp.sum(weights * states.particles[..., 1], 1)
-        return chance, jnp.sum(weights * mean, 1), seconds, draws, infos.log_evidence
+        told = jax.vmap(lambda each: each.mean)(states.marginals)
+        return chance, jnp.sum(weights * mean, 1), seconds, draws, told, infos.log_evidence
 
     run_all = jax.jit(lambda keys, data: jax.lax.map(lambda key: one(key, data), keys))
     keys = jax.random.split(jax.random.key(0), REPLICATES)
@@ -43,7 +44,8 @@ def found():
 def test_it_is_the_sum_over_all_histories(found):
     """Probabilities, means and variances, of a state that remembers its past; weights' bias is O(1 / N)."""
     exact = posed(KEPT).exact
-    chances, means, seconds, draws, _ = found
+    chances, means, seconds, draws, told, _ = found
+    np.testing.assert_allclose(told, np.stack([chances, means], 2), atol=1e-5)
     for samples, truth in (
         (chances, exact.means[:, 0]),
         (means, exact.means[:, 1]),

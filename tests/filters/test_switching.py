@@ -14,6 +14,7 @@ from oracles.switching import switching_filter as enumerate_all
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import switching_filter
 from poseppl.program import StateSpaceModel
+from poseppl.runs.collectors import collect_draws
 
 FIRST, TRANSITION = np.array([0.3, 0.7]), np.array([[0.6, 0.4], [0.25, 0.75]])
 MEANS, SDS = np.array([-1.0, 0.8]), np.array([0.4, 0.7])
@@ -57,6 +58,16 @@ def test_it_is_exact_where_the_past_is_forgotten():
     np.testing.assert_allclose(chances, exact.means[:, 0], atol=1e-5)
     np.testing.assert_allclose(means, exact.means[:, 1], atol=1e-5)
     np.testing.assert_allclose(increments, exact.log_evidence, atol=1e-5)
+
+
+def test_summaries_are_of_the_mixture_not_of_draws():
+    problem = posed(0.0)
+    state, info = switching_filter(problem.model, 10).init(jax.random.key(0), frame(problem.observations, 0), None)
+    kept = jax.jit(collect_draws(problem.model))(jax.random.key(1), state, info, None).summary
+    mean, covariance = problem.exact.means[0], problem.exact.covariances[0]
+    np.testing.assert_allclose(kept["state_mean"], mean, atol=1e-5)
+    np.testing.assert_allclose(kept["x_sd"], np.sqrt(covariance[1, 1]), atol=1e-5)
+    np.testing.assert_allclose(kept["k_probability"], [1 - mean[0], mean[0]], atol=1e-5)
 
 
 def test_it_is_near_where_moments_of_the_past_are_matched():

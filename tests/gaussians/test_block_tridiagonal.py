@@ -11,6 +11,7 @@ from precision import DTYPES, epsilon, precision
 from poseppl.gaussians.block_tridiagonal import (
     BlockTridiagonal,
     block_cholesky,
+    covariances,
     multiply,
     solve,
     solve_lower,
@@ -41,7 +42,7 @@ def answers(matrix, b):
     factor = block_cholesky(matrix)
     upper = solve_upper(factor, b)
     back = solve_lower(factor, multiply(matrix, upper))  # L^T L^(-T) b
-    return multiply(matrix, b), solve(factor, b), solve_lower(factor, b), upper, factor.log_det, back
+    return multiply(matrix, b), solve(factor, b), solve_lower(factor, b), upper, factor.log_det, back, covariances(factor)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -58,6 +59,7 @@ def test_agrees_with_dense_linear_algebra(shape, dtype):
             np.linalg.solve(lower.T, b.ravel()),
             np.linalg.slogdet(dense)[1],
             b.ravel(),
+            np.einsum("titj->tij", np.linalg.inv(dense).reshape(*shape, *shape)).ravel(),
         )
         # a bound on roundings, far wider than what is found; a wrong entry would be off by its own size
         tolerance = 1e3 * epsilon(dtype) * np.linalg.cond(dense) ** 0.5

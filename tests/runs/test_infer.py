@@ -81,6 +81,7 @@ def test_results_say_of_what_kind_their_algorithm_is():
         sources[found.source] = known = poseppl.runs.results.provenance(first)
         same = first["sample_stats/log_evidence"].equals(second["sample_stats/log_evidence"])
         assert same == known["closed form"] == (found.standard_error == 0.0)
+        assert same == first["summary"].equals(second["summary"])
     assert list(sources) == [FORMULA, WEIGHTS, NONE]
     smoothed = poseppl.smooth(first, rauch_tung_striebel_smoother(POSED.model), KEY, inputs=POSED.inputs)
     assert kind_of_run(smoothed) == FORMULA != kind_of_run(first)

@@ -52,14 +52,17 @@ def test_the_mode_of_a_robust_model_is_found() -> None:
     mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x
     assert mode[2] < 1.0  # the outlier counts little
     for num_mode_steps, near in ((20, True), (1, False)):
-        draws = np.asarray(smoothed(4000, num_mode_steps).particles[..., 0], np.float64)
+        found = smoothed(4000, num_mode_steps)
+        assert np.allclose(found.marginals.means[:, 0, 0], mode, atol=1e-4) == near
+        draws = np.asarray(found.particles[..., 0], np.float64)
         error = np.abs(draws.mean(1) - mode) / (draws.std(1) / np.sqrt(draws.shape[1]))
         assert (error.max() < 4.0) == near
 
 
 def test_draws_have_the_spread_of_the_curvature() -> None:
     """Gauss-Newton's curvature of a robust site has no negative part: the exact Hessian's where residuals are small."""
-    draws = np.asarray(smoothed(4000).particles[..., 0], np.float64)
+    found = smoothed(4000)
+    draws = np.asarray(found.particles[..., 0], np.float64)
     mode = draws.mean(1)
     squared = np.square((DATA - mode) / NOISE) / STRENGTH
     weight = np.where(np.isfinite(DATA), np.maximum((1 - squared) / (1 + squared) ** 2, 0.0), 0.0) / NOISE**2
@@ -72,6 +75,7 @@ def test_draws_have_the_spread_of_the_curvature() -> None:
     precision[-1, -1] -= 1 / STEP**2
     expected = np.sqrt(np.diag(np.linalg.inv(precision)))
     assert np.abs(draws.std(1) / expected - 1).max() < 4 / np.sqrt(2 * 4000) + 0.01
+    assert np.abs(np.sqrt(found.marginals.variances[:, 0, 0]) / expected - 1).max() < 0.01
 
 
 def test_settings_and_discrete_sites_are_refused() -> None:
