@@ -9,6 +9,7 @@ long run is bounded by the thinning, and its intervals do not depend on it. Wher
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -82,24 +83,7 @@ def collect_draws(
         bent = {name: value for name, value in sites.items() if not model.sites[name].identity}
         return {**jax.vmap(lambda x: of_state(x, inputs))(states), **bent, "state": states}
 
-    def summarise(
-        values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array], exact: Marginals | None
-    ) -> dict[str, Array]:
-        drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
-        summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
-        # Bessel's correction where draws count alike
-        count = values["state"].shape[0]
-        scale = count / max(count - 1, 1) if weights is None else 1.0
-        spread = {name: value for name, value in drawn.items() if name not in mean_only}
-        for name, value in spread.items():
-            summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
-        between = _quantiles({name: sample[name] for name in spread}, levels)
-        if exact is not None:
-            between["state"] = exact.quantiles(levels)
-            summary |= {"state_mean": exact.mean, "state_sd": exact.standard_deviation}
-        summary |= {f"{name}_quantile": value for name, value in between.items()}
-        of_states = (values["state"], weights) if exact is None else (exact.means, jnp.exp(exact.log_weights))
-        return summary | summary_of_sites(model, summary, *of_states)
+    summarise = partial(_summary, model, mean_only, levels)
 
     def told(kept: dict[str, Array], summary: dict[str, Array], inputs: Any) -> Draws:
         state = kept.pop("state")
@@ -139,6 +123,33 @@ def collect_draws(
         return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
 
     return collect
+
+
+def _summary(
+    model: CompiledModel,
+    mean_only: Sequence[str],
+    levels: Array,
+    values: Mapping[str, Array],
+    weights: Array | None,
+    sample: Mapping[str, Array],
+    exact: Marginals | None,
+) -> dict[str, Array]:
+    """Summaries of values (N, ...) by name, quantiles from a sample of them; of the flat state from its moments if known."""
+    drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
+    summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
+    # Bessel's correction where draws count alike
+    count = values["state"].shape[0]
+    scale = count / max(count - 1, 1) if weights is None else 1.0
+    spread = {name: value for name, value in drawn.items() if name not in mean_only}
+    for name, value in spread.items():
+        summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
+    between = _quantiles({name: sample[name] for name in spread}, levels)
+    if exact is not None:
+        between["state"] = exact.quantiles(levels)
+        summary |= {"state_mean": exact.mean, "state_sd": exact.standard_deviation}
+    summary |= {f"{name}_quantile": value for name, value in between.items()}
+    of_states = (values["state"], weights) if exact is None else (exact.means, jnp.exp(exact.log_weights))
+    return summary | summary_of_sites(model, summary, *of_states)
 
 
 def _average(values: Array, weights: Array | None) -> Array:
