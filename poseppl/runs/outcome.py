@@ -95,12 +95,12 @@ def smoothed_result(
         {name: filtered["summary"].dataset[name] for name in ("state_mean", "state_sd")}
         | {name: values for name, values in filtered["sample_stats"].dataset.items() if name == "ess"}
     ).drop_vars("quantile", errors="ignore")
-    kept = _KEPT if observations is None else set(_KEPT) - {"observed_data"}
+    kept = [name for name in _KEPT if name in filtered.children and (observations is None or name != "observed_data")]
     return build_result(
         **parts,
         names=_names(filtered),
         observed=None if observations is None else _with_nan(observations),
-        others={**{name: group_of(filtered, name) for name in kept if name in filtered.children}, "filtered": before},
+        others={**{name: group_of(filtered, name) for name in kept}, "filtered": before},
         frames=frame_numbers(filtered),
         rate=filtered.attrs.get("rate"),
         attrs={name: value for name, value in told.items() if value is not None},
