@@ -10,7 +10,7 @@ import click
 from poseppl.cli.options import common_options
 from poseppl.errors import InputError
 
-FORMATS = ("trc", "mot", "c3d", "csv")
+FORMATS = ("trc", "mot", "c3d", "csv", "rrd")
 BY_DEFAULT = ("trc", "mot")
 """What is written unless others are asked for, and by poseppl track of keypoints."""
 
@@ -30,6 +30,8 @@ Files written, NAME being that of RESULT:
              its header says what each column is
   NAME.c3d   mean places, mm, Z up, with the spread as residual (needs pip install 'poseppl[mocap]')
   NAME.csv   a row a frame and coordinate: mean, lower, upper, standard deviation, of places and angles
+  NAME.rrd   poses, draws, cameras and images over time, for the viewer of rerun
+             (needs pip install 'poseppl[rerun]'; then: rerun NAME.rrd)
 Older ones of the same name are replaced; RESULT never is.
 
 \b
@@ -60,7 +62,7 @@ class WordsCommand(click.Command):
     metavar="NAME...",
     multiple=True,
     type=click.Choice(FORMATS),
-    help="Which files: trc, mot, c3d, csv, several one after another. [default: trc mot; of named points trc]",
+    help="Which files: trc, mot, c3d, csv, rrd, several one after another. [default: trc mot; of named points trc]",
 )
 @click.option("--output", "-o", metavar="FOLDER", type=click.Path(), help="Where the files go. [default: beside RESULT]")
 @click.option(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from poseppl.errors import FilePath, InputError
 
-ENDS = {"trc": (".trc", "_lower.trc", "_upper.trc"), "mot": (".mot",), "c3d": (".c3d",), "csv": (".csv",)}
+ENDS = {"trc": (".trc", "_lower.trc", "_upper.trc"), "mot": (".mot",), "c3d": (".c3d",), "csv": (".csv",), "rrd": (".rrd",)}
 
 
 def files_of(folder: FilePath, stem: str, formats: Sequence[str]) -> dict[str, list[Path]]:

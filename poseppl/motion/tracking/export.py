@@ -7,6 +7,7 @@
            up; its header says what each is
 ``c3d``    ``NAME.c3d``: mean places, mm, Z up, the root of the summed variances of x, y and z as residual
 ``csv``    ``NAME.csv``: a row a frame and coordinate, of places (mm, Y up, as the TRC) and of angles
+``rrd``    ``NAME.rrd``: poses, draws, cameras and images over time, for rerun (:mod:`poseppl.motion.io.rerun_writing`)
 =========  =========================================================================================================
 
 Times are those of the frames' numbers: frame 0 is at 0 s.
@@ -29,6 +30,7 @@ from poseppl.motion.io.c3d_writing import write_c3d
 from poseppl.motion.io.exchange_formats import files_of
 from poseppl.motion.io.mot import write_mot
 from poseppl.motion.io.motion import Motion, y_up
+from poseppl.motion.io.rerun_writing import write_rerun
 from poseppl.motion.io.trc import write_trc
 from poseppl.motion.tracking.estimates import Clock, Estimates, angle_estimates, clock_of, place_estimates
 from poseppl.motion.tracking.named_points import PROGRAMS
@@ -77,7 +79,7 @@ def export(
         tree: A result of points or silhouettes, of a filter or smoothed.
         folder: Where the files go.
         stem: NAME, of the files.
-        formats: Some of trc, mot, c3d and csv.
+        formats: Some of trc, mot, c3d, csv and rrd.
         level: Of the intervals.
         model: Builder of the body; needed for angles where the result's own is not installed.
 
@@ -90,7 +92,7 @@ def export(
         PosepplError: The disk is full, or a package is missing.
     """
     if "mot" in formats and not has_angles(tree):
-        raise InputError("named points have no joint angles", field="--format", expected="trc, c3d or csv")
+        raise InputError("named points have no joint angles", field="--format", expected="trc, c3d, csv or rrd")
     files = files_of(folder, stem, formats)
     names, places = place_estimates(tree, level)
     angular = has_angles(tree) and not _ANGULAR.isdisjoint(formats)
@@ -99,7 +101,10 @@ def export(
     source = str(provenance(tree).get("input", ""))
     exported = Exported(clock_of(tree), names, places, coordinates, angles, source)
     for name, paths in files.items():
-        _WRITERS[name](exported, paths)
+        if name == "rrd":
+            write_rerun(paths[0], tree, exported.clock.times)
+        else:
+            _WRITERS[name](exported, paths)
     return [path for paths in files.values() for path in paths]
 
 
