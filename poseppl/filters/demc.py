@@ -40,6 +40,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
+from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
@@ -119,7 +120,7 @@ def demc_filter(
     """The DE-MC particle filter of Du and Guan 2006, moved by differential evolution: it seeks a mode.
 
     Args:
-        model: The compiled model.
+        model: The compiled model, without finite sites.
         num_particles: N, at least 1; differences need four or more.
         num_layers: T, updates of each particle in a frame.
         target: "likelihood", as published, or "posterior".
@@ -134,7 +135,13 @@ def demc_filter(
 
     Raises:
         ValueError: A setting out of its range.
+        UnsuitableModelError: The model has finite sites.
     """
+    if model.finite_sites:
+        raise UnsuitableModelError(
+            f"The model has the finite sites {list(model.finite_sites)}, whose values differential evolution leaves. Use a "
+            "particle, a tempered or a hidden Markov filter."
+        )
     check_at_least(1, num_particles=num_particles, num_layers=num_layers)
     check_choice(Target, target=target)
     check_choice(Prediction, prediction=prediction)

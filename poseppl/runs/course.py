@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 from poseppl.errors import PosepplError
 from poseppl.files.store import Note
 from poseppl.filters.base import Info
+from poseppl.filters.suitability import suited_filters
 from poseppl.runs.compiled_scan import Calls, Kept, joined
 from poseppl.runs.predictive import Prediction
 
 OnFailure = Literal["continue", "stop"]
 _COLLAPSED, _MANY = 2, 10
 """A filter of at least so many particles has collapsed where fewer than two are effective."""
+FEW = 10.0
+"""Effective number of particles below which they miss the posterior."""
 
 
 class RunError(PosepplError):
@@ -154,9 +157,17 @@ class Course:
         seconds = self._compiled - self._started, time.perf_counter() - self._compiled
         whole = joined(kept)
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
-        told = (*seconds, self.resumed, self._calls.filter.provenance)
+        told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
         return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction)
+
+    def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
+        """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
+        filter = self._calls.filter
+        weighted = state.particles.ndim == 2 and not filter.closed_form
+        if not weighted or filter.model is None or not (np.asarray(info.ess) < FEW).any():
+            return filter.provenance
+        return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}
 
 
 def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:

@@ -35,6 +35,9 @@ from poseppl.runs.results import provenance
 
 GROUP = "posterior_checks"
 """The group of a result that holds the checks."""
+_HIDES = 0.75
+"""Variance of an entry's expectation over the draws, in units of its noise, from which it is left out: more than a posterior
+can leave, such as that of a Gaussian which a projection bends."""
 _LEAST = 8
 """Draws below which nothing is checked: a single path is no draw."""
 
@@ -108,6 +111,7 @@ def _data(model: CompiledModel, keys: Array, draws: Array, observations: Observa
         drawn = jax.vmap(lambda key, x: model.draw_data(key, x, frame_inputs))(jax.random.split(key, states.shape[0]), states)
         data, seen = model.flat_observation(observation)
         known = seen & jnp.all(jnp.isfinite(drawn.mean) & (drawn.variance > 0) & jnp.isfinite(drawn.variance), 0)
+        known &= jnp.var(drawn.mean, 0) < _HIDES * jnp.mean(drawn.variance, 0)
         squares = jnp.where(known, (data - drawn.mean) ** 2 / jnp.where(known, drawn.variance, 1.0), 0.0)
         count = jnp.sum(known)
         return jnp.mean(jnp.sum(squares, 1)) / jnp.maximum(count, 1), count

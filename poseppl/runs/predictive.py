@@ -56,7 +56,8 @@ class Prediction(NamedTuple):
         predicted_variance: Their variance (d,) by coordinate.
         predicted_error: Monte Carlo standard error (d,) of `predicted_mean`.
         autoregression: Slope (d,) of each predicted coordinate on itself in the frame before.
-        explained: Share (d,) of `predicted_variance` that the frame's data can take away, by their Fisher information.
+        explained: Share (d,) of `predicted_variance` that the frame's data can take away, by their Fisher information;
+            NaN of finite sites.
     """
 
     transform: Any
@@ -93,6 +94,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
         (`model.prediction_obstacle` tells).
     """
     check_at_least(8, num_draws=num_draws)
+    finite = np.array(model.finite_coordinates)
 
     def draw_states(keys: Array, state: FilterState, first: Any, inputs: Any) -> tuple[Array, Array]:
         key_choose, key_initial, key_move = keys
@@ -139,7 +141,8 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             predicted_variance=jnp.var(states, 0, ddof=1),
             predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
             autoregression=_autoregression(previous, states),
-            explained=_explained(states, jax.vmap(score)(drawn.sites, states)),
+            # the scores of finite sites are no derivatives
+            explained=jnp.where(finite, jnp.nan, _explained(states, jax.vmap(score)(drawn.sites, states))),
         )
 
     return predict

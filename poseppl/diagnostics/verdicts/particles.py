@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, settings_among, statistic, where
-from poseppl.runs.results import is_weighted
+from poseppl.runs.results import is_weighted, provenance
 
 LOW_SHARE = 0.1
 """Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""
@@ -14,7 +14,8 @@ LOW_SHARE = 0.1
 
 def degeneracy(tree: xr.DataTree) -> list[Verdict]:
     """Degeneracy of weighted particles."""
-    if not is_weighted(tree):
+    known = provenance(tree)
+    if not is_weighted(tree) or known.get("closed form"):  # whose weights are exact, however few there are
         return []
     number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")
     found = []
@@ -24,7 +25,9 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
         if low.any():
             worst = f"{np.nanmin(effective):.1f}"
             text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
-            advice = f"the particles miss the posterior; raise {more}, or use --filter assumed-density"
+            suited = known.get("suited filters") or []
+            others = [f"use --filter {name}" for name in suited if name != known.get("filter")][:1]
+            advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
             found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
     if unique is not None:

@@ -14,6 +14,8 @@ from poseppl.runs.results import provenance
 STEPS_LOW = 0.5
 APART_HIGH = 0.4
 """Distance of means beyond what variances allow, over the smoothed variance: 90 % intervals cover 84 % then."""
+FAR = 1.0
+"""From where smoothed means that lie too far are an error; nearer ones may be the filter's, or of wide intervals."""
 
 
 def smoothing(tree: xr.DataTree) -> list[Verdict]:
@@ -38,7 +40,7 @@ def smoothing(tree: xr.DataTree) -> list[Verdict]:
         )
     apart, reach = figures.distance.estimate, figures.distance.half_width
     if np.isfinite(reach) and abs(apart) > max(APART_HIGH, reach):
-        found.append(Verdict(ERROR, _disagreement(apart)))
+        found.append(Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart)))
     return found
 
 
