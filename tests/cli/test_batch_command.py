@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import csv
 import shutil
+import subprocess
+import sys
+import time
 
+import pytest
 from test_run_command import exact_evidence, folder as folder  # noqa: F401  a fixture
 
 from poseppl.cli import main
@@ -40,3 +44,42 @@ def test_a_folder_without_tables_is_said(folder, capsys):  # noqa: F811
     (folder / "none").mkdir()
     assert main(["batch", "none", "--model", "model.py"]) == 1
     assert "there is no table in it" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_batch_goes_on_where_it_was(folder):  # noqa: F811
+    """Killed when the first of four tables is done, the same command does the others, and that one not again."""
+    tables, out = folder / "trials", folder / "out"
+    tables.mkdir()
+    for name in "abcd":
+        shutil.copy("data.csv", tables / f"{name}.csv")
+    command = [sys.executable, "-c", "from poseppl.cli import main; raise SystemExit(main())", "batch", "trials", "--quiet"]
+    command += [
+        "--model",
+        "model.py",
+        "--inputs",
+        "push",
+        "--param",
+        "noise=0.3",
+        "--filter",
+        "kalman",
+        "--workers",
+        "1",
+        "-o",
+        "out",
+    ]
+    batch = subprocess.Popen(command)
+    until = time.monotonic() + 300
+    while not list(out.glob("jobs/[!.]*.npz")) and time.monotonic() < until and batch.poll() is None:
+        time.sleep(0.01)
+    batch.kill()
+    batch.wait()
+    done = {path: path.stat().st_mtime_ns for path in out.glob("jobs/[!.]*.npz")}
+    assert 1 <= len(done) < 4 and not (out / "table.csv").exists()
+    subprocess.run(command, check=True, timeout=300)
+    assert {path: path.stat().st_mtime_ns for path in done} == done
+    first = min(done).name[0]
+    assert (out / f"{first}.nc").stat().st_mtime_ns < min(done.values())
+    rows = list(csv.DictReader((out / "table.csv").read_text().splitlines()))
+    assert [row["input"] for row in rows] == ["a.csv", "b.csv", "c.csv", "d.csv"]
+    assert all(abs(float(row["log evidence"]) - exact_evidence()) < 1e-3 for row in rows)
