@@ -17,6 +17,7 @@ from blackjax.mcmc.hmc import HMCState, hmc_proposal
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
+from poseppl.kernels.own_kernel import OwnKernel, Updated, update_by
 from poseppl.particles.random_numbers import normals_and_uniforms
 
 LogDensity = Callable[[Array], Array]
@@ -40,6 +41,7 @@ class HMCSettings(NamedTuple):
             it fixed.
         jitter: Fraction by which L is shortened at random, the same for all chains of an update: L is uniform on
             [ceil((1 - jitter) L), L]. 0 keeps it fixed.
+        own: A kernel of one's own in place of HMC, which reads neither L nor the jitter.
     """
 
     num_updates: int = 32
@@ -48,6 +50,7 @@ class HMCSettings(NamedTuple):
     step_size: float = 0.5
     target_acceptance: float | None = 0.85
     jitter: float = 0.0
+    own: OwnKernel | None = None
 
     def check(self) -> HMCSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
@@ -106,6 +109,9 @@ def hmc_chains(
         value = log_density(position)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
+    if settings.own is not None:
+        return _own_chains(settings.own, rng_key, starts, safe_density, jnp.asarray(log_step_size, dtype), settings)
+
     def update(carry: Any, row: tuple[Array, ...]) -> tuple[Any, Any]:
         states, log_step_size = carry
         number, noise, chances, steps = row
@@ -113,11 +119,7 @@ def hmc_chains(
         step_size = jnp.where(number < 0, 0.0, jnp.exp(log_step_size))
         states, info = jax.vmap(_move(safe_density, dimension, step_size, steps))(states, noise, chances)
         acceptance = jnp.mean(info.acceptance_rate)
-        if settings.target_acceptance is not None:
-            error = acceptance - settings.target_acceptance
-            counts = (number >= 0) & (number < settings.num_warmup)
-            gain = jnp.where(counts, _GAIN / jnp.sqrt(number + 1.0), 0.0)
-            log_step_size = log_step_size + (gain * error).astype(log_step_size.dtype)
+        log_step_size = _adapted(log_step_size, acceptance, number, settings)
         return (states, log_step_size), (states.position, acceptance, jnp.sum(info.is_divergent), steps)
 
     noise, chances = normals_and_uniforms(rng_key, (number + 1, num_chains), dimension, 2, dtype)
@@ -136,6 +138,46 @@ def hmc_chains(
         log_step_size=carry[1],
         num_gradient=(num_chains * jnp.sum(steps)).astype(jnp.int32),
     )
+
+
+def _own_chains(
+    own: OwnKernel, rng_key: Array, starts: Array, log_density: LogDensity, log_step_size: Array, settings: HMCSettings
+) -> Chains:
+    """The same with a kernel of one's own, which draws its numbers itself."""
+    num_chains = len(starts)
+
+    def update(carry: Any, row: tuple[Array, Array]) -> tuple[Any, Any]:
+        states, log_step_size = carry
+        number, rng_key = row
+
+        def one(key: Array, state: Any) -> Updated:
+            return update_by(own, key, state, log_density, jnp.exp(log_step_size))
+
+        found = jax.vmap(one)(jax.random.split(rng_key, num_chains), states)
+        told = found.state.position, found.acceptance, found.divergent, found.evaluations
+        return (found.state, _adapted(log_step_size, jnp.mean(found.acceptance), number, settings)), told
+
+    states = jax.vmap(lambda position: own.init(position, log_density))(starts)
+    rows = jnp.arange(settings.num_updates), jax.random.split(rng_key, settings.num_updates)
+    (_, log_step_size), (positions, acceptance, divergent, count) = jax.lax.scan(update, (states, log_step_size), rows)
+    kept = slice(settings.num_warmup, None)
+    return Chains(
+        draws=jnp.swapaxes(positions[kept], 0, 1),
+        acceptance=jnp.nan_to_num(jnp.mean(acceptance[kept]), nan=1.0),
+        divergences=jnp.sum(divergent[kept]).astype(jnp.int32),
+        log_step_size=log_step_size,
+        num_gradient=(num_chains + jnp.sum(count)).astype(jnp.int32),
+    )
+
+
+def _adapted(log_step_size: Array, acceptance: Array, number: Array, settings: HMCSettings) -> Array:
+    """The log step size after the update of a number, from -1 on; it stays where no acceptance is told (NaN)."""
+    if settings.target_acceptance is None:
+        return log_step_size
+    error = jnp.where(jnp.isnan(acceptance), 0.0, acceptance - settings.target_acceptance)
+    counts = (number >= 0) & (number < settings.num_warmup)
+    gain = jnp.where(counts, _GAIN / jnp.sqrt(number + 1.0), 0.0)
+    return log_step_size + (gain * error).astype(log_step_size.dtype)
 
 
 def _move(density: LogDensity, dimension: int, step_size: Array, steps: Array) -> Callable[..., Any]:

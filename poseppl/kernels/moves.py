@@ -1,6 +1,7 @@
 r"""Moves of a whole population, each member on a density of its own, scaled by what the population shows.
 
-Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel) or a Metropolis random walk,
+Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel), a Metropolis random walk or
+a kernel of one's own (:mod:`poseppl.kernels.own_kernel`),
 in coordinates whitened for all members together:
 
 * by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts), so the
@@ -24,6 +25,7 @@ from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
+from poseppl.kernels.own_kernel import OwnKernel, update_by
 
 ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
@@ -42,6 +44,8 @@ class MoveSettings(NamedTuple):
         step_size: Step size to start from, in whitened coordinates; that of a random walk is multiplied by 2.38 / sqrt(d).
         target_acceptance: Mean acceptance rate that the step size is adapted to; None keeps it fixed.
         jitter: Fraction by which a member's step size is shortened at random in each update, in [0, 1).
+        own: A kernel of one's own in place of `kernel`, which then only tells how the scales of directions are found: "hmc" by
+            gradients, "random-walk" by the members' spread.
     """
 
     kernel: Kernel = "hmc"
@@ -50,6 +54,7 @@ class MoveSettings(NamedTuple):
     step_size: float = 0.5
     target_acceptance: float | None = 0.8
     jitter: float = 0.5
+    own: OwnKernel | None = None
 
     def check(self) -> MoveSettings:
         """Return the settings, or raise ``ValueError`` that names the one that is out of range."""
@@ -130,13 +135,13 @@ def move_population(
         settings: Kernel, K, L and so on.
     """
     num_members, dimension = starts.positions.shape
-    dtype = starts.positions.dtype
+    dtype, own = starts.positions.dtype, settings.own
 
     def safe_density(white: Array, context: Any) -> Array:
         value = log_density(transform.to_state(white), context)
         return jnp.where(jnp.isnan(value), -jnp.inf, value)
 
-    update = (_hmc if settings.kernel == "hmc" else _random_walk)(safe_density, settings, dimension)
+    update = _update(safe_density, settings, dimension)
 
     def turn(carry: tuple[Any, Array], rng_key: Array) -> tuple[Any, Any]:
         states, log_step_size = carry
@@ -144,27 +149,39 @@ def move_population(
         jitter = jax.random.uniform(key_jitter, (num_members,), dtype, 1.0 - settings.jitter, 1.0)
         steps = jnp.exp(log_step_size) * jitter
         keys = jax.random.split(key_update, num_members)
-        states, acceptance, divergent = jax.vmap(update)(keys, states, starts.contexts, steps)
+        states, acceptance, divergent, evaluations = jax.vmap(update)(keys, states, starts.contexts, steps)
         rate = jnp.mean(acceptance)
         if settings.target_acceptance is not None:
-            log_step_size = log_step_size + (rate - settings.target_acceptance)
-        return (states, log_step_size), (transform.to_state(states[0]), rate, jnp.sum(divergent))
+            log_step_size = log_step_size + jnp.where(jnp.isnan(rate), 0.0, rate - settings.target_acceptance)
+        told = jnp.where(jnp.isnan(rate), 1.0, rate), jnp.sum(divergent), jnp.sum(evaluations)
+        return (states, log_step_size), (transform.to_state(states[0] if own is None else states.position), *told)
 
     # the chain rule: z moves x by the scale of the transform
     gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
-    states = transform.to_white(starts.positions), jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
-    (_, log_step_size), (positions, acceptance, divergent) = jax.lax.scan(
+    white = transform.to_white(starts.positions)
+    states: Any = white, jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
+    if own is not None:
+        states = jax.vmap(lambda z, context: own.init(z, lambda z: safe_density(z, context)))(white, starts.contexts)
+    (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(
         turn, (states, log_step_size), jax.random.split(rng_key, settings.num_moves)
     )
-    hmc = settings.kernel == "hmc"
+    hmc, count = settings.kernel == "hmc", num_members + jnp.sum(evaluations)
     return Moved(
         positions=positions,
         acceptance=jnp.mean(acceptance),
         divergences=jnp.sum(divergent).astype(jnp.int32),
         log_step_size=log_step_size,
-        num_density=jnp.int32(0 if hmc else num_members * (1 + settings.num_moves)),
-        num_gradient=jnp.int32(num_members * (1 + settings.num_moves * settings.num_leapfrog) if hmc else 0),
+        num_density=jnp.where(hmc, 0, count).astype(jnp.int32),
+        num_gradient=jnp.where(hmc, count, 0).astype(jnp.int32),
     )
+
+
+def _update(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
+    """`(rng_key, state, context, step_size) -> (state, acceptance, divergent, evaluations)`."""
+    own = settings.own
+    if own is None:
+        return (_hmc if settings.kernel == "hmc" else _random_walk)(log_density, settings, dimension)
+    return lambda key, state, context, step: update_by(own, key, state, lambda z: log_density(z, context), step)
 
 
 def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int) -> Callable[..., Any]:
@@ -174,7 +191,7 @@ def _hmc(log_density: ConditionalDensity, settings: MoveSettings, dimension: int
         mass = jnp.ones(dimension, state[0].dtype)
         state = blackjax.mcmc.hmc.HMCState(*state)
         state, info = kernel(rng_key, state, lambda z: log_density(z, context), step_size, mass, settings.num_leapfrog)
-        return tuple(state), info.acceptance_rate, info.is_divergent
+        return tuple(state), info.acceptance_rate, info.is_divergent, settings.num_leapfrog
 
     return update
 
@@ -189,7 +206,7 @@ def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimens
         ratio = jnp.where(jnp.isneginf(value), 0.0, proposed - value)
         rate = jnp.where(jnp.isneginf(proposed), 0.0, jnp.exp(jnp.minimum(ratio, 0.0)))
         accept = jax.random.uniform(key_accept, (), white.dtype) < rate
-        return (jnp.where(accept, proposal, white), jnp.where(accept, proposed, value), unused), rate, False
+        return (jnp.where(accept, proposal, white), jnp.where(accept, proposed, value), unused), rate, False, 1
 
     return update
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import blackjax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +15,8 @@ from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.filters import TemperedState, tempered_filter
 from poseppl.filters.tempering import Tempering, temper
-from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES
+from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, OwnKernel
+from poseppl.kernels.adapted_chain import unchecked
 from poseppl.particles.resampling import systematic
 
 SETTINGS = Tempering(0.5, 30, None, 1, True, HMC_MOVES, systematic)
@@ -62,14 +64,36 @@ def scores(found, exact):
     return abs(z_scores(ratio, 1.0)), np.abs(z_scores(draws.mean(1), mean)).max(), np.abs(z_scores(seconds, covariance)).max()
 
 
+NUTS, SLICE = blackjax.nuts.build_kernel(), blackjax.elliptical_slice.build_kernel(jnp.ones(2), jnp.zeros(2))
+
+
+def nuts(rng_key, state, log_density, step_size):
+    return NUTS(unchecked(rng_key), state, log_density, step_size, jnp.ones(2), 4)
+
+
+def ratio(log_density):
+    """To the standard normal density, which elliptical slice sampling wants its target given by."""
+    return lambda z: log_density(z) + 0.5 * z @ z
+
+
+OWN = {
+    "mala": OwnKernel(blackjax.mala.init, blackjax.mala.build_kernel()),
+    "nuts": OwnKernel(blackjax.nuts.init, nuts),
+    "elliptical-slice": OwnKernel(
+        lambda z, log_density: blackjax.elliptical_slice.init(z, ratio(log_density)),
+        lambda rng_key, state, log_density, step_size: SLICE(rng_key, state, ratio(log_density)),
+    ),
+}
 KINDS = {
     "hmc": SETTINGS,
     "random-walk": SETTINGS._replace(moves=RANDOM_WALK_MOVES),
     "waste-free": SETTINGS._replace(chain_length=5),
+    **{name: SETTINGS._replace(moves=HMC_MOVES._replace(own=own, num_moves=4)) for name, own in OWN.items()},
 }
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("nuts", "elliptical-slice")]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*(name for name in KINDS if name not in ("nuts", "elliptical-slice")), *SLOW])
 def test_evidence_and_moments_are_those_of_quadrature(kind, exact):
     found = runs(KINDS[kind])
     assert max(scores(found, exact)) < 5

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import blackjax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.kernels import HMCSettings, hmc_chains
+from poseppl.kernels import HMCSettings, OwnKernel, hmc_chains
+from poseppl.kernels.adapted_chain import unchecked
 
 CURVE = 0.5
 SETTINGS = HMCSettings(num_updates=2000, num_leapfrog=12, num_warmup=200, step_size=0.3, jitter=0.5)
@@ -47,6 +49,27 @@ def test_banana_matches_quadrature():
 def test_fixed_step_and_length_match_quadrature():
     fixed = SETTINGS._replace(target_acceptance=None, jitter=0.0, num_leapfrog=7)
     assert np.abs(z_scores(run(banana, fixed))).max() < 5
+
+
+MALA = OwnKernel(blackjax.mala.init, blackjax.mala.build_kernel())
+NUTS = OwnKernel(
+    blackjax.nuts.init,
+    lambda key, state, density, step: blackjax.nuts.build_kernel()(unchecked(key), state, density, step, jnp.ones(2), 4),
+)
+
+
+@pytest.mark.parametrize(("own", "acceptance"), [(MALA, 0.6), pytest.param(NUTS, 0.8, marks=pytest.mark.slow)])
+def test_kernels_of_ones_own_match_quadrature(own, acceptance):
+    chains = run(banana, SETTINGS._replace(own=own, target_acceptance=acceptance, step_size=0.1))
+    assert np.abs(z_scores(chains)).max() < 5
+    assert abs(float(chains.acceptance) - acceptance) < 0.1
+
+
+def test_a_kernel_without_acceptance_keeps_its_step_size():
+    still = OwnKernel(MALA.init, lambda key, state, density, step: (state, None))
+    chains = run(banana, SETTINGS._replace(own=still, num_updates=3, num_warmup=1), num_chains=2)
+    assert float(chains.log_step_size) == np.float32(np.log(SETTINGS.step_size))
+    assert float(chains.acceptance) == 1.0 and int(chains.num_gradient) == 2 * (1 + 3)
 
 
 def test_a_wider_density_is_noticed():
