@@ -5,7 +5,7 @@
 Local: TABLES tables (none: not at all) of FRAMES frames, a particle filter of PARTICLES; a first call compiles and is not
 counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other work on the machine lowers
 it. Simulated: a Dask scheduler with SIMULATED workers in this process, 10 jobs for each, every one of JOB seconds in which it
-sleeps, and of a result as large as that of a table; the efficiency is the seconds that they sleep over those that all workers had.
+sleeps, and of a result as large as that of a table; the efficiency is the seconds of sleep over those that all workers had.
 """
 
 from __future__ import annotations

@@ -35,6 +35,7 @@ from poseppl.diagnostics.marker_errors import (
     over_runs as over_runs,
     virtual_markers as virtual_markers,
 )
+from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
 from poseppl.diagnostics.simulation_based import (
     Calibration as Calibration,

@@ -1,0 +1,127 @@
+"""Whether static parameters are learned: chains that agree, and data that come as a filter with these parameters expects.
+
+    draws = pmmh(model, key, observations, build_filter=kalman_filter).params
+    check_parameters(draws, predictions_under(model, draws, observations, kalman_filter, key))
+
+A model that is wrong has a posterior of its parameters, too, and chains that mix well on it. So the predictive checks of
+filters (:mod:`poseppl.runs.predictive`) are made under a few draws of the posterior: where most of them are in error, no value
+of the parameters that the data leave makes the model right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike
+
+from poseppl.checks import check_at_least
+from poseppl.diagnostics.inefficiency import mixing
+from poseppl.diagnostics.verdicts.predictive import check_predictions
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict
+from poseppl.filters.base import Filter
+from poseppl.particles.stacks import prepend, split_first
+from poseppl.program import CompiledModel, Observation
+from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.runs.predictive import Prediction, predictive_checks
+
+RHAT_ERROR, RHAT_WARNING = 1.1, 1.02
+"""R-hat of a parameter's chains from which they do not agree, and from which they hardly do."""
+ESS_WARNING = 100.0
+"""Effective draws of a parameter below which its intervals are rough."""
+
+
+def predictions_under(
+    model: CompiledModel,
+    params: Mapping[str, ArrayLike],
+    data: Observation | Mapping[str, Any],
+    filter: Callable[[CompiledModel], Filter],
+    rng_key: Array,
+    inputs: Any = None,
+    *,
+    num_draws: int = 8,
+) -> list[Prediction]:
+    """Make the predictive checks of a filter under draws of the parameters.
+
+    Args:
+        model: The compiled model, with a parameters program.
+        params: Draws by name, (chain, draw, ...), constrained.
+        data: An Observation with a leading T, or arrays by site, NaN where nothing was seen.
+        filter: `model -> filter`, such as `poseppl.kalman_filter`.
+        rng_key: PRNG key.
+        inputs: Inputs with a leading T, or None.
+        num_draws: How many draws, evenly chosen from all chains.
+
+    Returns:
+        The checks under each, as :func:`poseppl.diagnostics.check_predictions` takes them.
+    """
+    check_at_least(1, num_draws=num_draws)
+    observations = data if isinstance(data, Observation) else model.observe(data)
+    frames = jax.tree.leaves(observations)[0].shape[0]
+    rows = jax.tree.map(jnp.asarray, observations), stacked_inputs(inputs, frames)
+    flat = {name: np.reshape(values, (-1, *np.shape(values)[2:])) for name, values in params.items()}
+    chosen = np.linspace(0, len(next(iter(flat.values()))) - 1, num_draws).astype(int)
+    drawn = {name: jnp.asarray(values[chosen]) for name, values in flat.items()}
+    found = jax.tree.map(np.asarray, _under_all(model, filter, jax.random.split(rng_key, num_draws), drawn, rows))
+    return [jax.tree.map(lambda leaf, index=index: leaf[index], found) for index in range(num_draws)]
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows: Any) -> Prediction:
+    found: Prediction = jax.lax.map(lambda row: _predictions(model, filter, row[0], row[1], rows), (keys, drawn))
+    return found
+
+
+def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any, rows: Any) -> Prediction:
+    bound = model.with_params(params)
+    built, predict = filter(bound), predictive_checks(bound, of_state=False)
+    key_first, key_later = jax.random.split(rng_key)
+    first, later = split_first(rows)
+    state, _ = built.init(key_first, *first)
+    foretold = predict(key_first, state, True, *first)
+
+    def advance(state: Any, row: Any) -> tuple[Any, Prediction]:
+        key_step, key_predict = jax.random.split(jax.random.fold_in(key_later, row[0]))
+        foretold = predict(key_predict, state, False, *row[1])
+        return built.step(key_step, state, *row[1])[0], foretold
+
+    _, rest = jax.lax.scan(advance, state, (jnp.arange(jax.tree.leaves(later)[0].shape[0]), later))
+    whole: Prediction = prepend(foretold, rest)
+    return whole
+
+
+def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Prediction] = ()) -> list[Verdict]:
+    """Judge draws of static parameters, of `pmmh`, `particle_gibbs`, or NumPyro's NUTS on `log_likelihood`.
+
+    Args:
+        params: Draws by name, (chain, draw, ...); `mcmc.get_samples(group_by_chain=True)` of NumPyro.
+        predictions: What :func:`predictions_under` found; mixing alone is judged without.
+
+    Returns:
+        Findings, errors first; none where there is nothing to complain of.
+    """
+    found = [verdict for name, draws in params.items() for verdict in _mixing(name, np.asarray(draws, float))]
+    judged = [check_predictions(each) for each in predictions]
+    wrong = [each.text for checks in judged for each in checks if each.severity == ERROR]
+    if len(wrong) > len(judged) / 2:
+        found.append(Verdict(ERROR, f"Under {len(wrong)} of {len(judged)} draws of the parameters: {wrong[len(wrong) // 2]}"))
+    return sorted(found, key=lambda verdict: verdict.severity != ERROR)
+
+
+def _mixing(name: str, draws: Any) -> list[Verdict]:
+    """Agreement and effective number of the chains of one parameter."""
+    figures = mixing(draws.reshape(*draws.shape[:2], 1, -1))
+    rhat, ess = float(np.nanmax(figures.rhat)), float(np.nanmin(figures.ess))
+    if rhat > RHAT_WARNING:
+        severity = ERROR if rhat > RHAT_ERROR else WARNING
+        return [
+            Verdict(severity, f"Chains of {name} do not agree (R-hat {rhat:.2f}): more draws, more warm-up or another start.")
+        ]
+    if ess < ESS_WARNING:
+        return [Verdict(WARNING, f"Only {ess:.0f} effective draws of {name}: its intervals are rough; take more draws.")]
+    return []
