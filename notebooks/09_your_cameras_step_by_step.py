@@ -159,8 +159,9 @@ print(joints.positions.shape, joints.rate, "frames a second;", len(angles.column
 #
 # Against the truth, and against weighted linear triangulation, which has the same mended cameras but knows no body, no motion,
 # and no intervals. Where a camera was touched nobody can tell whether it moved, or the others and the room: the mended
-# cameras, and the person with them, stand a little beside their true place. No angle knows of it, but places do; intervals do
-# not contain it. So places are compared as they are, and after the whole walk is laid onto the truth by one turn and one shift.
+# cameras, and the person with them, stand a little beside their true place. No angle knows of it, but places do, and their
+# intervals contain it. Places are compared as they are, and after the whole walk is laid onto the truth by one turn and one
+# shift, for which the intervals are wider than need be.
 
 # %%
 seen = [joints.names.index(name) for name in found_by]
@@ -236,7 +237,7 @@ assert any(note.startswith("camera_3: its calibration is off by") for note in fo
 assert abs(turned[2] - 1.0) < 0.4 and turned[[0, 1, 3]].max() < 0.5
 for known in (true_places, laid):
     assert np.nanmedian(errors(joints.positions, known)) < np.nanmedian(errors(straight, known)) < 40.0
-assert 0.8 < held_laid < 0.99
+assert held_in_room > 0.85 and held_laid > 0.9
 assert off[:, chosen].mean() < 5.0 and held[:, chosen].mean() > 0.75
 np.testing.assert_allclose(joints.positions, smoothed["summary/markers_mean"], atol=0.01)
 assert not any(np.isnan(values).any() for values in angles.columns.values())

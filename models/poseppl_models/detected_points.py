@@ -5,12 +5,14 @@ Pose p_t and what is beside it:
     p_t ~ N(p_(t-1), step_scale^2)                                 the body's random walk
     s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
     e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
-    y_t = project(markers(p_t) + s_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
+    c_t = c_0 ~ N(0, R R^T)                          (C, 6)       errors of the cameras' poses, radians and mm
+    y_t = project(markers(p_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
 
 Joints of people are no hinges, and a detector's idea of a hip is not the anatomist's: with s they may be some centimetres from
 where a skeleton of fixed lengths has them. A detector errs in the same way in successive frames, as long as the picture stays
 much the same; taken for independent, such errors make intervals far too narrow. Variances r^2 noise^2 and (1 - r^2) noise^2 are
-stationary, so that intervals do not depend on the frame rate.
+stationary, so that intervals do not depend on the frame rate. Cameras are turned about their own axes and moved by c, which is
+left out where they are taken for exact.
 """
 
 from __future__ import annotations
@@ -25,9 +27,12 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
+from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl_models.random_walk import joint_sites, random_walk
 
+_DRIFT = 1e-3
+"""Step of the cameras' errors, radians and mm: as good as none."""
 FREEDOM = 4.0
 """Degrees of freedom of the errors that do not last; ours."""
 
@@ -46,6 +51,7 @@ class DetectedInputs(NamedTuple):
         shift_kept: a, what is left of it () from the frame before.
         error_share: r^2 (), share of the errors that last in the variance.
         error_kept: b, what is left of them () from the frame before.
+        camera_root: R, lower triangular (6 C, 6 C): turns, radians, and shift of the centre, mm, of one camera after the other.
     """
 
     cameras: Cameras
@@ -58,6 +64,7 @@ class DetectedInputs(NamedTuple):
     shift_kept: Array
     error_share: Array
     error_kept: Array
+    camera_root: Array
 
 
 class DetectedBody(NamedTuple):
@@ -66,10 +73,12 @@ class DetectedBody(NamedTuple):
     Attributes:
         program: The programs; their data site is ``points`` (C, K, 2).
         dimension: d; the first coordinates of a flat state are the pose, in the tree's order.
+        num_static: How many of the last coordinates are the cameras' errors, which do not change.
     """
 
     program: StateSpaceModel
     dimension: int
+    num_static: int = 0
 
     def pose(self, x: Array) -> Array:
         """Pose (d,) of a flat state."""
@@ -80,15 +89,22 @@ class DetectedBody(NamedTuple):
         joints = marker_positions(tree, self.pose(x))
         return joints + x[self.dimension : self.dimension + joints.size].reshape(joints.shape)
 
+    def cameras(self, x: Array, inputs: DetectedInputs) -> Cameras:
+        """The cameras of a flat state."""
+        return _erring(inputs.cameras, x[len(x) - self.num_static :]) if self.num_static else inputs.cameras
+
 
 @lru_cache(maxsize=8)
-def seen_by_detector(coordinates: tuple[tuple[str, str], ...], num_markers: int, num_cameras: int) -> DetectedBody:
+def seen_by_detector(
+    coordinates: tuple[tuple[str, str], ...], num_markers: int, num_cameras: int, erring_cameras: bool = False
+) -> DetectedBody:
     """Write the programs.
 
     Args:
         coordinates: Joint and axis of each coordinate of the pose.
         num_markers: K.
         num_cameras: C.
+        erring_cameras: Whether the cameras' poses have errors.
     """
     spans = joint_sites(coordinates)
     first_pose, next_pose = random_walk(spans)
@@ -98,23 +114,35 @@ def seen_by_detector(coordinates: tuple[tuple[str, str], ...], num_markers: int,
         first_pose(params, inputs)
         numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.shift_scale))
         numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
+        if erring_cameras:
+            numpyro.sample("camera_error", dist.MultivariateNormal(jnp.zeros(6 * num_cameras), scale_tril=inputs.camera_root))
 
     def transition(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
         next_pose(params, state, inputs)
         numpyro.sample("shift", _stationary(state["shift"], inputs.shift_kept, inputs.shift_scale))
         numpyro.sample("error", _stationary(state["error"], inputs.error_kept, 1.0))
+        if erring_cameras:
+            numpyro.sample("camera_error", dist.Normal(state["camera_error"], _DRIFT))
 
     def observation(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
         markers = marker_positions(inputs.tree, pose) + state["shift"]
         lasting, other = (jnp.sqrt(share) * inputs.noise[..., None] for share in (inputs.error_share, 1 - inputs.error_share))
-        seen = project(inputs.cameras, markers) + lasting * state["error"]
+        cameras = _erring(inputs.cameras, state["camera_error"]) if erring_cameras else inputs.cameras
+        seen = project(cameras, markers) + lasting * state["error"]
         # a bivariate t of scale s, density (1 + r^2 / nu s^2)^(-(nu + 2) / 2), is Lorentz's of strength nu + 2 and this scale
         scale = other * jnp.sqrt(FREEDOM / (FREEDOM + 2))
         numpyro.sample("points", Lorentzian(dist.Normal(seen, scale).to_event(1), FREEDOM + 2))
         numpyro.deterministic("markers", markers)
 
-    return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates))
+    num_static = 6 * num_cameras if erring_cameras else 0
+    return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates), num_static)
+
+
+def _erring(cameras: Cameras, errors: Array) -> Cameras:
+    """Cameras with errors (6 C,)."""
+    each = errors.reshape(-1, 6)
+    return moved_cameras(cameras, each[:, :3], each[:, 3:])
 
 
 def _stationary(previous: Array, kept: Array, scale: Any) -> dist.Normal:

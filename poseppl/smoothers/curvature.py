@@ -28,7 +28,7 @@ from poseppl.gaussians.linear_transitions import transition_around, transition_c
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 
-_SHORTER = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
+LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
 """Fractions of a step that are tried; the best is taken, so that the density never falls."""
 _RIDGE = 1e-6
 """On the diagonal of the matrix scaled to a unit diagonal, for float32."""
@@ -77,7 +77,7 @@ def climb(model: CompiledModel, xs: Array, observations: Observation, inputs: An
     def step(xs: Array, _: None) -> tuple[Array, None]:
         move = solve(safe_cholesky(trajectory_precision(model, xs, observations, inputs)), jax.grad(log_density)(xs))
         move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
-        trials = xs + jnp.asarray(_SHORTER, xs.dtype)[:, None, None] * move
+        trials = xs + jnp.asarray(LENGTHS, xs.dtype)[:, None, None] * move
         values = jax.vmap(log_density)(trials)
         return trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))], None
 

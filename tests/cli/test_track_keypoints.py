@@ -56,6 +56,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     np.testing.assert_allclose(smoothed.positions, load_result("out-laplace.nc")["summary/markers_mean"], atol=0.01)
     assert smoothed.rate == 20.0
     assert not list(Path().glob("out.[tm]*"))
+    assert load_result("out-laplace.nc")["posterior/camera_error"].shape[2:] == (4, 24)
     for result in (tree, load_result("out-laplace.nc")):  # what the report's table of cameras shows
         found = provenance(result)["cameras found"]
         assert list(found) == [f"cam_0{c}" for c in (1, 2, 3, 4)]

@@ -14,7 +14,9 @@ from poseppl_models.detected_points import FREEDOM
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import join_cameras, look_at, project
+from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
 from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST, with_lasting_errors
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import make_problem
@@ -86,3 +88,34 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
         with_lasting_errors(problem, scene.frames, scene.rate)
     with pytest.raises(InputError, match="--errors"):
         smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_intervals_contain_errors_of_the_cameras_poses() -> None:
+    """Five walks in three cameras with errors drawn from the prior: coverage of places over walks, within 3 standard errors."""
+    noise, subject = 4.0, walking_subject(frames=f"0:{FRAMES}", rate=RATE)
+    middle = subject.markers.reshape(-1, 3).mean(0)
+    centres = middle + np.array([[4000.0, 0, 400], [0, 4000, 800], [-3000, -3000, 200]])
+    calibrated = join_cameras([look_at(tuple(centre), tuple(middle), 1500.0) for centre in centres])
+    held: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        turn, shift = PRIOR_ANGLE * rng.standard_normal((3, 3)), PRIOR_POSITION * rng.standard_normal((3, 3))
+        true = moved_cameras(calibrated, jnp.asarray(turn, float), jnp.asarray(shift, float))
+        places = subject.markers + SHIFT * stationary(rng, subject.markers.shape[1:], SHIFTS_LAST)
+        clean = np.moveaxis(np.asarray(project(true, jnp.asarray(places, float)), np.float64), 0, 1)
+        lasting = stationary(rng, clean.shape[1:], ERRORS_LAST)
+        other = rng.standard_normal(clean.shape) / np.sqrt(rng.chisquare(FREEDOM, clean.shape[:-1]) / FREEDOM)[..., None]
+        points = clean + noise * (np.sqrt(ERROR_SHARE) * lasting + np.sqrt(1 - ERROR_SHARE) * other)
+        refined = refine_cameras(calibrated, points, np.ones(points.shape[:3]), noise, RATE)
+        for known in (True, False):
+            told = {"camera covariance": refined.covariance.tolist()} if known else {}
+            data = PointData(points, np.full(clean.shape[1:3], noise), told)
+            seen = Scene(
+                subject.body, refined.cameras, ("a", "b", "c"), data, np.arange(FRAMES), RATE, "", subject.states, places
+            )
+            tree = smooth(track(seen, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
+            held[known].append(excess(tree, seen)[0])
+    error = np.std(held[True], ddof=1) / np.sqrt(5)
+    assert abs(np.mean(held[True]) - 0.9) < 3 * max(error, 0.03), held
+    assert np.mean(held[False]) < 0.5, held

@@ -75,6 +75,23 @@ def _padded(cameras: Cameras, width: int) -> Array:
     return jnp.pad(own, ((0, 0), (0, width - own.shape[1])))
 
 
+def moved_cameras(cameras: Cameras, turn: Array, shift: Array) -> Cameras:
+    """Cameras turned by rotation vectors (C, 3), radians, in their own axes, and moved by (C, 3), mm, in the world.
+
+    Rodrigues' formula; a turn of none is a series, so that derivatives are finite there.
+    """
+    squared = jnp.sum(turn**2, -1)[:, None, None]
+    small = squared < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
+    sine = jnp.where(small, 1 - squared / 6, jnp.sin(angle) / angle)
+    cosine = jnp.where(small, 0.5 - squared / 24, (1 - jnp.cos(angle)) / angle**2)
+    x, y, z = jnp.moveaxis(turn, -1, 0)
+    nothing = jnp.zeros_like(x)
+    cross = jnp.stack([nothing, -z, y, z, nothing, -x, -y, x, nothing], -1).reshape(-1, 3, 3)
+    rotation = jnp.eye(3) + sine * cross + cosine * cross @ cross
+    return cameras._replace(rotation=rotation @ cameras.rotation, centre=cameras.centre + shift)
+
+
 def project(cameras: Cameras, points: Array) -> Array:
     """Project world points into every camera.
 

@@ -5,7 +5,8 @@ error of the points (4 degrees of freedom): each point's place is the one neares
 projections and what was seen is made small. A detector's errors last: those of one point stay alike for about a second, so
 that all frames of a second count as one. The posterior of the poses is Laplace's: Gaussian, with the curvature of the sum of
 squares.
-Errors of all cameras in common, which nothing tells, stay as the prior has them.
+Its prior is as wide as the errors that were found are large, four of the first prior's size beside them (MacKay 1992,
+doi:10.1162/neco.1992.4.3.415): errors of all cameras in common, which nothing tells, are as large as those that are told.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from poseppl.motion.geometry.triangulation import nearest_points, viewing_rays
 
 PRIOR_ANGLE, PRIOR_POSITION = np.deg2rad(1.0), 30.0
 """Standard deviations of a camera's turn about each axis (radians) and of its centre along each (mm)."""
+PRIOR_WEIGHT = 4.0
+"""How many errors of the prior's size count beside those that were found, for the width of the posterior's prior; ours."""
 MOST_FRAMES = 50
 """Frames at most, evenly spaced, that the poses are sought in."""
 ERRORS_LAST = 1.0
@@ -41,6 +44,7 @@ class RefinedCameras(NamedTuple):
         shift: (C, 3) of the centre, mm.
         turn_deviation: (C, 3) standard deviation of the turn.
         shift_deviation: (C, 3) of the shift.
+        covariance: (6 C, 6 C) of turn and shift, of one camera after the other.
     """
 
     cameras: Cameras
@@ -48,6 +52,7 @@ class RefinedCameras(NamedTuple):
     shift: Floats
     turn_deviation: Floats
     shift_deviation: Floats
+    covariance: Floats
 
 
 def refine_cameras(cameras: Cameras, points: Floats, confidence: Floats, noise: float, rate: float) -> RefinedCameras:
@@ -85,9 +90,13 @@ def refine_cameras(cameras: Cameras, points: Floats, confidence: Floats, noise: 
         return np.stack([(residuals(flat + step) - residuals(flat - step)) / (2 * _STEP) for step in steps], -1)
 
     found = least_squares(residuals, np.zeros(6 * count), jac=derivative, method="trf", xtol=1e-4, ftol=1e-5, max_nfev=20)
-    deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))).reshape(count, 6) * scale
+    unit = np.tile(scale, count)
+    told, eye = found.jac.T @ found.jac - np.eye(found.x.size), np.eye(found.x.size)
+    squared = (PRIOR_WEIGHT + found.x @ found.x) / (PRIOR_WEIGHT + np.trace(told @ np.linalg.inv(told + eye)))
+    covariance = np.linalg.inv(told + eye / squared) * np.outer(unit, unit)
+    deviation = np.sqrt(np.diag(covariance)).reshape(count, 6)
     errors = found.x.reshape(count, 6) * scale
-    return RefinedCameras(_moved(cameras, errors), errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:])
+    return RefinedCameras(_moved(cameras, errors), errors[:, :3], errors[:, 3:], deviation[:, :3], deviation[:, 3:], covariance)
 
 
 def _moved(cameras: Cameras, errors: Floats) -> Cameras:

@@ -90,7 +90,8 @@ class KeypointScene(NamedTuple):
             for c, name in enumerate(self.scene.camera_names)
         }
         pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
-        return {"layout": self.layout, "cameras found": cameras, **pairs}
+        left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
+        return {"layout": self.layout, "cameras found": cameras, **pairs, **left}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""

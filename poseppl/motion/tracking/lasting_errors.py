@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Integers
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
 from poseppl.motion.geometry import Cameras, KinematicTree
@@ -44,15 +44,20 @@ class DetectedInputs(NamedTuple):
     shift_kept: Array
     error_share: Any
     error_kept: Array
+    camera_root: Any
 
 
-def with_lasting_errors(problem: Problem, frames: Integers, rate: float | None) -> Problem:
+def with_lasting_errors(
+    problem: Problem, frames: Integers, rate: float | None, camera_covariance: Floats | None = None
+) -> Problem:
     """Give a problem of points errors that last, and markers that may be beside their joints.
 
     Args:
         problem: The problem.
         frames: Its frames' numbers (T,).
         rate: Frames a second; 30 if None.
+        camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
+            taken for exact.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
@@ -62,6 +67,7 @@ def with_lasting_errors(problem: Problem, frames: Integers, rate: float | None) 
     problem = learn_walk(problem)
     own, tree = problem.inputs, problem.body.tree
     seconds = time_steps(frames, rate)
+    root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     inputs = DetectedInputs(
         **{**own._asdict(), "noise": jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:]))},
@@ -69,11 +75,16 @@ def with_lasting_errors(problem: Problem, frames: Integers, rate: float | None) 
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
         error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
         error_kept=jnp.asarray(np.exp(-seconds / ERRORS_LAST), float),
+        camera_root=Constant(jnp.asarray(root, float)),
     )
-    seen: Any = load_builder(PROGRAMS)(tree.coordinates, len(tree.marker_names), problem.num_cameras)
+    seen: Any = load_builder(PROGRAMS)(
+        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None
+    )
     model = compile_once(seen.program, frame_inputs(inputs, 0))
-    pose, markers = _of_states(seen)
-    return Problem(problem.body, model, problem.observations, inputs, pose, markers=markers)
+    pose, markers, cameras = _of_states(seen)
+    return Problem(
+        problem.body, model, problem.observations, inputs, pose, markers=markers, cameras=cameras, num_static=seen.num_static
+    )
 
 
 def with_no_errors(history: History, problem: Problem) -> History:
@@ -83,5 +94,5 @@ def with_no_errors(history: History, problem: Problem) -> History:
 
 
 @built_once
-def _of_states(seen: Any) -> tuple[Callable[[Array, Any], Array], Callable[[Array, Any], Array]]:
-    return lambda x, inputs: seen.pose(x), lambda x, inputs: seen.markers(x, inputs.tree)
+def _of_states(seen: Any) -> tuple[Callable[[Array, Any], Any], ...]:
+    return lambda x, inputs: seen.pose(x), lambda x, inputs: seen.markers(x, inputs.tree), seen.cameras

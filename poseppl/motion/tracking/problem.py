@@ -48,6 +48,8 @@ class Problem(NamedTuple):
         pose: The body's pose (d,) of a state and the frame's inputs; None where the state is the pose.
         follows: Of the same, whether the state is of the learned prior, 1 or 0; None without one that may fail to hold.
         markers: Of the same, the markers (K, 3); None where they are the pose's.
+        cameras: Of the same, the cameras; None where they are the inputs'.
+        num_static: How many of the state's last coordinates do not change.
     """
 
     body: Body
@@ -57,6 +59,8 @@ class Problem(NamedTuple):
     pose: Callable[[Array, Any], Array] | None = None
     follows: Callable[[Array, Any], Array] | None = None
     markers: Callable[[Array, Any], Array] | None = None
+    cameras: Callable[[Array, Any], Cameras] | None = None
+    num_static: int = 0
 
     @property
     def num_cameras(self) -> int:
@@ -67,7 +71,7 @@ class Problem(NamedTuple):
         """Collector of draws, with the markers and their projections beside them."""
         if self.pose is None:
             return collect_draws(self.model, max_draws=max_draws, extras=_with_projections(self.model))
-        return _collect_poses(self.model, self.pose, self.follows, self.markers, max_draws)
+        return _collect_poses(self.model, self.pose, self.follows, self.markers, self.cameras, max_draws)
 
     def record(self, frames: slice = slice(None)) -> dict[str, Any]:
         """The inputs as arrays by name, from which :func:`problem_of_result` makes the problem anew; cameras left out.
@@ -101,13 +105,15 @@ def _collect_poses(
     pose: Callable[[Array, Any], Array],
     follows: Callable[[Array, Any], Array] | None,
     markers: Callable[[Array, Any], Array] | None,
+    cameras: Callable[[Array, Any], Cameras] | None,
     max_draws: int,
 ) -> Collect:
     """The collector of states whose pose is another; ``prior_mean`` is the probability that they follow the prior."""
 
     def seen(x: Array, inputs: Any) -> dict[str, Array]:
         places = marker_positions(inputs.tree, pose(x, inputs)) if markers is None else markers(x, inputs)
-        return {"pose": pose(x, inputs), "markers": places, "points": project(inputs.cameras, places)}
+        eyes = inputs.cameras if cameras is None else cameras(x, inputs)
+        return {"pose": pose(x, inputs), "markers": places, "points": project(eyes, places)}
 
     collect = collect_draws(model, max_draws=max_draws, extras=seen)
 

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 import jax
+import numpy as np
 import xarray as xr
 
+from poseppl.arrays import Floats
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
-from poseppl.motion.tracking.problem import problem_of_result
+from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
@@ -21,6 +23,7 @@ from poseppl.runs.outcome import history_of_result, smoothed_result
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.results import provenance
 from poseppl.runs.smoothing import run_smoother
+from poseppl.smoothers.cut_laplace import cut_laplace_smoother
 
 
 class SmoothSettings(NamedTuple):
@@ -71,8 +74,11 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         raise InputError(f"{settings.errors!r}", field="--errors", expected="independent or lasting")
     lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model)
     if lasting:
-        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"))
+        cameras = _camera_covariance(known, problem) if settings.method == "laplace" else None
+        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras)
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
+    if problem.num_static:
+        smoother = cut_laplace_smoother(problem.model, problem.num_static, **options)
     if lasting and smoother.follows_ancestors:
         raise InputError(
             f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
@@ -99,3 +105,17 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         return diagnose(result)
     key = jax.random.fold_in(jax.random.key(settings.seed), 1)
     return diagnose(check_posterior(result, problem.model, key, problem.inputs, data=problem.observations))
+
+
+def _camera_covariance(known: Mapping[str, Any], problem: Problem) -> Floats | None:
+    """Covariance (6 C, 6 C) of what remains of the errors of a result's cameras; None where they were not sought."""
+    told, size = known.get("camera covariance"), 6 * problem.num_cameras
+    if told is None:
+        return None
+    try:
+        covariance = np.array(told, np.float64).reshape(size, size)
+        np.linalg.cholesky(covariance)
+    except (TypeError, ValueError) as error:  # NumPy's LinAlgError is a ValueError
+        problem_told = "the result's covariance of its cameras' errors is none"
+        raise InputError(problem_told, field="camera covariance", expected=f"{size} x {size} numbers") from error
+    return covariance

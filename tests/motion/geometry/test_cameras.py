@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from precision import epsilon
+from scipy.spatial.transform import Rotation
 
 from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at, paper_camera, project
-from poseppl.motion.geometry.cameras import NEAREST
+from poseppl.motion.geometry.cameras import NEAREST, moved_cameras
 from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -164,3 +165,15 @@ def test_batches_of_points_and_cameras(dtype):
     np.testing.assert_allclose(mapped, project(camera, places), atol=5 * epsilon(dtype))
     one_each = jax.vmap(lambda lens: project(jax.tree.map(lambda leaf: leaf[None], lens), places)[0])(camera)
     np.testing.assert_allclose(one_each, project(camera, places), atol=5 * epsilon(dtype))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-4, 1e-2, 1.0, 90.0])
+def test_moved_cameras_turn_about_their_own_axes(degrees: float) -> None:
+    camera = look_at((0.0, -4000.0, 1000.0), (0.0, 0.0, 900.0))
+    turn = np.deg2rad(degrees) * np.array([[0.6, 0.0, 0.8]])
+    moved = moved_cameras(camera, jnp.asarray(turn, float), jnp.asarray([[1.0, 2.0, 3.0]]))
+    expected = Rotation.from_rotvec(turn[0]).as_matrix() @ np.asarray(camera.rotation[0], np.float64)
+    np.testing.assert_allclose(moved.rotation[0], expected, atol=3e-7)
+    np.testing.assert_allclose(moved.centre[0], camera.centre[0] + np.array([1.0, 2.0, 3.0]))
+    slope = jax.jacobian(lambda turn: moved_cameras(camera, turn, jnp.zeros((1, 3))).rotation)(jnp.asarray(turn, float))
+    assert np.isfinite(slope).all()

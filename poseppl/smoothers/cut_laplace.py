@@ -1,0 +1,118 @@
+r"""Laplace's approximation of a whole trajectory, with coordinates of the state that do not change and are not learned from it.
+
+Of a state (x_t, c) the last p coordinates c are the same in all frames: errors of a calibration, say, of which something else
+has told what is known. Draws are of
+
+    c ~ its prior in the initial program,    x | c, z ~ N(m - R (c - c*), P^-1),    R = P^-1 B,
+
+c* being the prior's mean, m the mode of x there, P the curvature of -log p(x, z) there, block tridiagonal, and B_t the data's
+cross terms of x_t and c: to first order, intervals of x contain what is not known of c. That the data do not change what is
+known of c cuts the feedback (Plummer 2015, doi:10.1007/s11222-014-9503-z): a part of the model that is wrong, such as a body's
+lengths, does not spoil c. Where c was told by the same data, as errors of cameras are, they do not count twice.
+
+The step of c in the transition program is not read. It costs p more solves than Laplace's approximation alone, and is exact for
+linear Gaussian models.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.checks import check_at_least
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, covariances, solve, solve_upper
+from poseppl.gaussians.marginals import gaussian_marginals
+from poseppl.particles.stacks import rows_of
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
+from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.curvature import LENGTHS, safe_cholesky, trajectory_precision
+
+_TOGETHER = 50
+"""Trajectories that are drawn side by side."""
+
+
+@built_once
+def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: int = 500, num_mode_steps: int = 20) -> Smoother:
+    """Laplace's approximation, with coordinates that do not change and keep their prior.
+
+    Args:
+        model: The compiled model; all its sites are continuous, the first state has Gaussian moments, and what does not change
+            is independent of the rest in it.
+        num_static: p, the number of the state's last coordinates that do not change.
+        num_draws: N, independent trajectories that are drawn.
+        num_mode_steps: Gauss-Newton steps to the mode.
+
+    Returns:
+        The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
+
+    Raises:
+        ValueError: A number out of range.
+    """
+    check_at_least(1, num_static=num_static, num_draws=num_draws, num_mode_steps=num_mode_steps)
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
+        start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
+        mean, covariance = model.initial_moments(rows_of(inputs, 0))
+        size = len(mean) - num_static
+        static = mean[size:]
+
+        def step(moving: Array, _: None) -> tuple[Array, None]:
+            return _climb(model, moving, static, observations, inputs), None
+
+        moving, _ = jax.lax.scan(step, start[:, :size], None, length=num_mode_steps)
+        factor, cross = _curvature(model, moving, static, observations, inputs)
+        response = jax.vmap(lambda column: solve(factor, column), in_axes=2, out_axes=2)(cross)
+        first, second = jax.random.split(rng_key)
+        root = jnp.linalg.cholesky(covariance[size:, size:])
+        errors = jax.random.normal(first, (num_draws, num_static), moving.dtype) @ root.T
+        noise = jax.random.normal(second, (num_draws, *moving.shape), moving.dtype)
+
+        def draw(pair: tuple[Array, Array]) -> Array:
+            z, c = pair
+            return _whole(moving + solve_upper(factor, z) - response @ c, static + c)
+
+        draws = jax.lax.map(draw, (noise, errors), batch_size=_TOGETHER)
+        follow = -response @ covariance[size:, size:]
+        own = covariances(factor) - follow @ jnp.swapaxes(response, 1, 2)
+        rest = jnp.broadcast_to(covariance[size:, size:], (len(start), num_static, num_static))
+        around = jnp.block([[own, follow], [jnp.swapaxes(follow, 1, 2), rest]])
+        num_frames = len(start)
+        return Smoothed(
+            jnp.moveaxis(draws, 0, 1),
+            jnp.full((num_frames, num_draws), -jnp.log(num_draws), start.dtype),
+            smoothing_info(num_frames, jnp.asarray(num_draws), num_gradient=num_frames * num_mode_steps),
+            gaussian_marginals(_whole(moving, static), around),
+        )
+
+    return Smoother(smooth, joint=True, closed_form=True)
+
+
+def _whole(moving: Array, static: Array) -> Array:
+    """Flat states (T, d) of what moves (T, n) and what does not (p,)."""
+    return jnp.concatenate([moving, jnp.broadcast_to(static, (len(moving), len(static)))], 1)
+
+
+def _curvature(
+    model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object
+) -> tuple[BlockCholesky, Array]:
+    """P, factorised, and B (T, n, p)."""
+    size = moving.shape[1]
+    whole = trajectory_precision(model, _whole(moving, static), observations, inputs)
+    factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
+    return factor, whole.diagonal[:, :size, size:]
+
+
+def _climb(model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object) -> Array:
+    """A damped Gauss-Newton step of what moves."""
+
+    def log_density(moving: Array) -> Array:
+        return model.log_joint(_whole(moving, static), observations, inputs)
+
+    factor = _curvature(model, moving, static, observations, inputs)[0]
+    move = solve(factor, jax.grad(log_density)(moving))
+    move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
+    trials = moving + jnp.asarray(LENGTHS, moving.dtype)[:, None, None] * move
+    values = jax.vmap(log_density)(trials)
+    return trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))]
