@@ -39,7 +39,7 @@ class LinearTransitions(NamedTuple):
     precisions: Array
 
 
-class Marginals(NamedTuple):
+class MarginalCovariances(NamedTuple):
     """Covariances of a Gaussian trajectory: ``own`` (T, d, d), and ``next`` = Cov(x_(t+1), x_t) (T - 1, d, d)."""
 
     own: Array
@@ -130,7 +130,7 @@ def quadratic_prior(transitions: LinearTransitions, states: Array) -> tuple[Bloc
     return BlockTridiagonal(precisions.at[:-1].add(before), below), gradient
 
 
-def marginal_covariances(factor: BlockCholesky) -> Marginals:
+def marginal_covariances(factor: BlockCholesky) -> MarginalCovariances:
     """Covariances of single frames and of neighbours, from the Cholesky factor of J."""
     inverses, gains = factor
     conditional = jnp.einsum("tji,tjk->tik", inverses, inverses)
@@ -141,4 +141,4 @@ def marginal_covariances(factor: BlockCholesky) -> Marginals:
         return covariance, (covariance, -following @ gain)
 
     _, (earlier, beside) = jax.lax.scan(back, conditional[-1], (conditional[:-1], gains), reverse=True)
-    return Marginals(jnp.concatenate([earlier, conditional[-1:]]), beside)
+    return MarginalCovariances(jnp.concatenate([earlier, conditional[-1:]]), beside)
