@@ -24,6 +24,7 @@ extensions = [
     "website.docstrings",
     "website.mathml",
     "website.notebooks",
+    "website.source_pages",
 ]
 source_suffix = {".md": "myst-nb", ".rst": "restructuredtext"}
 exclude_patterns = ["README.md"]
