@@ -11,7 +11,8 @@ NAME, PACKAGE, METHOD = "poseppl", "poseppl", "Kalman, Rauch-Tung-Striebel"
 
 def prepare(data):
     model = poseppl.StateSpaceModel(initial, transition, observation).compile()
-    filter, smoother = poseppl.filters.kalman_filter(model), poseppl.smoothers.rauch_tung_striebel_smoother(model)
+    filter = poseppl.filters.kalman_filter(model, 200)  # as many draws as a result keeps; moments need none
+    smoother = poseppl.smoothers.rauch_tung_striebel_smoother(model, num_draws=200)
 
     def run(seed):
         result = poseppl.infer(model, {"z": data}, filter, jax.random.key(seed))
