@@ -55,9 +55,10 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
         first, later = split_first(inputs)
         start = _usable(log_initials(model, particles[0], first)) + seen[0]
         frames = (particles[:-1], particles[1:], seen[1:], later)
-        best, predecessors = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
+        best, bests = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
         last = jnp.argmax(best)
-        _, path = jax.lax.scan(lambda index, row: (row[index], row[index]), last, predecessors, reverse=True)
+        # the search for a predecessor costs several times a maximum: it is made for the particles of the path alone
+        _, path = jax.lax.scan(partial(_predecessor, model), last, (bests, frames), reverse=True)
         trajectory = jnp.take_along_axis(particles, jnp.append(path, last)[:, None, None], axis=1)
         cost = float(num_frames - 1) * float(num_particles) ** 2
         info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost)
@@ -67,18 +68,26 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
 
 
 def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Array]:
-    """Log-densities delta (N,) of one frame from that of the frame before, and each particle's best predecessor (N,)."""
+    """Log-densities delta (N,) of one frame from that of the frame before, and these (N,)."""
     earlier, later, seen, inputs = frame
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
-    def maximise(xs: Array) -> tuple[Array, Array]:
-        paths = log_transition_matrix(model, xs, earlier, inputs) + best
-        paths = jnp.where(jnp.isnan(paths), -jnp.inf, paths)
-        return jnp.max(paths, 1), jnp.argmax(paths, 1)
-
-    heights, predecessors = jax.lax.map(maximise, split_rows(later, rows))
+    heights = jax.lax.map(lambda xs: jnp.max(_paths(model, xs, earlier, best, inputs), 1), split_rows(later, rows))
     reached = _usable(join_rows(heights, later.shape[0]))
-    return _levelled(reached + seen), join_rows(predecessors, later.shape[0])
+    return _levelled(reached + seen), best
+
+
+def _predecessor(model: CompiledModel, index: Array, row: tuple[Array, Any]) -> tuple[Array, Array]:
+    """The best predecessor of the particle of an index."""
+    best, (earlier, later, _, inputs) = row
+    found = jnp.argmax(_paths(model, later[index][None], earlier, best, inputs)[0])
+    return found, found
+
+
+def _paths(model: CompiledModel, xs: Array, earlier: Array, best: Array, inputs: Any) -> Array:
+    """Log-densities (n, N) of the best paths to states (n, d) through each earlier one (N, d)."""
+    paths = log_transition_matrix(model, xs, earlier, inputs) + best
+    return jnp.where(jnp.isnan(paths), -jnp.inf, paths)
 
 
 def _usable(log_densities: Array) -> Array:
