@@ -18,6 +18,7 @@ from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.tables import Table
 from verdicts import (
     choo_fleet,
+    choosing,
     compile_times,
     ensembles,
     fast_motion,
@@ -62,6 +63,7 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
+    "choosing.md": {"choosing": choosing.choosing},
     "keypoints.md": {"keypoints": keypoints.keypoints},
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
