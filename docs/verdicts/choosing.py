@@ -13,7 +13,7 @@ _COLUMNS = ("model", "filter", "seeds", "error, least is 1", "90 % intervals hol
 
 
 def choosing(tables: Tables) -> str:
-    """Error over the least of a model's, coverage, seconds and verdicts, the best first; and which filters refuse which models."""
+    """Error over the least of a model's, coverage, seconds and verdicts, the best first; and which filters refuse which."""
     rows = tables["choosing"].records()
     shown, refused = [], []
     for model in dict.fromkeys(row["model"] for row in rows):
