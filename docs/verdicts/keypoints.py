@@ -31,7 +31,7 @@ def keypoints(tables: Tables) -> str:
                 *shares,
             ]
         )
-        if row["method"] == DEFAULT:
+        if row["method"] == DEFAULT and row["cameras"] in MEDIAN:
             near = row["median"] <= MEDIAN[row["cameras"]] and row["percentile_95"] <= PERCENTILE_95[row["cameras"]]
             held = all(low <= row[name] <= high for name, (low, high) in HELD.items())
             reached.append((near, held))
