@@ -19,7 +19,6 @@ from poseppl.filters.particle import particle_filter as particle_filter
 from poseppl.filters.rao_blackwellised import (
     CollapsedState as CollapsedState,
     rao_blackwellised_filter as rao_blackwellised_filter,
-    site_probabilities as site_probabilities,
 )
 from poseppl.filters.sequential_monte_carlo import ParticleState as ParticleState
 from poseppl.filters.sharding import sharded as sharded

@@ -28,7 +28,6 @@ from poseppl.errors import UnsuitableModelError
 from poseppl.filters.adaptive_resampling import Ancestry, adaptive_resampling
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.conditional_proposal import conditional_model
-from poseppl.filters.hidden_markov import integer_bounds
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import first_order, predict
@@ -36,7 +35,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import Scheme
 from poseppl.particles.stacks import rows_of
-from poseppl.particles.weights import normalise, weigh
+from poseppl.particles.weights import weigh
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.dependence import output_dependence
@@ -128,33 +127,6 @@ def rao_blackwellised_filter(
         return CollapsedState(particles, weighed.log_weights, real, split.marginals(weighed.log_weights, drawn, real)), info
 
     return Filter(init, step, evidence="weights")
-
-
-def site_probabilities(model: CompiledModel, state: Any) -> dict[str, Array]:
-    """Probabilities of the values of the finite sites after a frame.
-
-    Args:
-        model: The compiled model.
-        state: A state of any filter, with particles (N, d) and log-weights (N,).
-
-    Returns:
-        For each finite site an array of its shape with one more axis over its K values, in order.
-
-    Raises:
-        UnsuitableModelError: A finite site without bounds.
-    """
-    weights = normalise(state.log_weights).weights
-    found = {}
-    for name in model.finite_sites:
-        site = model.sites[name]
-        bounds = integer_bounds(site.support)
-        if bounds is None:
-            raise UnsuitableModelError(f"The finite site {name!r} has no bounds (support {site.support}).")
-        values = jnp.arange(bounds[0], bounds[1] + 1)
-        columns = state.particles[:, site.offset : site.offset + site.size]
-        shares = jnp.einsum("n,nsk->sk", weights, (jnp.round(columns)[..., None] == values).astype(weights.dtype))
-        found[name] = shares.reshape(*site.shape, len(values))
-    return found
 
 
 class _Split(NamedTuple):

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.program import CompiledModel, Site
+from poseppl.program import CompiledModel
 
 
 def sites_of(model: CompiledModel, states: Array, inputs: Any) -> dict[str, Array]:
@@ -38,21 +38,21 @@ def summary_of_sites(
         ``NAME_probability`` (..., values) of sites of finitely many values; ``NAME_mean``, ``NAME_sd`` and ``NAME_quantile`` of
         the others.
     """
-    told: dict[str, Array] = {}
+    told = {f"{name}_probability": found for name, found in site_probabilities(model, states, weights).items()}
     for name, site in model.sites.items():
-        if name in model.finite_values:
-            told[f"{name}_probability"] = _probability(site, model.finite_values[name], states, weights)
-        elif site.identity and name != "state":
+        if name not in model.finite_values and site.identity and name != "state":
             told[f"{name}_mean"] = site.unflatten(of_state["state_mean"])
             told[f"{name}_sd"] = site.unflatten(of_state["state_sd"])
             told[f"{name}_quantile"] = jax.vmap(site.unflatten)(of_state["state_quantile"])
     return told
 
 
-def _probability(site: Site, values: range, states: Array, weights: Array | None) -> Array:
-    """Probability (..., values) of each value."""
-    taken = jnp.round(jax.vmap(site.unflatten)(states))
+def site_probabilities(model: CompiledModel, states: Array, weights: Array | None = None) -> dict[str, Array]:
+    """Probability (..., values) of each value of the sites that have finitely many; arguments as above."""
     count = states.shape[0]
     share = jnp.full(count, 1.0 / count, states.dtype) if weights is None else weights
-    found = [jnp.tensordot(share, (taken == value).astype(states.dtype), 1) for value in values]
-    return jnp.stack(found, -1)
+    found = {}
+    for name, values in model.finite_values.items():
+        taken = jnp.round(jax.vmap(model.sites[name].unflatten)(states))
+        found[name] = jnp.stack([jnp.tensordot(share, (taken == value).astype(states.dtype), 1) for value in values], -1)
+    return found

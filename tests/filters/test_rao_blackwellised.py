@@ -13,8 +13,8 @@ from test_switching import posed
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import rao_blackwellised_filter, switching_filter
-from poseppl.filters.rao_blackwellised import site_probabilities
 from poseppl.program import StateSpaceModel
+from poseppl.runs.site_summary import site_probabilities
 
 REPLICATES = 400
 KEPT = 0.7
@@ -30,7 +30,7 @@ def found():
         states, infos = run(built, key, data, None)
         weights = jnp.exp(states.log_weights)
         mean = states.real.mean[..., 0]
-        chance = jax.vmap(lambda state: site_probabilities(problem.model, state)["k"][1])(states)
+        chance = jax.vmap(lambda x, weight: site_probabilities(problem.model, x, weight)["k"][1])(states.particles, weights)
         seconds = jnp.sum(weights * (states.real.covariance[..., 0, 0] + mean**2), 1)
         draws = jnp.sum(weights * states.particles[..., 1], 1)
         told = jax.vmap(lambda each: each.mean)(states.marginals)
