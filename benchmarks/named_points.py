@@ -141,7 +141,9 @@ def board_table(folder: Path, quick: bool) -> Table:
     """Rows by the cameras that are used; frames and corners count that all of them see."""
     records = read_cameras(folder / "camera_array.toml")
     files = {record.name: folder / "xy_CHARUCO.csv" for record in records}
-    whole, rows = read_point_recording(files, records), []
+    read, rows = read_point_recording(files, records), []
+    together = np.flatnonzero(np.isfinite(read.points).any((2, 3)).all(1))
+    whole = read.of_frames(together)
     for count in (2, 3, 4):
         for used in itertools.combinations(range(4), count):
             if quick and used != (0, 1):

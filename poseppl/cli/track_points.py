@@ -57,6 +57,8 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
         frames=options["frames"],
         rate=given_rate(options),
     )
+    for note in recording.notes:
+        progress.note(note)
     progress.stage(f"smoothing {len(recording.names)} points in {len(recording.frames)} frames")
     draws = options["max_draws"] or _DRAWS
     tracks = smooth_points(recording, skeleton=skeleton, num_draws=draws, seed=options["seed"])

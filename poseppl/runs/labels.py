@@ -26,6 +26,8 @@ _DIMS = {
     "state": ("dof",),
     "markers": ("marker", "axis"),
     "points": ("camera", "marker", "xy"),
+    "confidence": ("camera", "marker"),
+    "clutter": ("camera", "marker"),
     "overlap": ("camera",),
     "identity": ("camera",),
     "swaps": ("camera", "limbs"),

@@ -15,6 +15,9 @@ group                        variables
                              of a site ``NAME_mean``, ``NAME_sd``, ``NAME_quantile``, or of one of finitely many values
                              ``NAME_probability`` (frame, ..., NAME_value)
 ``observed_data``            ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
+``faults``                   probabilities, given all data, that data are wrong: ``clutter`` (frame, camera, marker), that a
+                             point is anything else; ``swaps`` (frame, camera, limbs), that left and right limbs are
+                             exchanged
 ``truth``                    where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``                   the calibration, one row a camera
 ``body``                     ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn
@@ -82,6 +85,7 @@ def build_result(
     summary: Mapping[str, ArrayLike] | None = None,
     quantiles: Sequence[float] = QUANTILES,
     observed: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    faults: Mapping[str, ArrayLike] | None = None,
     truth: Truth | None = None,
     cameras: Mapping[str, ArrayLike | None] | None = None,
     edges: ArrayLike | None = None,
@@ -106,6 +110,7 @@ def build_result(
             Whatever is absent for ``state`` and ``markers`` is computed from the draws.
         quantiles: Levels of the quantiles, ascending.
         observed: (frame, camera, marker, xy) image points, NaN where missing; or any data by name, (frame, ...) each.
+        faults: Probabilities that data are wrong, (frame, ...) each.
         truth: The truth, where known.
         cameras: Arrays with a leading axis of cameras, e.g. ``rotation``, ``centre`` (mm), ``focal``, ``principal``.
         edges: (edge, 2) indices into the markers.
@@ -138,10 +143,11 @@ def build_result(
     if observed is not None:
         data = observed if isinstance(observed, Mapping) else {"points": observed}
         groups["observed_data"] = labelled(data, ("frame",), known)
-    for group, leading, given in (("truth", "frame", (truth or Truth())._asdict()), ("camera", "camera", cameras or {})):
+    rows = ("faults", faults or {}), ("truth", (truth or Truth())._asdict()), ("camera", cameras or {})
+    for group, given in rows:
         parts = {name: values for name, values in given.items() if values is not None}
         if parts:
-            groups[group] = labelled(parts, (leading,), known)
+            groups[group] = labelled(parts, ("camera" if group == "camera" else "frame",), known)
     if edges is not None:
         skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
         groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})

@@ -40,6 +40,9 @@ def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixtur
     parts: dict[str, Any] = {name: np.asarray(tree[name].to_numpy()) for name in ("observed_data/points", "posterior/points")}
     off = parts["observed_data/points"] - parts["posterior/points"].mean((0, 1))
     assert np.nanmedian(np.abs(off)) < 3
+    assert set(tree["observed_data"].dataset.data_vars) == {"points", "confidence"}
+    wrong = tree["faults"].dataset
+    assert wrong["clutter"].dims == ("frame", "camera", "marker") and wrong["swaps"].dims == ("frame", "camera", "limbs")
     places = np.asarray(tree["posterior/markers"].to_numpy())[0]
     apart = np.linalg.norm(places[:, :, 0] - places[:, :, 1], axis=-1)
     assert 0 < apart.std() / apart.mean() < 0.2

@@ -45,6 +45,7 @@ class PointRecording(NamedTuple):
         times: (T,) ascending, s.
         rate: Frames a second; None where unknown.
         source: Where it came from.
+        notes: What the user should know of it.
     """
 
     names: tuple[str, ...]
@@ -57,6 +58,7 @@ class PointRecording(NamedTuple):
     times: Floats
     rate: float | None
     source: str
+    notes: tuple[str, ...] = ()
 
     def of_cameras(self, chosen: Sequence[int]) -> PointRecording:
         """What some of the cameras saw."""
@@ -69,7 +71,7 @@ class PointRecording(NamedTuple):
             confidence=self.confidence[:, index],
         )
 
-    def of_frames(self, part: slice) -> PointRecording:
+    def of_frames(self, part: slice | Integers) -> PointRecording:
         """Some of the frames."""
         cut = {name: getattr(self, name)[part] for name in ("points", "confidence", "frames", "times")}
         return self._replace(**cut)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
 from poseppl.motion.geometry import project
 from poseppl.motion.io import CameraRecord, DetectedPeople
@@ -20,6 +20,7 @@ from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.io.text_parsing import rows_of_csv, some
+from poseppl.motion.tracking.keypoint_sources import without_strays
 from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecording
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_smoothing import PointTracks
@@ -29,6 +30,8 @@ from poseppl.runs.results import Names, build_result
 
 _HEADERS = 4
 """Rows at most before DeepLabCut's first frame."""
+FEW = 0.4
+"""Share of frames without any point above which a camera is told of."""
 
 
 def read_point_recording(
@@ -47,7 +50,7 @@ def read_point_recording(
         records: The calibrated cameras; those without a file are left out.
         skeleton: The points that are wanted; all that the files have if None.
         person: Which of the individuals that the files name.
-        frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
+        frames: Range "start:stop:step" of the frames that any file has, counted from 0; all if None.
         rate: Frames a second; None where unknown, and then :data:`~poseppl.motion.tracking.walk.ASSUMED_RATE` is assumed.
 
     Raises:
@@ -57,7 +60,11 @@ def read_point_recording(
     for name in files:
         if name not in known:
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
-    found = {camera: read_keypoints(path, camera=camera) for camera, path in files.items()}
+    found, notes = {}, []
+    for camera, path in files.items():
+        read = read_keypoints(path, camera=camera)
+        found[camera], strays = without_strays(read, known[camera].size, camera)
+        notes += strays
     names = next(iter(found.values())).names if skeleton is None else skeleton.points
     for camera, people in found.items():
         missing = [name for name in names if name not in people.names]
@@ -65,12 +72,15 @@ def read_point_recording(
             raise InputError(f"no point {missing[0]!r}", file=files[camera], field="--skeleton", expected=some(people.names))
         if person > people.points.shape[1]:
             raise InputError(f"{person}", file=files[camera], field="--person", expected=f"1 to {people.points.shape[1]}")
-    numbers = sorted(set.intersection(*(set(people.frames.tolist()) for people in found.values())))
-    if not numbers:
+    held = {camera: set(people.frames.tolist()) for camera, people in found.items()}
+    if len(files) > 1 and not any(held[one] & held[other] for one, other in itertools.combinations(held, 2)):
         raise InputError("the files have no frame in common", field="--keypoints", expected="equal frame numbers")
+    numbers = sorted(set.union(*held.values()))
     part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
     chosen = np.asarray(numbers)[part]
     tables = [_of_names(people, names, chosen, person - 1) for people in found.values()]
+    for camera, (points, _) in zip(files, tables, strict=True):
+        notes += _told_of_gaps(camera, points, chosen, held[camera])
     cameras = [known[name] for name in files]
     return PointRecording(
         tuple(names),
@@ -83,6 +93,7 @@ def read_point_recording(
         (chosen - chosen[0]) / (rate or ASSUMED_RATE),
         rate and rate / part.step,
         ", ".join(map(str, dict.fromkeys(map(str, files.values())))),
+        tuple(notes),
     )
 
 
@@ -98,10 +109,25 @@ def is_point_table(path: FilePath) -> bool:
 
 
 def _of_names(people: DetectedPeople, names: Sequence[str], numbers: Any, person: int) -> tuple[Floats, Floats]:
-    """Points (T, K, 2) and confidence (T, K) of the names, at frames of these numbers."""
-    rows = numbers - people.frames[0]
+    """Points (T, K, 2) and confidence (T, K) of the names, at frames of these numbers; NaN and 0 where the file has none."""
+    held, rows, _ = np.intersect1d(people.frames, numbers, return_indices=True)
     columns = [people.names.index(name) for name in names]
-    return people.points[rows][:, person, columns], people.confidence[rows][:, person, columns]
+    at = np.searchsorted(numbers, held)
+    points, confidence = np.full((len(numbers), len(names), 2), np.nan), np.zeros((len(numbers), len(names)))
+    points[at], confidence[at] = people.points[rows][:, person, columns], people.confidence[rows][:, person, columns]
+    return points, confidence
+
+
+def _told_of_gaps(camera: str, points: Floats, numbers: Integers, held: set[int]) -> list[str]:
+    """Frames that a camera's file lacks, or in most of which nothing was found."""
+    missing = [number for number in numbers.tolist() if number not in held]
+    told = []
+    if missing:
+        told.append(f"{camera}: its file lacks {len(missing)} of {len(numbers)} frames, from {missing[0]} to {missing[-1]}")
+    empty = 1 - np.isfinite(points).all(-1).any(-1).mean()
+    if empty > FEW:
+        told.append(f"{camera}: nothing was found in {empty:.0%} of {len(numbers)} frames")
+    return told
 
 
 def result_of_points(
@@ -124,12 +150,8 @@ def result_of_points(
         names=Names([f"{name}.{axis}" for name in recording.names for axis in "xyz"], recording.names, recording.camera_names),
         extras={"markers": places[None], "points": np.stack(images)[None]},
         sample_stats={},
-        observed={
-            "points": recording.points,
-            "confidence": recording.confidence,
-            "clutter": tracks.clutter,
-            "swaps": tracks.swaps,
-        },
+        observed={"points": recording.points, "confidence": recording.confidence},
+        faults={"clutter": tracks.clutter, "swaps": tracks.swaps},
         cameras=cameras,
         edges=np.asarray(edges, int).reshape(-1, 2),
         frames=recording.frames,

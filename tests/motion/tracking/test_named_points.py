@@ -13,7 +13,7 @@ import pytest
 from poseppl.arrays import double_precision
 from poseppl.errors import InputError
 from poseppl.motion.geometry import join_cameras, look_at, project
-from poseppl.motion.io import read_cameras
+from poseppl.motion.io import CameraRecord, read_cameras
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.tracking.linked_points import components
 from poseppl.motion.tracking.named_points import PointRecording, make_point_problem, places_of
@@ -90,3 +90,28 @@ def test_files_become_a_recording(data_dir: Path) -> None:
         read_point_recording(files, records, skeleton=Skeleton(("nose",), (), ()))
     with pytest.raises(InputError, match="no camera 'x'"):
         read_point_recording({"x": board / "xy_CHARUCO.csv"}, records)
+
+
+def test_nothing_is_lost_of_files_that_have_faults(tmp_path: Path) -> None:
+    """One ends early, one has a point at 1e9, one finds nothing in half of its frames: all is told, and the rest is kept."""
+    header = "scorer,net,net,net\nbodyparts,a,a,a\ncoords,x,y,likelihood\n"
+    rows = [f"{t},{100 + t},{200 + t},0.9\n" for t in range(10)]
+    empty = [row if t < 5 else f"{t},,,\n" for t, row in enumerate(rows)]
+    far = ["3,1e9,200,0.9\n" if t == 3 else row for t, row in enumerate(rows)]
+    files = {}
+    for name, lines in {"early": rows[:6], "far": far, "empty": empty}.items():
+        files[name] = tmp_path / f"{name}.csv"
+        files[name].write_text(header + "".join(lines), encoding="utf-8")
+    camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
+    read = read_point_recording(files, [camera._replace(name=name) for name in files])
+    seen = np.isfinite(read.points).all(-1)[..., 0]
+    assert seen.sum(0).tolist() == [6, 9, 5]
+    assert read.points[9, 1, 0].tolist() == [109.0, 209.0]
+    told = "\n".join(read.notes)
+    lacks, far_away, nothing = (
+        "early: its file lacks 4 of 10 frames, from 6 to 9",
+        "far: 1 points lie far",
+        "empty: nothing was found",
+    )
+    for part in (lacks, far_away, nothing):
+        assert part in told, told
