@@ -143,11 +143,8 @@ def build_result(
     if observed is not None:
         data = observed if isinstance(observed, Mapping) else {"points": observed}
         groups["observed_data"] = labelled(data, ("frame",), known)
-    rows = ("faults", faults or {}), ("truth", (truth or Truth())._asdict()), ("camera", cameras or {})
-    for group, given in rows:
-        parts = {name: values for name, values in given.items() if values is not None}
-        if parts:
-            groups[group] = labelled(parts, ("camera" if group == "camera" else "frame",), known)
+    groups |= _where_given(known, "frame", faults=faults or {}, truth=(truth or Truth())._asdict())
+    groups |= _where_given(known, "camera", camera=cameras or {})
     if edges is not None:
         skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
         groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
@@ -158,6 +155,14 @@ def build_result(
     tree = xr.DataTree.from_dict(groups | dict(others or {}))
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree
+
+
+def _where_given(
+    known: Mapping[str, NDArray[Any]], leading: str, **groups: Mapping[str, ArrayLike | None]
+) -> dict[str, xr.Dataset]:
+    """Groups of variables, without those that are None, and without groups of none."""
+    present = {group: {name: x for name, x in given.items() if x is not None} for group, given in groups.items()}
+    return {group: labelled(parts, (leading,), known) for group, parts in present.items() if parts}
 
 
 def save_result(tree: xr.DataTree, path: FilePath) -> None:
