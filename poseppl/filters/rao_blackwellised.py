@@ -87,7 +87,7 @@ def rao_blackwellised_filter(
         split.check("initial", inputs)
         drawn = draw_initial(model, particle_keys(key_finite, num_particles), inputs)
         given = jax.vmap(lambda x: split.given(x, x, inputs))(drawn)
-        prior = jax.vmap(lambda given: Gaussian(*split.real.initial_moments(given)))(given)
+        prior = jax.vmap(lambda _, given: Gaussian(*split.real.initial_moments(given)))(drawn, given)  # inputs may be None
         uniform = jnp.full(num_particles, -jnp.log(num_particles), drawn.dtype)
         return taken_in(key_real, drawn, prior, given, adaptive.keep(uniform), observation)
 

@@ -179,7 +179,7 @@ def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
     others = f" and {low.size - 1} other frames" if low.size > 1 else ""
     note(
         f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
-        "rests on one particle (take more, or a filter that looks at the data first, such as the auxiliary or tempered one)"
+        "rests on one particle (take more, or a filter that looks at the data first)"
     )
 
 

@@ -9,10 +9,11 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from law_problems import run, z_scores
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from test_switching import posed
 
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters import rao_blackwellised_filter, switching_filter
+from poseppl.filters import kalman_filter, rao_blackwellised_filter, switching_filter
 from poseppl.program import StateSpaceModel
 from poseppl.runs.site_summary import site_probabilities
 
@@ -89,3 +90,13 @@ def test_a_finite_site_that_depends_on_a_real_one_is_refused():
     state, _ = jax.eval_shape(built.init, jax.random.key(0), data)
     with pytest.raises(UnsuitableModelError, match="finite site of the transition program.*depends on real ones"):
         jax.eval_shape(built.step, jax.random.key(1), state, data)
+
+
+def test_a_model_without_finite_sites_or_inputs_is_one_gaussian():
+    model = linear_gaussian_model(linear_gaussian_matrices(1)).compile()
+    data = model.observe({"y": jnp.full(1, 0.3)})
+    (state, info), (exact, its_info) = (
+        built.init(jax.random.key(0), data) for built in (rao_blackwellised_filter(model, 2), kalman_filter(model, 2))
+    )
+    np.testing.assert_allclose(state.marginals.mean, exact.marginals.mean, rtol=1e-5)
+    np.testing.assert_allclose(info.log_evidence, its_info.log_evidence, rtol=1e-5)
