@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,8 @@ from poseppl.program.bijector import Site
 from poseppl.program.execution import (
     Randomness,
     Seed,
+    Trace,
+    Values,
     draw,
     event_log_densities,
     event_mask,
@@ -29,18 +31,16 @@ from poseppl.program.explanation import check_inputs
 from poseppl.program.moments import (
     flat_observation,
     is_gaussian,
-    moments_obstacle,
     observation_information,
     observation_jacobian,
     observation_moments,
-    same_frame_dependence,
-    transition_moments,
 )
 from poseppl.program.normal_sites import joint_normal
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
 from poseppl.program.resolution import constant_noise, tell_rounding
 from poseppl.program.schema import Declared
+from poseppl.program.state_moments import MomentsForm, moments_form, same_frame_dependence, state_moments
 
 if TYPE_CHECKING:
     from poseppl.program.clamped import ClampedModel
@@ -233,51 +233,55 @@ class CompiledModel:
     # Gaussian summaries
 
     def initial_moments(self, inputs: Inputs = None) -> tuple[Array, Array]:
-        """Mean (d,) and covariance (d, d) of the first flat state, from the initial program's distributions.
-
-        Raises:
-            ValueError: A site is not over the real line, depends on another site, or has no moments.
-        """
+        """Mean (d,) and covariance (d, d) of the first flat state; see :meth:`transition_moments`."""
         return self._moments("initial", self._arguments(inputs))
 
     def initial_is_gaussian(self, inputs: Inputs = None) -> bool:
         """Whether the density of the first flat state is the Gaussian of its moments, where it has these."""
         arguments = self._arguments(inputs)
         values = {name: jnp.zeros(site.shape, site.dtype) for name, site in self.sites.items()}
-        return is_gaussian(trace_program(self.programs.initial, arguments, values=values))
+        gaussian = is_gaussian(trace_program(self.programs.initial, arguments, values=values))
+        return gaussian and not self.moments_are_linearised("initial", inputs)
 
     def transition_moments(self, x_previous: Array, inputs: Inputs = None) -> tuple[Array, Array]:
         """Mean (d,) and covariance (d, d) of the next flat state, from the transition's distributions.
 
+        A site's mean may depend on sites that were sampled before it in the same frame. The moments are exact where it is
+        affine in them; where it is not, it is linearised about their mean, and :meth:`moments_are_linearised` is true.
+
         Raises:
-            ValueError: A site is not over the real line, depends on another site of its frame, or has no moments.
+            ValueError: A site is not over the real line, has no moments, or has a scale that depends on a site of its frame.
         """
         return self._moments("transition", self._arguments(inputs, x_previous))
 
+    def moments_are_linearised(self, which: str, inputs: Inputs = None, x_previous: Array | None = None) -> bool:
+        """Whether the moments of the "initial" or the "transition" program are linearised within the frame, and not exact."""
+        return self._moments_form(which, self._arguments(inputs, x_previous)).linearised
+
     def same_frame_dependence(self, which: str, inputs: Inputs = None, x_previous: Array | None = None) -> dict[str, list[str]]:
         """For each site of the "initial" or the "transition" program those of its own frame that it depends on."""
-        program, arguments = getattr(self.programs, which), self._arguments(inputs, x_previous)
-        return same_frame_dependence(self.sites, lambda values: trace_program(program, arguments, values=values))
+        return same_frame_dependence(self.sites, self._trace_of(which, self._arguments(inputs, x_previous)))
 
     def _moments(self, which: str, arguments: tuple[Any, ...]) -> tuple[Array, Array]:
-        program = getattr(self.programs, which)
-
-        def trace_of(values: Mapping[str, Array]) -> Any:
-            return trace_program(program, arguments, values=values)
-
-        if which not in self._moments_check:
-            self._moments_check[which] = moments_obstacle(self.sites, trace_of)
-        obstacle = self._moments_check[which]
-        if obstacle is not None:
+        form = self._moments_form(which, arguments)
+        if form.obstacle is not None:
             raise UnsuitableModelError(
-                f"The {which} program has no Gaussian moments: {obstacle}. Use an algorithm that only samples it, or write the "
-                "site with a Normal or MultivariateNormal of its own."
+                f"The {which} program has no Gaussian moments: {form.obstacle}. Use an algorithm that only samples it, or "
+                "write the site with a Normal or MultivariateNormal of its own."
             )
-        return transition_moments(self.sites, trace_of)
+        return state_moments(self.sites, self._trace_of(which, arguments), form)
+
+    def _moments_form(self, which: str, arguments: tuple[Any, ...]) -> MomentsForm:
+        if which not in self._moments_forms:
+            self._moments_forms[which] = moments_form(self.sites, self._trace_of(which, arguments))
+        return self._moments_forms[which]
+
+    def _trace_of(self, which: str, arguments: tuple[Any, ...]) -> Callable[[Values], Trace]:
+        return lambda values: trace_program(getattr(self.programs, which), arguments, values=values)
 
     @cached_property
-    def _moments_check(self) -> dict[str, str | None]:
-        """For each program the finding of its first check."""
+    def _moments_forms(self) -> dict[str, MomentsForm]:
+        """For each program what the first look at it found."""
         return {}
 
     def observation_moments(self, x: Array, inputs: Inputs = None) -> tuple[Array, Array]:

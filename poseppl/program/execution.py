@@ -31,6 +31,8 @@ from poseppl.program.explanation import refuse
 
 Program = Callable[..., Any]
 Trace = dict[str, dict[str, Any]]
+Values = Mapping[str, Array] | Callable[[Mapping[str, Any]], Array | None]
+"""Values of sample sites, constrained: by name, or from NumPyro's message about any site, None for those not given."""
 
 
 def unwrap(distribution: dist.Distribution) -> dist.Distribution:
@@ -154,7 +156,7 @@ def trace_program(
     arguments: tuple[Any, ...],
     *,
     seed: Seed | None = None,
-    values: Mapping[str, Array] | None = None,
+    values: Values | None = None,
 ) -> Trace:
     """Run a program and return its sites by name.
 
@@ -163,7 +165,7 @@ def trace_program(
         arguments: Its arguments.
         seed: Randomness of the sites that `values` does not give. Without it a constant key serves plates, whose draws are
             never used.
-        values: Values of sample sites, constrained.
+        values: Values of sample sites.
 
     Returns:
         NumPyro's messages by site name, in order.
@@ -173,7 +175,7 @@ def trace_program(
         handlers.block(),
         handlers.trace() as sites,
         seed,
-        handlers.substitute(data=dict(values or {})),
+        handlers.substitute(substitute_fn=values) if callable(values) else handlers.substitute(data=dict(values or {})),
     ):
         program(*arguments)
     return dict(sites)

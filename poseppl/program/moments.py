@@ -1,4 +1,4 @@
-"""Gaussian summaries of programs: moments of the transition, curvature of the observation.
+"""Gaussian summaries of distributions and of the observation program: moments, curvature.
 
 The curvature is Gauss-Newton's. For Gaussian sites with location mu(x) and precision R^-1, and other sites or factors l(x),
 
@@ -25,11 +25,10 @@ import numpyro.distributions as dist
 from jax import Array
 from jax.scipy.linalg import block_diag, solve_triangular
 
-from poseppl.program.bijector import Site
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import event_mask, sample_sites, site_log_density, unwrap
-from poseppl.program.normal_sites import is_plain, joint_normal
+from poseppl.program.execution import event_mask, site_log_density, unwrap
+from poseppl.program.normal_sites import is_plain
 from poseppl.program.robust_errors import RobustError
 
 TraceOf = Callable[[Array], dict[str, dict[str, Any]]]
@@ -61,79 +60,14 @@ def moments(distribution: dist.Distribution) -> tuple[Array, Array]:
     return mean, variance
 
 
-def moments_obstacle(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, Array]], Any]) -> str | None:
-    """Why the transition's moments cannot be read off its distributions, or None when they can.
-
-    Args:
-        sites: The state's sites.
-        trace_of: Trace of the transition program given the values of its sites.
-    """
-    for name, site in sites.items():
-        if site.discrete or not site.identity:
-            return f"site {name!r} is not over the real line (support {site.support})"
-    failures: list[str] = []
-
-    def look(name: str, site: Mapping[str, Any]) -> None:
-        try:
-            moments(site["fn"])
-        except (ValueError, NotImplementedError) as error:
-            failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
-
-    for name, others in same_frame_dependence(sites, trace_of, look).items():
-        if others:
-            return f"site {name!r} depends on site {others[0]!r} of the same frame"
-    return failures[0] if failures else None
-
-
-def same_frame_dependence(
-    sites: Mapping[str, Site],
-    trace_of: Callable[[Mapping[str, Array]], Any],
-    look: Callable[[str, Mapping[str, Any]], None] = lambda name, site: None,
-) -> dict[str, list[str]]:
-    """For each site those of its own frame that its distribution depends on.
-
-    Args:
-        sites: The state's sites.
-        trace_of: Trace of the initial or the transition program given the values of its sites.
-        look: Is shown each site as it is traced.
-    """
-    counts: dict[str, int] = {}
-
-    def parameters(values: dict[str, Array]) -> list[Any]:
-        leaves = []
-        for name, site in sample_sites(trace_of(values)).items():
-            look(name, site)
-            parts = jax.tree.leaves(site["fn"])
-            counts[name] = len(parts)
-            leaves += parts
-        return leaves
-
-    example = {name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}
-    names = sorted(example)
-    closed = jax.make_jaxpr(parameters)(example)
-    reached = iter(output_dependence(closed, [frozenset({names.index(name)}) for name in names]))
-    numbers = {name: set().union(*[next(reached) for _ in range(count)]) for name, count in counts.items()}
-    return {name: [names[number] for number in sorted(others)] for name, others in numbers.items()}
-
-
-def transition_moments(sites: Mapping[str, Site], trace_of: Callable[[Mapping[str, Array]], Any]) -> tuple[Array, Array]:
-    """Mean (d,) and covariance (d, d) of the next flat state, from the distributions of a trace without obstacle."""
-    trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
-    joint = joint_normal(sites, trace)
-    if joint is not None:
-        return joint.loc, jnp.diag(jnp.square(joint.scale))
-    return _moments_of_sites([trace[name] for name in sites])
-
-
 def is_gaussian(trace: Mapping[str, Any]) -> bool:
     """Whether a program's density is the Gaussian of its moments, if these have no obstacle."""
     kinds = dist.Normal, dist.MultivariateNormal
     return all(is_plain(site, *kinds) for site in trace.values() if site["type"] == "sample")
 
 
-def _moments_of_sites(sites: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
-    """Mean and covariance of independent sites, in order."""
-    parts = [moments(site["fn"]) for site in sites]
+def joint_moments(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Mean and covariance of what is independent, in order, from the :func:`moments` of each."""
     mean = jnp.concatenate([mean for mean, _ in parts])
     if all(spread.ndim == 1 for _, spread in parts):
         return mean, jnp.diag(jnp.concatenate([variance for _, variance in parts]))
@@ -163,8 +97,8 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
                 f"The observation program has no Gaussian moments: site {name!r} is no plain Normal or MultivariateNormal. Use "
                 "an algorithm that evaluates the likelihood (particle, tempered or HMC filters)."
             )
-        parts.append(site)
-    return _moments_of_sites(parts)
+        parts.append(moments(site["fn"]))
+    return joint_moments(parts)
 
 
 def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) -> Array:

@@ -85,7 +85,7 @@ def climb(model: CompiledModel, xs: Array, observations: Observation, inputs: An
 
 
 def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:
-    if _has_moments(lambda: model.initial_moments(inputs)):
+    if _has_moments(lambda: model.initial_moments(inputs)) and not model.moments_are_linearised("initial", inputs):
         return precision_of(model.initial_moments(inputs)[1])
     return _absolute_hessian(lambda x: model.log_initial(x, inputs), x)
 
@@ -105,7 +105,9 @@ def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple
         whole = _absolute_hessian(log_density, jnp.concatenate([previous, x]))
         return whole[:d, :d], whole[d:, :d], whole[d:, d:]
 
-    return gaussian if _has_moments(lambda: model.transition_moments(jnp.zeros(d), first)) else other
+    zero = jnp.zeros(d)
+    exact = _has_moments(lambda: model.transition_moments(zero, first))
+    return gaussian if exact and not model.moments_are_linearised("transition", first, zero) else other
 
 
 def _has_moments(moments: Callable[[], Any]) -> bool:

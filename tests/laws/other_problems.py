@@ -1,4 +1,4 @@
-"""Problems of another kind: counts of a positive rate, solved on a grid, and a state of which a part is known."""
+"""Problems of another kind: counts of a positive rate on a grid, a chain of sites, a state of which a part is known."""
 
 from __future__ import annotations
 
@@ -76,6 +76,35 @@ def moments_on_grid(grid, probabilities):
     """Means (T, 1) and variances (T, 1, 1)."""
     means = probabilities @ grid
     return means[:, None], (probabilities * (grid - means[:, None]) ** 2).sum(1)[:, None, None]
+
+
+def moving():
+    """A position that this frame's velocity moves: a chain of sites, whose joint Gaussian is written out for the oracle."""
+
+    def initial(params, inputs):
+        velocity = numpyro.sample("velocity", dist.Normal(1.0, 0.8))
+        numpyro.sample("position", dist.Normal(0.5 * velocity, 0.7))
+
+    def transition(params, state, inputs):
+        velocity = numpyro.sample("velocity", dist.Normal(0.9 * state["velocity"], 0.6))
+        numpyro.sample("position", dist.Normal(state["position"] + 0.5 * velocity, 0.3))
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["position"], 0.4))
+
+    chain, beside = np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([[0.9, 0.0], [0.0, 1.0]])
+    matrices = linear_gaussian_matrices(
+        A=chain @ beside,
+        Q=chain @ np.diag([0.36, 0.09]) @ chain.T,
+        H=[[0.0, 1.0]],
+        R=[[0.16]],
+        m=chain @ [1.0, 0.0],
+        P=chain @ np.diag([0.64, 0.49]) @ chain.T,
+    )
+    ys = np.array([[0.9], [1.8], [np.nan], [1.2], [-0.4]])
+    exact = kalman_filter(matrices, np.nan_to_num(ys), np.isfinite(ys))
+    model = StateSpaceModel(initial, transition, observation).compile()
+    return Problem(matrices, model, model.observe({"y": ys[:, 0]}), jnp.zeros(len(ys)), exact)
 
 
 A = np.array([[0.9, 0.2], [-0.1, 0.8]])

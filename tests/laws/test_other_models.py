@@ -1,4 +1,4 @@
-"""Laws on models of another kind: counts of a positive rate, against a grid, and a state of which a part is known."""
+"""Laws on models of another kind: counts of a positive rate, a chain of sites, and a state of which a part is known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 from catalogue import FILTERS
 from law_problems import replicate, z_scores
-from other_problems import clamped, counted, positive, real
+from other_problems import clamped, counted, moving, positive, real
 
 from poseppl import StateSpaceModel, infer, particle_filter
 
@@ -55,6 +55,13 @@ def test_counts_of_a_positive_rate(name, program):
 def test_a_part_of_the_state_that_is_known(name):
     """The evidence, too, is that of the data alone, given what is known."""
     check(ROWS[name], clamped())
+
+
+@pytest.mark.parametrize(
+    "name", ["kalman", "guided", *(pytest.param(name, marks=pytest.mark.slow) for name in ("assumed-density", "auxiliary"))]
+)
+def test_a_position_that_depends_on_the_velocity_of_its_frame(name):
+    check(ROWS[name], moving())
 
 
 def means_of_counts(ys, slope):

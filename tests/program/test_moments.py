@@ -185,14 +185,6 @@ def refused(match, transition, initial=None):
         moments_of(transition, initial)
 
 
-def test_dependence_within_a_frame_is_refused():
-    def transition(params, state, inputs):
-        level = numpyro.sample("level", dist.Normal(state["level"], 1.0))
-        numpyro.sample("slope", dist.Normal(state["slope"] + jax.jit(jnp.sin)(level), 1.0))
-
-    refused("site 'slope' depends on site 'level' of the same frame", transition)
-
-
 def test_independence_is_seen_through_calls():
     def transition(params, state, inputs):
         level = numpyro.sample("level", dist.Normal(state["level"], 1.0))

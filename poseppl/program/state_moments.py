@@ -1,0 +1,143 @@
+"""Gaussian moments of a frame's flat state, from the distributions of the program that samples it.
+
+Where no site depends on another of its frame these are their own moments, side by side. A site whose mean depends on sites
+that were sampled before it makes a chain: with the conditional mean m_k and covariance S_k of each site's coordinates,
+
+    x_k = m_k(x_1, ..., x_(k-1)) + e_k,      Cov(e_k) = S_k,      so that x = g(e_1, e_2, ...),
+
+and the frame has the mean g(0) and the covariance J diag(S_1, S_2, ...) J^T with J = dg / de at 0. That is exact where every
+m_k is affine. Where one is not, it is linearised about the mean, which :attr:`MomentsForm.linearised` says. A covariance S_k
+that depends on a site of its frame is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.program.bijector import Site
+from poseppl.program.dependence import output_dependence
+from poseppl.program.execution import Values, sample_sites
+from poseppl.program.moments import joint_moments, moments
+from poseppl.program.normal_sites import joint_normal
+
+TraceOf = Callable[[Values], dict[str, dict[str, Any]]]
+"""Trace of the initial or the transition program given the values of its sites."""
+
+
+class MomentsForm(NamedTuple):
+    """How the moments of a program are found.
+
+    Attributes:
+        obstacle: Why there are none, or None.
+        chained: Whether a site's mean depends on another site of the same frame.
+        linearised: Whether such a mean is not affine. This is read from its derivative: loops and branches count as not
+            affine, and steps (`jnp.round`, `jnp.sign`), whose derivative is 0 everywhere, as affine.
+    """
+
+    obstacle: str | None = None
+    chained: bool = False
+    linearised: bool = False
+
+
+def moments_form(sites: Mapping[str, Site], trace_of: TraceOf) -> MomentsForm:
+    """Read from a program how the moments of its flat state are found; nothing is computed."""
+    for name, site in sites.items():
+        if site.discrete or not site.identity:
+            return MomentsForm(f"site {name!r} is not over the real line (support {site.support})")
+    failures: list[str] = []
+
+    def parts(name: str, site: Mapping[str, Any]) -> dict[Any, Any]:
+        try:
+            mean, spread = moments(site["fn"])
+        except (ValueError, NotImplementedError) as error:
+            failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
+            return {}
+        return {(name, "mean"): mean, (name, "scale"): spread}
+
+    depends = _dependence(sites, trace_of, parts)
+    for (name, what), others in depends.items():
+        if others and (what == "scale" or name in others):
+            return MomentsForm(f"the {what} of site {name!r} depends on site {others[0]!r} of the same frame")
+    if failures:
+        return MomentsForm(failures[0])
+    chained = any(depends.values())
+    return MomentsForm(None, chained, chained and _bends(sites, trace_of))
+
+
+def same_frame_dependence(sites: Mapping[str, Site], trace_of: TraceOf) -> dict[str, list[str]]:
+    """For each site those of its own frame that its distribution depends on."""
+    return _dependence(sites, trace_of, lambda name, site: {name: site["fn"]})
+
+
+def state_moments(sites: Mapping[str, Site], trace_of: TraceOf, form: MomentsForm) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of the flat state, of a program whose form has no obstacle."""
+    if form.chained:
+        return _chained_moments(sites, trace_of)
+    trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
+    joint = joint_normal(sites, trace)
+    if joint is not None:
+        return joint.loc, jnp.diag(jnp.square(joint.scale))
+    return joint_moments([moments(trace[name]["fn"]) for name in sites])
+
+
+def _dependence(
+    sites: Mapping[str, Site], trace_of: TraceOf, parts_of: Callable[[str, Mapping[str, Any]], Mapping[Any, Any]]
+) -> dict[Any, list[str]]:
+    """For each part (a tree of arrays) that is told of each traced site, the sites that it depends on."""
+    counts: dict[Any, int] = {}
+
+    def leaves(values: dict[str, Array]) -> list[Any]:
+        found = []
+        for name, site in sample_sites(trace_of(values)).items():
+            for key, part in parts_of(name, site).items():
+                parts = jax.tree.leaves(part)
+                counts[key] = len(parts)
+                found += parts
+        return found
+
+    example = {name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}
+    names = sorted(example)
+    closed = jax.make_jaxpr(leaves)(example)
+    reached = iter(output_dependence(closed, [frozenset({names.index(name)}) for name in names]))
+    numbers = {key: set().union(*[next(reached) for _ in range(count)]) for key, count in counts.items()}
+    return {key: [names[number] for number in sorted(others)] for key, others in numbers.items()}
+
+
+def _chain(sites: Mapping[str, Site], trace_of: TraceOf, deviation: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+    """The flat state g(e) at deviations e (d,) from the conditional means, and the conditional moments of its sites."""
+    found: dict[str, tuple[Array, Array]] = {}
+
+    def value(message: Mapping[str, Any]) -> Array | None:
+        if message["type"] != "sample":
+            return None
+        site = sites[message["name"]]
+        found[site.name] = mean, _ = moments(message["fn"])
+        moved: Array = site.transform((mean + jnp.ravel(site.unflatten(deviation))).reshape(site.flat_shape))
+        return moved.astype(site.dtype)
+
+    trace_of(value)
+    mean = jnp.concatenate([found[name][0] for name in sites])
+    return mean + deviation, [found[name] for name in sites]
+
+
+def _chained_moments(sites: Mapping[str, Site], trace_of: TraceOf) -> tuple[Array, Array]:
+    nothing = _no_deviation(sites)
+    mean, pull, parts = jax.vjp(lambda deviation: _chain(sites, trace_of, deviation), nothing, has_aux=True)
+    (jacobian,) = jax.vmap(pull)(jnp.eye(len(nothing), dtype=nothing.dtype))
+    covariance = jacobian @ joint_moments(parts)[1] @ jacobian.T
+    return mean, (covariance + covariance.T) / 2
+
+
+def _bends(sites: Mapping[str, Site], trace_of: TraceOf) -> bool:
+    """Whether the derivative of a chain depends on where it is taken."""
+    jacobian = jax.jacrev(lambda deviation: _chain(sites, trace_of, deviation)[0])
+    return any(output_dependence(jax.make_jaxpr(jacobian)(_no_deviation(sites)), [frozenset({0})]))
+
+
+def _no_deviation(sites: Mapping[str, Site]) -> Array:
+    return jnp.zeros(sum(site.size for site in sites.values()), jnp.result_type(float))
