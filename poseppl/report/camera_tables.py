@@ -27,7 +27,7 @@ def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[dict[str
     bias, spread, seen = errors.bias, errors.spread, np.isfinite(errors.distance)
     found = provenance(tree).get("cameras found")
     told = found if isinstance(found, dict) else {}
-    identity, swaps = (variable(tree, "observed_data", part) for part in ("identity", "swaps"))
+    wrong_person, swaps = (variable(tree, "faults", part) for part in ("wrong_person", "swaps"))
     rows = []
     for c, name in enumerate(errors.cameras):
         mine = told.get(name)
@@ -43,8 +43,8 @@ def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[dict[str
         }
         if swaps is not None and swaps.size:
             mended["exchanged"] = int((swaps[:, c] > 0.5).any(-1).sum())
-        if identity is not None and np.isfinite(identity[:, c]).any():
-            mended["identity"] = float(np.nanmin(identity[:, c]))
+        if wrong_person is not None and np.isfinite(wrong_person[:, c]).any():
+            mended["identity"] = 1 - float(np.nanmax(wrong_person[:, c]))
         rows.append(row | mended)
     columns = {key for row in rows for key in row}
     return [{key: row.get(key, np.nan) for key in columns} for row in rows]

@@ -29,7 +29,7 @@ _DIMS = {
     "confidence": ("camera", "marker"),
     "clutter": ("camera", "marker"),
     "overlap": ("camera",),
-    "identity": ("camera",),
+    "wrong_person": ("camera",),
     "swaps": ("camera", "limbs"),
     "silhouette_area": ("camera",),
     "silhouette_centre": ("camera", "xy"),

@@ -16,7 +16,7 @@ from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
 from poseppl.smoothers.base import History
 
-_KEPT = ("observed_data", "truth", "camera", "body", "inputs", "predictive")
+_KEPT = ("observed_data", "faults", "truth", "camera", "body", "inputs", "predictive")
 """Groups of a filter's result that its smoothing has, too."""
 
 

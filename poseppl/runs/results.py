@@ -17,7 +17,7 @@ group                        variables
 ``observed_data``            ``points`` (frame, camera, marker, xy); NaN where a marker was not seen
 ``faults``                   probabilities, given all data, that data are wrong: ``clutter`` (frame, camera, marker), that a
                              point is anything else; ``swaps`` (frame, camera, limbs), that left and right limbs are
-                             exchanged
+                             exchanged; ``wrong_person`` (frame, camera), that what was taken for the person is somebody else
 ``truth``                    where there is one: ``state`` (frame, dof), ``markers`` (frame, marker, axis)
 ``camera``                   the calibration, one row a camera
 ``body``                     ``edges`` (edge, end), the pairs of markers between which a skeleton is drawn

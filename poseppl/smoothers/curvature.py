@@ -20,6 +20,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
@@ -30,8 +31,8 @@ from poseppl.program import CompiledModel, Observation
 
 LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
 """Fractions of a step that are tried; the best is taken, so that the density never falls."""
-_RIDGE = 1e-6
-"""On the diagonal of the matrix scaled to a unit diagonal, for float32."""
+_RIDGE = 8.0
+"""On the diagonal of the matrix scaled to a unit diagonal, in units of the type's precision: 1e-6 for float32."""
 _FLOOR = 1e-6
 """Least curvature of a coordinate, as a fraction of its largest over the frames."""
 
@@ -62,7 +63,7 @@ def average_precision(model: CompiledModel, trajectories: Array, observations: O
 
 def safe_cholesky(precision: BlockTridiagonal) -> BlockCholesky:
     """Cholesky factor of a precision; the identity where that is not positive definite or not finite."""
-    factor = block_cholesky(precision, ridge=_RIDGE)
+    factor = block_cholesky(precision, ridge=_RIDGE * float(np.finfo(precision.diagonal.dtype).eps))
     sound = jnp.all(jnp.isfinite(factor.inverses)) & jnp.all(jnp.isfinite(factor.gains))
     eye = jnp.eye(factor.inverses.shape[1], dtype=factor.inverses.dtype)
     return BlockCholesky(jnp.where(sound, factor.inverses, eye), jnp.where(sound, factor.gains, 0.0))

@@ -13,8 +13,10 @@ import pytest
 from poseppl_models.finite_hmm import finite_hmm
 from scipy.optimize import minimize
 
+from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, block_cholesky, covariances
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl.smoothers import History, laplace_smoother
+from poseppl.smoothers.curvature import safe_cholesky
 
 STEP, NOISE, STRENGTH = 0.3, 0.5, 4.0
 DATA = np.array([0.1, 0.3, 6.0, 0.2, 0.4, np.nan, 0.9])
@@ -85,3 +87,15 @@ def test_settings_and_discrete_sites_are_refused() -> None:
             laplace_smoother(model, **settings)
     with pytest.raises(ValueError, match="is discrete"):
         laplace_smoother(finite_hmm().compile())
+
+
+def test_what_hardly_changes_is_no_surer_than_its_data() -> None:
+    """In double precision; a ridge as wide as float32 needs would be data of its own in each frame."""
+    step, num_frames = 1e-4, 50
+    with jax.enable_x64(True):
+        inner = jnp.full((num_frames, 1, 1), 2 / step**2).at[jnp.array([0, -1])].set(1 / step**2).at[0].add(1.0)
+        precision = BlockTridiagonal(inner, jnp.full((num_frames - 1, 1, 1), -1 / step**2))
+        found = covariances(safe_cholesky(precision))[:, 0, 0]
+        np.testing.assert_allclose(found, 1 + step**2 * np.arange(num_frames), rtol=1e-4)
+        narrow = covariances(block_cholesky(precision, ridge=1e-6))[:, 0, 0]
+        assert (narrow < 0.01).all()

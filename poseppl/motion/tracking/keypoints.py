@@ -188,8 +188,8 @@ def scene_of_keypoints(
     spread = noise_of(body, cameras, noise)
     if noise is None:
         spread = np.where(np.isfinite(errors.scale)[:, None], errors.scale[:, None], spread)
-    beside = {} if associated is None else {"identity": associated.identity, "swaps": associated.swaps}
-    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)), beside=beside)
+    faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
+    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)), faults=faults)
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, ", ".join(map(str, folders.values())))
     notes = (*told, *clock_notes)
     found = KeypointScene(scene, people[0].layout, errors, refined, agreement, notes, associated)

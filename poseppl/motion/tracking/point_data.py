@@ -25,14 +25,14 @@ class PointData(NamedTuple):
         points: (T, C, K, 2) image points; NaN where a marker was not seen.
         noise: Standard deviation of the points in image units: (C, K), or (T, C, K) where it changes.
         found: What was found of the cameras on the way to the points, for the record of a result; plain values.
-        beside: What else is known of the points, arrays (T, ...) by name: ``identity`` (T, C), the probability that they are of
-            the person, and ``swaps`` (T, C, P), that limbs of a pair were exchanged before that was put right.
+        faults: Probabilities that detections were wrong, arrays by name: ``wrong_person`` (T, C), that they are another's, and
+            ``swaps`` (T, C, P), that limbs of a pair were exchanged before that was put right.
     """
 
     points: Floats
     noise: Floats
     found: Mapping[str, Any] = {}
-    beside: Mapping[str, Floats] = {}
+    faults: Mapping[str, Floats] = {}
 
     @property
     def provenance(self) -> Mapping[str, Any]:
@@ -43,7 +43,7 @@ class PointData(NamedTuple):
         """The data of the first frames alone."""
         noise = self.noise[:count] if self.noise.ndim == 3 else self.noise
         return self._replace(
-            points=self.points[:count], noise=noise, beside={name: values[:count] for name, values in self.beside.items()}
+            points=self.points[:count], noise=noise, faults={name: values[:count] for name, values in self.faults.items()}
         )
 
     def seek(self, scene: Scene[PointData], params: Mapping[str, float]) -> Floats:
@@ -62,7 +62,7 @@ class PointData(NamedTuple):
 
     def observed(self, body: Body) -> dict[str, NDArray[Any]]:
         """The points as a result tells them."""
-        return {"points": self.points, **self.beside}
+        return {"points": self.points}
 
     def quality(self, scene: Scene[PointData], states: Any) -> dict[str, NDArray[Any]]:
         """Nothing: predictive checks tell how well points agree."""

@@ -33,6 +33,10 @@ class SceneData(Protocol):
     def provenance(self) -> Mapping[str, Any]:
         """Attributes of a result that tell of the data, by name."""
 
+    @property
+    def faults(self) -> Mapping[str, Floats]:
+        """Probabilities (T, ...) that data are wrong, by name."""
+
     def first_frames(self, count: int) -> Self:
         """The data of the first frames alone."""
 

@@ -54,6 +54,11 @@ class SilhouetteData(NamedTuple):
         """With what settings the silhouettes were found."""
         return {"silhouettes": self.found}
 
+    @property
+    def faults(self) -> Mapping[str, Floats]:
+        """Nothing: silhouettes that cannot be used are not used."""
+        return {}
+
     def noise_in_pixels(self, cameras: Cameras, state: Any) -> Floats:
         """Standard deviations (C,) in px of the noise at the place of a state's root."""
         away = np.maximum(np.asarray(depth(cameras, jnp.asarray(state)[:3]), np.float64), 100.0)

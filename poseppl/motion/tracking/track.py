@@ -237,6 +237,7 @@ def _result(scene: Scene[SceneData], problem: Problem, run: Run, attrs: Mapping[
         **{**parts, "attrs": {**attrs, **told, **parts["attrs"]}},
         names=Names(names, tree.marker_names, scene.camera_names),
         observed=scene.data.observed(scene.body),
+        faults=scene.data.faults,
         truth=truth,
         cameras={name: None if leaf is None else np.asarray(leaf) for name, leaf in scene.cameras._asdict().items()},
         edges=pairs,
