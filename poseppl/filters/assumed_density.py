@@ -74,7 +74,7 @@ def assumed_density_filter(
     """HMC with a few Gaussians, fitted to all draws, as the temporal prior: near-calibrated intervals in high dimension.
 
     Args:
-        model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
+        model: The compiled model, its initial and transition programs with Gaussian moments.
         num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         num_components: K, Gaussians in the temporal prior.

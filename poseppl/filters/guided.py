@@ -44,8 +44,8 @@ def guided_filter(
     """The guided or auxiliary particle filter: particles are drawn from a linearisation that has seen the frame.
 
     Args:
-        model: The compiled model; without a `proposal`, or with `auxiliary`, its sites over the real line or (without
-            `auxiliary`) finite, and its initial and transition programs with Gaussian moments of the real ones.
+        model: The compiled model; without a `proposal`, or with `auxiliary`, its initial and transition programs with Gaussian
+            moments, given its finite sites; `auxiliary` takes none of these.
         num_particles: N, at least 1.
         proposal: Programs to draw from; a local linearisation of the model if None.
         auxiliary: Whether ancestors are chosen by what the data say of them.

@@ -58,7 +58,7 @@ def hmc_filter(
     """The HMC filter of Choo and Fleet 2001: the temporal prior is a mixture over the last state of every chain.
 
     Args:
-        model: The compiled model, its sites over the real line.
+        model: The compiled model, its initial and transition programs with Gaussian moments.
         num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         dense_mass: Whether the mass matrix has the curvature's off-diagonal entries.

@@ -57,7 +57,7 @@ def kalman_filter(
     """The Kalman filter, extended or unscented where programs are not linear: one Gaussian.
 
     Args:
-        model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
+        model: The compiled model, all its programs with Gaussian moments.
         num_particles: N, draws from each frame's Gaussian.
         linearisation: "first-order" (extended Kalman filter), "unscented", or up to 6 coordinates "gauss-hermite".
         num_iterations: Linearisations of each frame's observation, the first around the prediction.

@@ -62,7 +62,7 @@ def local_proposal(
     """Linearise around the predictions of N particles.
 
     Args:
-        model: The compiled model, its sites over the real line.
+        model: The compiled model.
         moments: Mean (d,) and covariance (d, d) of the state given the one before.
         previous: States before (N, d); a single one, of any value, at the first frame, whose moments do not depend on it.
         observation: The frame's data.

@@ -76,7 +76,7 @@ def window_filter(
     """HMC on the last few frames together, the older past summarised by a Gaussian: slower, and less is summarised.
 
     Args:
-        model: The compiled model, its sites over the real line, its initial and transition programs with Gaussian moments.
+        model: The compiled model, its initial and transition programs with Gaussian moments.
         num_chains: M, Markov chains of a frame.
         settings: R, L, b, epsilon and so on.
         window: W, frames whose joint density the chains sample.

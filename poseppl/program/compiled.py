@@ -250,7 +250,8 @@ class CompiledModel:
         affine in them; where it is not, it is linearised about their mean, and :meth:`moments_are_linearised` is true.
 
         Raises:
-            ValueError: A site is not over the real line, has no moments, or has a scale that depends on a site of its frame.
+            ValueError: A site has bounds and is no Normal seen through its bijector (as a LogNormal is), takes integers, has no
+                moments, or has a scale that depends on a site of its frame.
         """
         return self._moments("transition", self._arguments(inputs, x_previous))
 
@@ -267,7 +268,7 @@ class CompiledModel:
         if form.obstacle is not None:
             raise UnsuitableModelError(
                 f"The {which} program has no Gaussian moments: {form.obstacle}. Use an algorithm that only samples it, or "
-                "write the site with a Normal or MultivariateNormal of its own."
+                "write the site with a Normal, LogNormal or MultivariateNormal of its own."
             )
         return state_moments(self.sites, self._trace_of(which, arguments), form)
 

@@ -34,8 +34,10 @@ from poseppl.program.robust_errors import RobustError
 TraceOf = Callable[[Array], dict[str, dict[str, Any]]]
 
 
-def moments(distribution: dist.Distribution) -> tuple[Array, Array]:
+def moments(distribution: dist.Distribution, shape: tuple[int, ...] | None = None) -> tuple[Array, Array]:
     """Mean (n,), and variances (n,) or covariance (n, n), of a distribution over n = product of its shape entries.
+
+    With a ``shape`` of its value, the distribution is expanded to it.
 
     An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R.
 
@@ -43,7 +45,7 @@ def moments(distribution: dist.Distribution) -> tuple[Array, Array]:
         ValueError: A multivariate distribution that does not tell its covariance.
     """
     base = unwrap(distribution)
-    shape = distribution.shape()
+    shape = distribution.shape() if shape is None else shape
     dtype = jnp.result_type(float)
     if isinstance(base, dist.VonMises):
         mean, variance = base.loc, -2.0 * jnp.log1p(-base.variance)

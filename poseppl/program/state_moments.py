@@ -8,6 +8,9 @@ that were sampled before it makes a chain: with the conditional mean m_k and cov
 and the frame has the mean g(0) and the covariance J diag(S_1, S_2, ...) J^T with J = dg / de at 0. That is exact where every
 m_k is affine. Where one is not, it is linearised about the mean, which :attr:`MomentsForm.linearised` says. A covariance S_k
 that depends on a site of its frame is refused.
+
+The flat coordinates of a site with bounds are Gaussian where it is a Normal seen through its own bijector: the logarithm of a
+LogNormal has the moments of that Normal.
 """
 
 from __future__ import annotations
@@ -17,11 +20,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpyro.distributions as dist
 from jax import Array
+from numpyro.distributions import biject_to
 
 from poseppl.program.bijector import Site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Values, sample_sites
+from poseppl.program.execution import Values, base_support, sample_sites, unwrap
 from poseppl.program.moments import joint_moments, moments
 from poseppl.program.normal_sites import joint_normal
 
@@ -36,7 +41,7 @@ class MomentsForm(NamedTuple):
         obstacle: Why there are none, or None.
         chained: Whether a site's mean depends on another site of the same frame.
         linearised: Whether such a mean is not affine. This is read from its derivative: loops and branches count as not
-            affine, and steps (`jnp.round`, `jnp.sign`), whose derivative is 0 everywhere, as affine.
+            affine, and so do logarithms of positive sites; steps (`jnp.round`), whose derivative is 0, as affine.
     """
 
     obstacle: str | None = None
@@ -47,15 +52,15 @@ class MomentsForm(NamedTuple):
 def moments_form(sites: Mapping[str, Site], trace_of: TraceOf) -> MomentsForm:
     """Read from a program how the moments of its flat state are found; nothing is computed."""
     for name, site in sites.items():
-        if site.discrete or not site.identity:
+        if site.discrete:
             return MomentsForm(f"site {name!r} is not over the real line (support {site.support})")
     failures: list[str] = []
 
     def parts(name: str, site: Mapping[str, Any]) -> dict[Any, Any]:
         try:
-            mean, spread = moments(site["fn"])
+            mean, spread = _flat_moments(sites[name], site["fn"])
         except (ValueError, NotImplementedError) as error:
-            failures.append(f"site {name!r}: {error or 'its distribution gives no mean and variance'}")
+            failures.append(f"site {name!r}: {str(error) or 'its distribution gives no mean and variance'}")
             return {}
         return {(name, "mean"): mean, (name, "scale"): spread}
 
@@ -82,7 +87,22 @@ def state_moments(sites: Mapping[str, Site], trace_of: TraceOf, form: MomentsFor
     joint = joint_normal(sites, trace)
     if joint is not None:
         return joint.loc, jnp.diag(jnp.square(joint.scale))
-    return joint_moments([moments(trace[name]["fn"]) for name in sites])
+    return joint_moments([_flat_moments(site, trace[name]["fn"]) for name, site in sites.items()])
+
+
+def _flat_moments(site: Site, distribution: dist.Distribution) -> tuple[Array, Array]:
+    """The :func:`~poseppl.program.moments.moments` of a site's coordinates.
+
+    Raises:
+        ValueError: They are not known.
+    """
+    if site.identity:
+        return moments(distribution)
+    base = unwrap(distribution)
+    through = isinstance(base, dist.TransformedDistribution) and base.transforms == [biject_to(base_support(site.support))]
+    if not through or not isinstance(unwrap(base.base_dist), dist.Normal | dist.MultivariateNormal):
+        raise ValueError(f"not over the real line (support {site.support}), nor a Normal seen through its bijector")
+    return moments(base.base_dist, site.flat_shape)
 
 
 def _dependence(
@@ -116,7 +136,7 @@ def _chain(sites: Mapping[str, Site], trace_of: TraceOf, deviation: Array) -> tu
         if message["type"] != "sample":
             return None
         site = sites[message["name"]]
-        found[site.name] = mean, _ = moments(message["fn"])
+        found[site.name] = mean, _ = _flat_moments(site, message["fn"])
         moved: Array = site.transform((mean + jnp.ravel(site.unflatten(deviation))).reshape(site.flat_shape))
         return moved.astype(site.dtype)
 

@@ -38,7 +38,7 @@ def rauch_tung_striebel_smoother(
     """Rauch-Tung-Striebel smoothing of a Kalman filter, extended or unscented: one Gaussian.
 
     Args:
-        model: The compiled model, its sites over the real line, all its programs with Gaussian moments.
+        model: The compiled model, all its programs with Gaussian moments.
         num_draws: Trajectories to draw.
         linearisation: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
         num_iterations: Passes, each but the first linearised around what the last one smoothed.

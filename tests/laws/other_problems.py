@@ -19,8 +19,7 @@ COUNTS = np.array([3.0, 9.0, np.nan, 1.0])
 
 
 def observation(params, state, inputs):
-    rate = state["rate"] if "rate" in state else jnp.exp(state["level"])
-    numpyro.sample("count", dist.Poisson(rate))
+    numpyro.sample("count", dist.Poisson(state["rate"]))
 
 
 def positive():
@@ -35,29 +34,17 @@ def positive():
     return StateSpaceModel(initial, transition, observation)
 
 
-def real():
-    """The same in logarithms, for proposals that want a real state."""
-
-    def initial(params, inputs):
-        numpyro.sample("level", dist.Normal(1.0, 0.8))
-
-    def transition(params, state, inputs):
-        numpyro.sample("level", dist.Normal(0.9 * state["level"], 0.5))
-
-    return StateSpaceModel(initial, transition, observation)
-
-
-def counted(program):
+def counted():
     """The problem of the counts, its exact answer from a grid over the logarithm of the rate."""
     grid, filtered, _, evidence = counts_on_grid()
     exact = KalmanResult(*moments_on_grid(grid, filtered), None, None, evidence)
-    model = program().compile()
+    model = positive().compile()
     return Problem(None, model, model.observe({"count": COUNTS}), jnp.zeros(len(COUNTS)), exact)
 
 
-def counted_and_smoothed(program):
+def counted_and_smoothed():
     """The same for smoothers."""
-    posed = counted(program)
+    posed = counted()
     grid, _, smoothed, _ = counts_on_grid()
     return Smoothing(posed.model, posed.observations, posed.inputs, *moments_on_grid(grid, smoothed))
 

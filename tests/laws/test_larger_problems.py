@@ -11,7 +11,7 @@ import pytest
 from catalogue import FILTERS, SMOOTHERS, rows
 from law_problems import BATCH, replicate, z_scores
 from mistakes import NO_MISTAKES, Mistakes
-from other_problems import clamped_and_smoothed, counted_and_smoothed, positive
+from other_problems import clamped_and_smoothed, counted_and_smoothed
 from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, smoothed_chain
 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
@@ -104,4 +104,4 @@ def test_a_part_of_the_state_that_is_known(row):
 
 @exact_rows([row.name for row in ROWS if row.name not in GAUSSIAN])
 def test_counts_of_a_positive_rate(row):
-    check(row, counted_and_smoothed, positive)
+    check(row, counted_and_smoothed)

@@ -196,12 +196,18 @@ def test_independence_is_seen_through_calls():
 
 def test_sites_without_gaussian_moments_are_refused():
     def positive(params, state, inputs):
-        numpyro.sample("level", dist.LogNormal(0.0, 1.0))
+        numpyro.sample("level", dist.Gamma(2.0, 1.0))
         numpyro.sample("slope", dist.Normal(state["slope"], 1.0))
 
     def walk(params, state, inputs):
         numpyro.sample("level", dist.Normal(0.0, 1.0))
         numpyro.sample("slope", dist.GaussianRandomWalk(1.0, 2))
 
-    refused("site 'level' is not over the real line", positive)
+    def shifted(params, state, inputs):
+        shift = dist.transforms.AffineTransform(state["level"], 2.0)
+        numpyro.sample("level", dist.TransformedDistribution(dist.Normal(0.0, 1.0), shift))
+        numpyro.sample("slope", dist.Normal(state["slope"], 1.0))
+
+    refused("site 'level': not over the real line", positive)
     refused("site 'slope': GaussianRandomWalk does not give its covariance", walk)
+    refused("site 'level': its distribution gives no mean and variance", shifted)

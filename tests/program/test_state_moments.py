@@ -86,3 +86,61 @@ def test_a_scale_that_depends_on_its_frame_is_refused():
 
     with pytest.raises(UnsuitableModelError, match="the scale of site 'slope' depends on site 'level' of the same frame"):
         compiled_with(transition).transition_moments(X)
+
+
+def in_logarithms(params, state, inputs):
+    level = numpyro.sample("level", dist.Normal(0.9 * state["level"], 0.5))
+    numpyro.sample("slope", dist.Normal(state["slope"] + level, jnp.array([0.1, 0.2])).to_event(1))
+
+
+def positive(params, state, inputs):
+    level = numpyro.sample("level", dist.LogNormal(0.9 * jnp.log(state["level"]), 0.5))
+    numpyro.sample("slope", dist.LogNormal(jnp.log(state["slope"]) + jnp.log(level), jnp.array([0.1, 0.2])).to_event(1))
+
+
+def of_kind(kind, transition):
+    """A model whose initial program has sites of a kind."""
+
+    def initial(params, inputs):
+        numpyro.sample("level", kind(0.3, 1.0))
+        numpyro.sample("slope", kind(0.0, 2.0).expand([2]))
+
+    return model(initial, transition).compile()
+
+
+def test_positive_sites_have_the_moments_of_their_logarithms():
+    flat, constrained = of_kind(dist.Normal, in_logarithms), of_kind(dist.LogNormal, positive)
+    for found, expected in [
+        (constrained.initial_moments(), flat.initial_moments()),
+        (constrained.transition_moments(X), flat.transition_moments(X)),
+        (jax.jacrev(lambda x: constrained.transition_moments(x)[0])(X), jax.jacrev(lambda x: flat.transition_moments(x)[0])(X)),
+    ]:
+        jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6), found, expected)
+
+
+def test_the_law_must_be_seen_through_the_bijector_of_its_site():
+    """A Normal through a logistic function or a stick-breaking map is; a Student's t is no Normal."""
+    transforms = dist.transforms
+
+    def initial(params, inputs):
+        loc = jnp.array([0.3, -0.5])
+        covariance = jnp.asarray(FULL)
+        shares = dist.MultivariateNormal(loc, covariance)
+        numpyro.sample("shares", dist.TransformedDistribution(shares, transforms.StickBreakingTransform()))
+        numpyro.sample("chance", dist.TransformedDistribution(dist.Normal(0.7, 2.0), transforms.SigmoidTransform()))
+
+    compiled = model(initial, lambda params, state, inputs: initial(params, inputs), lambda p, s, i: seen(s)).compile()
+    mean, covariance = compiled.initial_moments()
+    np.testing.assert_allclose(mean, [0.3, -0.5, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(covariance[:2, :2], FULL, rtol=1e-6)
+    np.testing.assert_allclose(covariance[2], [0.0, 0.0, 4.0], rtol=1e-6)
+    heavy = dist.TransformedDistribution(dist.StudentT(5.0, 0.0, 1.0), transforms.ExpTransform())
+    squared = dist.TransformedDistribution(dist.Normal(0.0, 1.0), [transforms.ExpTransform(), transforms.PowerTransform(2.0)])
+    for law in (heavy, squared, dist.Gamma(2.0, 1.0)):
+        program = lambda *_, law=law: numpyro.sample("chance", law)  # noqa: E731
+        with pytest.raises(UnsuitableModelError, match="'chance': not over the real line"):
+            model(program, program, lambda p, s, i: seen(s)).compile().initial_moments()
+
+
+def seen(state):
+    numpyro.sample("y", dist.Normal(state["chance"], 1.0))
