@@ -21,11 +21,8 @@ GAUSSIAN = (
     "ensemble-kalman",
     "ensemble-kalman-stochastic",
     "variational",
-    "gibbs-model",
-    "particle-mgrad",
-    "particle-agrad",
 )
-"""Exact for states on the real line alone, or for linear Gaussian models alone."""
+"""Exact for linear Gaussian models alone."""
 ROWS = [row for row in SMOOTHERS if row.consistent]
 
 
