@@ -73,6 +73,7 @@ def test_a_walk_is_laid_along_a_circle() -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
+@pytest.mark.slow
 def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     assert (
         main(["track", *SMALL, "-q", "--frames", "0:1", "--rate", "60", "--sigma-position", "30", "--sigma-angle", "0.3"]) == 0

@@ -71,6 +71,7 @@ def test_a_result_without_room_goes_elsewhere(tmp_path: Path, full: list[Path], 
     assert load_result(kept)["posterior"].sizes["frame"] == 4 and not any(Path().iterdir())
 
 
+@pytest.mark.slow
 def test_every_folder_is_tried(tmp_path: Path, full: list[Path], tree: Any) -> None:
     full.append(tmp_path / "spare")
     with pytest.raises(PosepplError, match=f"kept in {tmp_path}/home/poseppl-"):
@@ -98,6 +99,7 @@ def test_no_camera_stands_at_an_angle_that_is_none(view: str, capsys: pytest.Cap
     assert "--view" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_names_that_are_no_text(capsys: pytest.CaptureFixture[str]) -> None:
     """Names of files are bytes; those of other times and systems are not UTF-8."""
     assert main(["simulate", "--frames", "0:4", "-q", "-o", "plain.csv"]) == 0

@@ -31,6 +31,7 @@ def words(data_dir: Path, *more: str) -> list[str]:
     return ["track", "--keypoints", *files, "--calibration", str(folder / "calibration.toml"), "--rate", "100", *more]
 
 
+@pytest.mark.slow
 def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words(data_dir, "--skeleton", "legs.toml", "--frames", "0:12", "--max-draws", "30", "-o", "out.nc")) == 0
     tree = load_result("out.nc")

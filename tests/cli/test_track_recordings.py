@@ -70,6 +70,7 @@ def test_names_and_lengths_come_from_tables(data_dir: Path, capsys: pytest.Captu
     assert "lengths.toml, --lengths: unknown name 'tail'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_stature_of_points(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "--frames", "0:1", "-q"]) == 0
     track = ["track", "--observations", "poseppl-walk.csv", "--camera", "poseppl-walk.toml", *SMALL]

@@ -122,6 +122,7 @@ def test_masks_are_never_written_over(room, tmp_path, capsys):
     assert mask.read_bytes() == (room / "left.mp4").read_bytes() and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_a_video_that_ends_early_ends_the_run_with_a_note(room, tmp_path, capsys):
     images = list(open_video(room / "right.mp4", "right").images(0, 2))
     write_video(tmp_path / "right.mp4", images, 30.0)
@@ -163,6 +164,7 @@ def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path,
     assert not (tmp_path / "stopped.nc").exists()
 
 
+@pytest.mark.slow
 def test_frames_before_one_that_breaks_down_are_written(room, tmp_path, capsys, monkeypatch):
     break_down(monkeypatch, 2)
     status, text = run(capsys, *videos(room), *empty(room), "--filter", "breaking", "--quiet", "-o", tmp_path / "part.nc")

@@ -31,6 +31,7 @@ def test_faults(coverage: float, kinds: str, expected: str) -> None:
     assert benchmark.fault(coverage, kinds) == expected
 
 
+@pytest.mark.slow
 def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = linear_gaussian(2, 1).compile()
     monkeypatch.setattr(benchmark, "TOYS", {"small": lambda: {"small": benchmark.Toy(model)}})

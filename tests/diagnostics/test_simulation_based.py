@@ -22,6 +22,7 @@ def kalman():
     return poseppl.kalman_filter(MODEL, num_particles=100)
 
 
+@pytest.mark.slow
 def test_the_exact_filter_is_calibrated(kalman):
     found = poseppl.calibrate(MODEL, kalman, KEY, num_frames=FRAMES, num_simulations=100)
     assert found.ranks.shape == (100, FRAMES, 2) and found.names == ("x[0]", "x[1]")

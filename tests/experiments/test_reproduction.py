@@ -114,6 +114,7 @@ def test_everything_at_a_tiny_size(tmp_path):
     assert set(tables["contest"].column("method")) == set(TINY.contestants)
 
 
+@pytest.mark.slow
 def test_a_second_call_reads_what_the_first_computed(tmp_path):
     smallest = TINY._replace(runs=2, num_settings=1)
     tuning = Table("tuning", TUNING, [(10, 0.35, 0.15, 0.0, 1.4, 14.0)])

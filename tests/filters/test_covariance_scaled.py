@@ -53,6 +53,7 @@ def mirrored(distances):
     return model, observations, grid, exact
 
 
+@pytest.mark.slow
 def test_both_mirror_modes_are_carried_with_their_weights():
     """Through 40 frames, each with half of the weight; a tracker of one mode, or of scarce noise, has only one."""
     model, observations, grid, exact = mirrored(np.full(NUM_FRAMES, LEVEL))

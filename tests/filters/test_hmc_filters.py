@@ -136,6 +136,7 @@ def test_numbers_out_of_range_are_refused(build):
         build(problem().model)
 
 
+@pytest.mark.slow
 def test_mixture_prior_keeps_to_kalman():
     posed = problem()
     built = assumed_density_filter(posed.model, 60, num_components=2, num_starts=8)

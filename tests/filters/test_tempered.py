@@ -163,6 +163,7 @@ def test_learning_from_the_particles_biases_the_evidence_little():
     assert ratio.std() < 0.5
 
 
+@pytest.mark.slow
 def test_precise_data_in_ten_dimensions():
     """Where the particle filter has a handful of particles left, the tempered one has the log-evidence to about one."""
     model = linear_gaussian(10, R=0.01 * np.eye(10)).compile()

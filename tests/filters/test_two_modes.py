@@ -35,6 +35,7 @@ def shares(num_components):
     return np.asarray(jax.jit(jax.vmap(run))(jax.random.split(jax.random.key(0), NUM_SEEDS)), float)
 
 
+@pytest.mark.slow
 def test_both_modes_are_carried():
     found = shares(3)
     assert abs(found.mean() - 0.5) < 5 * found.std(ddof=1) / NUM_SEEDS**0.5

@@ -116,6 +116,7 @@ def counting_twice(model, built):
     return Filter(built.init, step)
 
 
+@pytest.mark.slow
 def test_the_window_is_a_fixed_lag_smoother():
     """Its newest frame is Kalman's, its older ones are those of a Rauch-Tung-Striebel pass over the data so far."""
     posed = slow_problem()

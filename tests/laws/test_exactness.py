@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from catalogue import FILTERS, rows
 from law_problems import BATCH, MASKED, problem, replicate, z_scores
 from mistakes import SHARED_MISTAKES, Mistakes
@@ -164,6 +165,7 @@ def pooled_bias(shift=0.0):
     return np.mean([each.mean(0) for each in errors], 0), np.sqrt(np.sum(np.square(spreads), 0)) / len(errors)
 
 
+@pytest.mark.slow
 def test_a_small_bias_is_noticed_in_all_rows_together():
     """A twentieth of a standard deviation, of any sign, frame and coordinate, with a probability of 99 % at least."""
     bias, error = pooled_bias()

@@ -69,6 +69,7 @@ def excess(tree: xr.DataTree, scene: Scene[PointData]) -> tuple[float, float]:
     return float(held.mean()), float((held.mean() - 0.9) / (held.std() / np.sqrt(held.size)))
 
 
+@pytest.mark.slow
 def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     lasting, error = excess(smooth(filtered, SmoothSettings("laplace", errors="lasting")), scene)
     independent, other = excess(smooth(filtered, SmoothSettings("laplace")), scene)

@@ -50,6 +50,7 @@ def test_the_floor_is_at_zero_where_that_is_near_the_lowest_marker(raised: float
     assert room_data(tree, np.arange(3))["floor"] is None
 
 
+@pytest.mark.slow
 def test_a_report_of_many_frames_cameras_and_markers_stays_small() -> None:
     """Two thousand frames, four cameras: without Plotly's library less than 3 MB."""
     from plotly.offline import get_plotlyjs

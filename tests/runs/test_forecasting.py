@@ -94,6 +94,7 @@ def test_what_does_not_fit_is_said(result):
         poseppl.forecast(result, POSED.model, 0, jax.random.key(1), LATER)
 
 
+@pytest.mark.slow
 def test_forecasts_cover_the_data_that_come():
     """Eighty sequences of the model, each forecast from its middle: 90 % intervals hold as often as they say."""
     inside, outside = [], []

@@ -123,6 +123,7 @@ QUICK = ("exact", "metropolis", "filter", "narrowed"), 300, 800
 
 
 @pytest.mark.parametrize("name", ["exact", "metropolis"])
+@pytest.mark.slow
 def test_ranks_are_uniform(name):
     assert excess(ranks(*QUICK)[name]).max() < 1
 

@@ -71,6 +71,7 @@ def test_curvature_of_a_linear_model_is_its_hessian_and_one_step_reaches_the_mod
 
 
 @pytest.mark.parametrize("kernel", ["nuts", "hmc"])
+@pytest.mark.slow
 def test_a_model_without_gaussian_moments_agrees_with_quadrature(kernel):
     model = positive_model()
     observations = model.observe({"count": np.array([9, 2])})

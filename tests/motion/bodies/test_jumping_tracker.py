@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from poseppl_models.choo_fleet import full_body
 from poseppl_models.joint_limits import joint_limits
 
@@ -37,6 +38,7 @@ def posed():
     return body, model, inputs, data
 
 
+@pytest.mark.slow
 def test_the_arm_is_kept_leaning_either_way():
     """With jumps there are modes whose wrist is a hand's breadth or more apart in depth; from the mean alone there is one."""
     body, model, inputs, data = posed()

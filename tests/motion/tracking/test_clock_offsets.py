@@ -44,6 +44,7 @@ def late(people: list[DetectedPeople], *frames: float) -> list[DetectedPeople]:
 
 
 @pytest.mark.parametrize(("camera", "shift"), [(1, 1.0), (1, 4.5), (2, 2.0), (2, 10.0), (3, 7.0), (3, -10.0)])
+@pytest.mark.slow
 def test_an_offset_is_recovered(cameras: Cameras, people: list[DetectedPeople], camera: int, shift: float) -> None:
     """Within 0.2 frame and two standard deviations; the cameras that are not late are left alone."""
     moved = late(people, *(shift if c == camera else 0.0 for c in range(4)))

@@ -106,6 +106,7 @@ def test_exchanged_cameras_are_named(records: tuple[CameraRecord, ...], folders:
     assert "cam_02: whom it sees" not in told
 
 
+@pytest.mark.slow
 def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     """The person's places projected by cameras with known errors, noise of 8 px that is new each second."""
     scene = scene_of_keypoints(folders, records, rate=60).scene

@@ -51,6 +51,7 @@ def test_poses_of_states_are_the_start(data_dir, learned):
     np.testing.assert_allclose(problem.pose(x, inputs), start, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_frames_of_other_motion_are_told(data_dir, learned):
     """Somebody who strikes does not walk; without other motion in the prior there is no probability of it."""
     scene = scene_of(data_dir)

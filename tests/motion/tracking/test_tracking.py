@@ -90,6 +90,7 @@ def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
     np.testing.assert_array_equal(tree["posterior"]["frame"], [2, 4, 6])
 
 
+@pytest.mark.slow
 def test_clamped_bodies_need_a_truth(tmp_path: Path) -> None:
     arm = walking_subject("poseppl_models.choo_fleet:arm", frames="0:3")
     scene = observe_motion(arm, place_cameras(PATH, 0.0), ("camera",))

@@ -26,10 +26,12 @@ def errors_of(scene, **settings):
     return [verdict.text for verdict in verdicts(tree) if verdict.severity == "error"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_right_has_no_error(scene):
     assert errors_of(scene) == []
 
 
+@pytest.mark.slow
 def test_noise_and_walk_that_are_wrong_are_named_with_their_options(scene):
     (noise,) = (text for text in errors_of(with_data(scene, noise=scene.data.noise / 3)) if text.startswith("Image points"))
     assert 2.7 < float(noise.split()[3]) < 3.3 and "raise --noise by that factor" in noise

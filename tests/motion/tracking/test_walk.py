@@ -74,6 +74,7 @@ def test_steps_over_gaps_are_wider() -> None:
     np.testing.assert_allclose(whole[:, [0, 2, 3, 27]], [[5, 5, 1, 1], [10, 10, 2, 2]])
 
 
+@pytest.mark.slow
 def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> None:
     """Where nothing is seen, the variance grows by that of the steps; the first frame is seen."""
     scene = scene_of(60.0, "0:5")
