@@ -46,7 +46,7 @@ def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixtur
     assert wrong["clutter"].dims == ("frame", "camera", "marker") and wrong["swaps"].dims == ("frame", "camera", "limbs")
     places = np.asarray(tree["posterior/markers"].to_numpy())[0]
     apart = np.linalg.norm(places[:, :, 0] - places[:, :, 1], axis=-1)
-    assert 0 < apart.std() / apart.mean() < 0.2
+    assert 0 < (apart.std(1) / apart.mean(1)).max() < 0.1  # each draw has its length
     # other programs get places, and no angles
     assert main(["export", "out.nc", "--format", "trc", "--format", "csv"]) == main(["report", "out.nc"]) == 0
     np.testing.assert_allclose(read_trc("out.trc").positions, tree["summary/markers_mean"], atol=1e-2)
