@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import warnings
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,10 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # a shell starts what runs in the background so, and the programs that tests interrupt would inherit it
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if config.getoption("numprocesses", None):
+        # ArviZ 0.23 notes the day in a file at its first import, where two workers fail one another
+        with warnings.catch_warnings(action="ignore"):
+            import arviz  # noqa: F401
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
