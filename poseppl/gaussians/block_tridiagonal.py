@@ -56,6 +56,13 @@ class BlockCholesky(NamedTuple):
         return -2.0 * jnp.sum(jnp.log(jnp.diagonal(self.inverses, axis1=1, axis2=2)))
 
 
+class MarginalCovariances(NamedTuple):
+    """Covariances of a Gaussian trajectory: ``own`` (T, d, d), and ``next`` = Cov(x_(t+1), x_t) (T - 1, d, d)."""
+
+    own: Array
+    next: Array
+
+
 def multiply(matrix: BlockTridiagonal, x: Array) -> Array:
     """P x for x (T, d)."""
     product = jnp.einsum("tij,tj->ti", matrix.diagonal, x)
@@ -113,16 +120,18 @@ def solve_upper(factor: BlockCholesky, z: Array) -> Array:
     return jnp.concatenate([earlier, scaled[-1:]])
 
 
-def covariances(factor: BlockCholesky) -> Array:
-    """The diagonal blocks of P^(-1), (T, d, d), by S_t = W_t^T W_t + K_t^T S_(t+1) K_t."""
-    own = jnp.swapaxes(factor.inverses, 1, 2) @ factor.inverses
+def marginal_covariances(factor: BlockCholesky) -> MarginalCovariances:
+    """Covariances of single frames and of neighbours: S_t = W_t^T W_t + K_t^T S_(t+1) K_t is that of a frame."""
+    inverses, gains = factor
+    conditional = jnp.einsum("tji,tjk->tik", inverses, inverses)
 
-    def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        covariance = row[0] + row[1].T @ following @ row[1]
-        return covariance, covariance
+    def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        own, gain = row
+        covariance = own + gain.T @ following @ gain
+        return covariance, (covariance, -following @ gain)
 
-    _, earlier = jax.lax.scan(back, own[-1], (own[:-1], factor.gains), reverse=True)
-    return jnp.concatenate([earlier, own[-1:]])
+    _, (earlier, beside) = jax.lax.scan(back, conditional[-1], (conditional[:-1], gains), reverse=True)
+    return MarginalCovariances(jnp.concatenate([earlier, conditional[-1:]]), beside)
 
 
 def solve_lower(factor: BlockCholesky, b: Array) -> Array:

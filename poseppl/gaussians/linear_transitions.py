@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal
+from poseppl.gaussians.block_tridiagonal import BlockTridiagonal
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linearisation import first_order
 from poseppl.program import CompiledModel
@@ -37,13 +37,6 @@ class LinearTransitions(NamedTuple):
     means: Array
     jacobians: Array
     precisions: Array
-
-
-class MarginalCovariances(NamedTuple):
-    """Covariances of a Gaussian trajectory: ``own`` (T, d, d), and ``next`` = Cov(x_(t+1), x_t) (T - 1, d, d)."""
-
-    own: Array
-    next: Array
 
 
 class Structure(NamedTuple):
@@ -128,17 +121,3 @@ def quadratic_prior(transitions: LinearTransitions, states: Array) -> tuple[Bloc
     before, below, _ = jax.vmap(transition_curvature)(jacobians[1:], precisions[1:])
     gradient = (-force).at[:-1].add(jnp.einsum("tji,tj->ti", jacobians[1:], force[1:]))
     return BlockTridiagonal(precisions.at[:-1].add(before), below), gradient
-
-
-def marginal_covariances(factor: BlockCholesky) -> MarginalCovariances:
-    """Covariances of single frames and of neighbours, from the Cholesky factor of J."""
-    inverses, gains = factor
-    conditional = jnp.einsum("tji,tjk->tik", inverses, inverses)
-
-    def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        own, gain = row
-        covariance = own + gain.T @ following @ gain
-        return covariance, (covariance, -following @ gain)
-
-    _, (earlier, beside) = jax.lax.scan(back, conditional[-1], (conditional[:-1], gains), reverse=True)
-    return MarginalCovariances(jnp.concatenate([earlier, conditional[-1:]]), beside)

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, covariances, solve, solve_upper
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, marginal_covariances, solve, solve_upper
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
@@ -75,7 +75,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
 
         draws = jax.lax.map(draw, (noise, errors), batch_size=_TOGETHER)
         follow = -response @ covariance[size:, size:]
-        own = covariances(factor) - follow @ jnp.swapaxes(response, 1, 2)
+        own = marginal_covariances(factor).own - follow @ jnp.swapaxes(response, 1, 2)
         rest = jnp.broadcast_to(covariance[size:, size:], (len(start), num_static, num_static))
         around = jnp.block([[own, follow], [jnp.swapaxes(follow, 1, 2), rest]])
         num_frames = len(start)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.gaussians.block_tridiagonal import covariances, solve_upper
+from poseppl.gaussians.block_tridiagonal import marginal_covariances, solve_upper
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -58,7 +58,7 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
             jnp.moveaxis(draws, 0, 1),
             jnp.full((num_frames, num_draws), -jnp.log(num_draws), mode.dtype),
             smoothing_info(num_frames, jnp.asarray(num_draws), num_gradient=num_frames * num_mode_steps),
-            gaussian_marginals(mode, covariances(factor)),
+            gaussian_marginals(mode, marginal_covariances(factor).own),
         )
 
     return Smoother(smooth, joint=True, closed_form=True)

@@ -46,10 +46,16 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
+from poseppl.gaussians.block_tridiagonal import (
+    BlockCholesky,
+    BlockTridiagonal,
+    block_cholesky,
+    marginal_covariances,
+    solve,
+    solve_upper,
+)
 from poseppl.gaussians.linear_transitions import (
     linear_transitions,
-    marginal_covariances,
     quadratic_prior,
     transition_structure,
 )

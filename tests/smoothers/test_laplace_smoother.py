@@ -13,7 +13,7 @@ import pytest
 from poseppl_models.finite_hmm import finite_hmm
 from scipy.optimize import minimize
 
-from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, block_cholesky, covariances
+from poseppl.gaussians.block_tridiagonal import BlockTridiagonal, block_cholesky, marginal_covariances
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl.smoothers import History, laplace_smoother
 from poseppl.smoothers.curvature import safe_cholesky
@@ -95,7 +95,7 @@ def test_what_hardly_changes_is_no_surer_than_its_data() -> None:
     with jax.enable_x64(True):
         inner = jnp.full((num_frames, 1, 1), 2 / step**2).at[jnp.array([0, -1])].set(1 / step**2).at[0].add(1.0)
         precision = BlockTridiagonal(inner, jnp.full((num_frames - 1, 1, 1), -1 / step**2))
-        found = covariances(safe_cholesky(precision))[:, 0, 0]
+        found = marginal_covariances(safe_cholesky(precision)).own[:, 0, 0]
         np.testing.assert_allclose(found, 1 + step**2 * np.arange(num_frames), rtol=1e-4)
-        narrow = covariances(block_cholesky(precision, ridge=1e-6))[:, 0, 0]
+        narrow = marginal_covariances(block_cholesky(precision, ridge=1e-6)).own[:, 0, 0]
         assert (narrow < 0.01).all()

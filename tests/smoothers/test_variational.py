@@ -9,7 +9,8 @@ import pytest
 from mixture_problems import exact_smoothing, joint_prior, mixture_problem
 from poseppl_models.growth import growth
 
-from poseppl.gaussians.linear_transitions import marginal_covariances, transition_structure
+from poseppl.gaussians.block_tridiagonal import marginal_covariances
+from poseppl.gaussians.linear_transitions import transition_structure
 from poseppl.smoothers import History, variational
 from poseppl.smoothers.likelihood_mixture import mixture_of_gaussians
 from poseppl.smoothers.variational import fit_variational, variational_smoother

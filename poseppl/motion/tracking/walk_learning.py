@@ -26,9 +26,9 @@ import numpy as np
 from jax import Array
 
 from poseppl.errors import InputError
-from poseppl.gaussians.block_tridiagonal import block_cholesky, solve
+from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
-from poseppl.gaussians.linear_transitions import LinearTransitions, marginal_covariances, quadratic_prior
+from poseppl.gaussians.linear_transitions import LinearTransitions, quadratic_prior
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.tracking.problem import Problem, body_inputs, with_steps
 from poseppl.particles.stacks import rows_of
