@@ -40,7 +40,7 @@ class LinearTransitions(NamedTuple):
 
 
 class Structure(NamedTuple):
-    """Whether a transition's mean is affine in the state, and whether its covariance is the same for all states."""
+    """Whether a transition's mean is affine in the state and in sites of its own frame, and its covariance constant."""
 
     affine: bool
     constant: bool
@@ -69,9 +69,9 @@ def transition_structure(model: CompiledModel, inputs: Any) -> Structure:
     def parts(x: Array) -> Any:
         return jax.jacrev(lambda x: moments(x)[0])(x), moments(x)[1]
 
-    closed = jax.make_jaxpr(parts)(jnp.zeros(model.dimension))
-    jacobian, covariance = output_dependence(closed, [frozenset({0})])
-    return Structure(not jacobian, not covariance)
+    zero = jnp.zeros(model.dimension)
+    jacobian, covariance = output_dependence(jax.make_jaxpr(parts)(zero), [frozenset({0})])
+    return Structure(not jacobian and not model.moments_are_linearised("transition", row, zero), not covariance)
 
 
 def linear_transitions(model: CompiledModel, states: Array, inputs: Any) -> LinearTransitions:

@@ -11,6 +11,7 @@ import pytest
 from programs import model
 
 from poseppl.errors import UnsuitableModelError
+from poseppl.gaussians.linear_transitions import transition_structure
 
 X = jnp.array([0.4, -0.3, 1.1])
 FULL = np.array([[1.0, 0.3], [0.3, 0.5]])
@@ -65,6 +66,17 @@ def test_a_bent_mean_is_linearised_and_said_so():
     np.testing.assert_allclose(covariance, 0.01 * np.outer(pull, pull) + np.diag([0.0, 1.0, 1.0]), rtol=1e-5)
     assert compiled.moments_are_linearised("transition", x_previous=X)
     assert not compiled.moments_are_linearised("initial")
+
+
+@pytest.mark.parametrize(("pull", "affine"), [(lambda level: 2 * level, True), (jnp.square, False)], ids=["affine", "bent"])
+def test_sites_that_bend_others_of_their_frame_are_not_linear(pull, affine):
+    """Although their linearised mean and covariance are the same after any state."""
+
+    def transition(params, state, inputs):
+        level = numpyro.sample("level", dist.Normal(1.0, 1.0))
+        numpyro.sample("slope", dist.Normal(pull(level), 1.0).expand([2]))
+
+    assert transition_structure(compiled_with(transition), None).affine == affine
 
 
 @pytest.mark.parametrize("pull", [lambda level: 2.0 * level, jnp.sin], ids=["affine", "bent"])
