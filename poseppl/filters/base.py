@@ -108,7 +108,8 @@ class Filter:
             nothing but `step` is then compiled.
         closed_form: Whether means and evidence come from a formula, without Monte Carlo error, whatever is drawn from them.
         evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
-            of `Info`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode.
+            of `Info`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode and does
+            not sample the posterior.
         genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
         model: The model; None for a filter whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
@@ -122,6 +123,11 @@ class Filter:
     evidence: EvidenceError = "runs"
     genealogy: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def seeks_mode(self) -> bool:
+        """Whether it seeks a mode, and its intervals mean nothing."""
+        return self.evidence == "none"
 
     @property
     def provenance(self) -> dict[str, Any]:

@@ -173,7 +173,7 @@ def demc_filter(
         evolved = _evolve(model, layers, key_evolve, predicted, log_prior, (observation, inputs), otherwise)
         return _conclude(evolved, ancestors, state, layers.posterior)
 
-    return Filter(init, step, evidence="none", genealogy=True)
+    return Filter(init, step, evidence="runs" if layers.posterior else "none", genealogy=True)
 
 
 def _evolve(

@@ -94,7 +94,7 @@ def infer_batch(
         if progress:
             progress.advance(min(chunk, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    told = {"closed form": built.closed_form, **(attrs or {})}
+    told = {**built.provenance, **(attrs or {})}
     return _result(whole, model, stacked, ends, list(range(number)) if names is None else list(names), told)
 
 

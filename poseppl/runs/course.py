@@ -165,7 +165,8 @@ class Course:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
         filter = self._calls.filter
         weighted = state.particles.ndim == 2 and not filter.closed_form
-        if not weighted or filter.model is None or not (np.asarray(info.ess) < FEW).any():
+        misses = filter.seeks_mode or (weighted and bool((np.asarray(info.ess) < FEW).any()))
+        if filter.model is None or not misses:
             return filter.provenance
         return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}
 

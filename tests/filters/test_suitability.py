@@ -9,19 +9,21 @@ import jax
 import numpy as np
 import pytest
 from poseppl_models.finite_hmm import finite_hmm
+from poseppl_models.linear_gaussian import linear_gaussian
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from choosing_models import MODELS  # noqa: E402
 
-from poseppl import infer  # noqa: E402
+from poseppl import infer, smooth  # noqa: E402
 from poseppl.diagnostics import verdicts  # noqa: E402
-from poseppl.filters import hidden_markov_filter, particle_filter  # noqa: E402
+from poseppl.filters import annealed_filter, hidden_markov_filter, particle_filter  # noqa: E402
 from poseppl.filters.suitability import suited_filters, takes  # noqa: E402
 from poseppl.runs.algorithms import FILTERS  # noqa: E402
 from poseppl.runs.predictive import predictive_checks  # noqa: E402
 from poseppl.runs.results import provenance  # noqa: E402
 from poseppl.runs.simulation import simulate  # noqa: E402
+from poseppl.smoothers import forward_backward_smoother, trajectory_smoother  # noqa: E402
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -49,3 +51,33 @@ def test_a_hidden_markov_model_is_advised_what_is_exact_which_is_let_be() -> Non
     assert provenance(few)["suited filters"] == ["hidden-markov"]
     (told,) = [each.text for each in verdicts(few) if each.text.startswith("Effective number")]
     assert "use --filter hidden-markov" in told
+
+
+@pytest.mark.parametrize(
+    ("filter", "settings", "advice"),
+    [
+        ("annealed", {}, "use --filter assumed-density"),
+        ("demc", {"target": "likelihood"}, "use --set target=posterior"),
+        ("demc", {"target": "posterior"}, None),
+        ("particle", {}, None),
+    ],
+)
+def test_intervals_of_a_seeker_of_modes_mean_nothing_whatever_the_data(filter: str, settings: dict, advice: str | None) -> None:
+    """In frames without data, too, where its particles are draws of the prediction."""
+    model = linear_gaussian(2).compile()
+    built = FILTERS[filter].build(model, {"num_particles": 100, **settings})[0]
+    for data in simulate(model, jax.random.key(0), 5).values, {"y": np.full((5, 2), np.nan)}:
+        result = infer(model, jax.tree.map(np.asarray, data), built, jax.random.key(1), attrs={"settings": settings})
+        told = [each.text for each in verdicts(result) if "mean nothing" in each.text]
+        assert not told if advice is None else advice in told[0] and verdicts(result)[0].severity == "error"
+
+
+def test_only_smoothers_that_draw_anew_are_right_after_a_seeker_of_modes() -> None:
+    model = linear_gaussian(1).compile()
+    data = jax.tree.map(np.asarray, simulate(model, jax.random.key(0), 5).values)
+    result = infer(model, data, lambda model: annealed_filter(model, 100), jax.random.key(1))
+    bound, free = (
+        smooth(result, smoother, jax.random.key(2))
+        for smoother in (forward_backward_smoother(model), trajectory_smoother(model, num_chains=2, num_draws=20))
+    )
+    assert ["mean nothing" in verdicts(each)[0].text for each in (bound, free)] == [True, False]

@@ -21,7 +21,7 @@ from poseppl.diagnostics.verdicts.chains import (
 )
 from poseppl.diagnostics.verdicts.coverage import coverage
 from poseppl.diagnostics.verdicts.forecasts import forecasts
-from poseppl.diagnostics.verdicts.particles import degeneracy
+from poseppl.diagnostics.verdicts.particles import degeneracy, mode_seeking
 from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
 from poseppl.diagnostics.verdicts.prior import learned_prior
 from poseppl.diagnostics.verdicts.residuals import point_residuals
@@ -41,6 +41,7 @@ from poseppl.diagnostics.verdicts.verdict import (
 
 CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,
+    mode_seeking,
     degeneracy,
     learned_prior,
     overlap,

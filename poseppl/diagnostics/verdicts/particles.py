@@ -1,4 +1,4 @@
-"""Degeneracy of weighted particles."""
+"""Degeneracy of weighted particles, and particles that are no sample of the posterior."""
 
 from __future__ import annotations
 
@@ -12,10 +12,21 @@ LOW_SHARE = 0.1
 """Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""
 
 
+def mode_seeking(tree: xr.DataTree) -> list[Verdict]:
+    """Particles that a seeker of modes has gathered, whose spread tells nothing, whatever the data."""
+    if not _seeks_mode(tree):
+        return []
+    settings = provenance(tree).get("settings")
+    others = ["--set target=posterior"] if isinstance(settings, dict) and "target" in settings else _suited(tree)
+    advice = f": for these, use {others[0]}" if others else ""
+    text = "The filter seeks a mode and does not sample the posterior, so that intervals and standard deviations mean nothing"
+    return [Verdict(ERROR, f"{text}{advice}.")]
+
+
 def degeneracy(tree: xr.DataTree) -> list[Verdict]:
     """Degeneracy of weighted particles."""
-    known = provenance(tree)
-    if not is_weighted(tree) or known.get("closed form"):  # whose weights are exact, however few there are
+    exact = provenance(tree).get("closed form")  # whose weights are so, however few there are
+    if not is_weighted(tree) or exact or _seeks_mode(tree):
         return []
     number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")
     found = []
@@ -25,8 +36,7 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
         if low.any():
             worst = f"{np.nanmin(effective):.1f}"
             text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
-            suited = known.get("suited filters") or []
-            others = [f"use --filter {name}" for name in suited if name != known.get("filter")][:1]
+            others = [f"use {other}" for other in _suited(tree)]
             advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
             found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
@@ -37,3 +47,14 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
             text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
             found.append(Verdict(WARNING, f"{text}: the sample is impoverished; raise {more}."))
     return found
+
+
+def _seeks_mode(tree: xr.DataTree) -> bool:
+    """Whether the particles are those of a filter that has no evidence, or of a smoother that is bound to them."""
+    return is_weighted(tree) and provenance(tree).get("evidence") == "none"
+
+
+def _suited(tree: xr.DataTree) -> list[str]:
+    """The best other filter that takes the model, as its command has it; none where there is none."""
+    known = provenance(tree)
+    return [f"--filter {name}" for name in known.get("suited filters") or [] if name != known.get("filter")][:1]
