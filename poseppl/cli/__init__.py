@@ -1,4 +1,4 @@
-"""The command line: track, run, batch, smooth, simulate, report, export, compare, reproduce, and others; and lists.
+"""The command line: track, run, batch, smooth, simulate, report, export, overlay, compare, reproduce, and others; and lists.
 
 Nothing heavy is imported before a command runs, so that help is quick.
 """
@@ -18,6 +18,7 @@ from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.export import export as export_command
 from poseppl.cli.gait import fit_gait as gait_command
 from poseppl.cli.motion import fit_motion as motion_command
+from poseppl.cli.overlay import overlay as overlay_command
 from poseppl.cli.report import report as report_command
 from poseppl.cli.reproduce import reproduce as reproduce_command
 from poseppl.cli.run import run as run_command
@@ -50,6 +51,7 @@ Examples:
   poseppl filters                            the algorithms of track --filter, and their settings
   poseppl report poseppl-02_01.nc            its report, one HTML file
   poseppl export poseppl-02_01.nc            joints and angles for OpenSim, with intervals
+  poseppl overlay poseppl-02_01.nc cam1.mp4   skeletons over a video
   poseppl compare hmc.nc particle.nc         two results on the same data, one HTML file
   poseppl track --help                       every option
   poseppl doctor                             what is installed, and what is missing
@@ -71,6 +73,7 @@ for command in (
     simulate_command,
     report_command,
     export_command,
+    overlay_command,
     compare_command,
     reproduce_command,
     gait_command,

@@ -8,6 +8,7 @@ import click
 from click.core import ParameterSource
 
 from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import settings_option
 from poseppl.cli.track_keypoints import (
     check_keypoint_usage,
@@ -23,7 +24,6 @@ from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
     open_sources,
-    overlay_paths,
     scene_of_options,
     video_options,
     write_overlays,
@@ -172,7 +172,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration")]
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
-    overlays = overlay_paths(sources, target) if sources else []
+    overlays = overlay_paths(sources.videos, target) if sources else []
     smoothed = None if wants_points(options) else smoothed_target(options, target)
     beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
     check_writable([target, picture, *overlays, *beside, *exported_targets(options, target)], inputs)

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import option_group
+from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
 
@@ -178,16 +179,11 @@ def open_sources(options: dict[str, Any]) -> Any:
     )
 
 
-def overlay_paths(sources: Any, target: Path) -> list[Path]:
-    """Where the overlay of each video goes."""
-    return [target.with_name(f"{target.stem}-{video.camera}.mp4") for video in sources.videos]
-
-
 def write_overlays(tree: Any, sources: Any, target: Path, progress: Any) -> list[tuple[str, Path]]:
     """Write the videos again, with the skeletons over them; those that were drawn."""
     from poseppl.cli.outputs import draw
     from poseppl.motion.rendering.overlay_video import write_overlay
 
     progress.stage("drawing overlays")
-    paths = zip(overlay_paths(sources, target), sources.videos, strict=True)
+    paths = zip(overlay_paths(sources.videos, target), sources.videos, strict=True)
     return [("overlay", path) for path, video in paths if draw(path, partial(write_overlay, path, tree, video), progress.note)]

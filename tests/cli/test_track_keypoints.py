@@ -13,6 +13,7 @@ import pytest
 
 from poseppl.cli import main
 from poseppl.cli.track_keypoints import exported_targets
+from poseppl.motion.io import open_video
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
@@ -57,6 +58,9 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     assert smoothed.rate == 20.0
     assert not list(Path().glob("out.[tm]*"))
     assert load_result("out-laplace.nc")["posterior/camera_error"].shape[2:] == (4, 24)
+    video = data_dir / "pose2sim_balancing" / "videos" / "cam01.mp4"
+    assert main(["overlay", "out-laplace.nc", f"cam_01={video}", "-q"]) == 0
+    assert len(list(open_video("out-laplace-cam_01.mp4", "cam_01").images())) == 4
     for result in (tree, load_result("out-laplace.nc")):  # what the report's table of cameras shows
         found = provenance(result)["cameras found"]
         assert list(found) == [f"cam_0{c}" for c in (1, 2, 3, 4)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -49,9 +49,15 @@ def overlay_frames(tree: xr.DataTree, video: Video) -> Iterator[Image]:
             yield _even(draw_skeletons(image, samples[:, index, camera], means[index, camera], pairs))
 
 
-def write_overlay(path: FilePath, tree: xr.DataTree, video: Video) -> int:
-    """Write the overlay of a camera as a video, whole or not at all; the number of its frames."""
-    return write_video(path, overlay_frames(tree, video), video.rate or _DEFAULT_RATE)
+def write_overlay(path: FilePath, tree: xr.DataTree, video: Video, advance: Callable[[int], None] = lambda frames: None) -> int:
+    """Write the overlay of a camera as a video, whole or not at all; the number of its frames, each of which is told."""
+
+    def frames() -> Iterator[Image]:
+        for image in overlay_frames(tree, video):
+            yield image
+            advance(1)
+
+    return write_video(path, frames(), video.rate or _DEFAULT_RATE)
 
 
 def draw_skeletons(image: Image, samples: Array, mean: Array, pairs: Any) -> Image:

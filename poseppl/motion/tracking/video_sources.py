@@ -60,6 +60,20 @@ class VideoSources(NamedTuple):
     truth: SceneTruth | None = None
 
 
+def open_named(videos: Sequence[FilePath]) -> list[Video]:
+    """Open videos, each ``FILE``, whose name without suffix is the camera's, or ``NAME=FILE``; a folder of images is a video.
+
+    Raises:
+        InputError: A file cannot be read, or two are of one camera.
+    """
+    named = [_named(word) for word in videos]
+    names = [name for name, _ in named]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"two videos of the camera {twice[0]!r}", expected="one of each; or NAME=FILE")
+    return [open_video(path, name) for name, path in named]
+
+
 def sources_of_files(
     videos: Sequence[FilePath],
     calibration: FilePath,
@@ -81,7 +95,7 @@ def sources_of_files(
         InputError: A file cannot be read, or a name is not that of a calibrated camera.
     """
     records = read_cameras(calibration)
-    opened = [open_video(path, name) for name, path in map(_named, videos)]
+    opened = open_named(videos)
     names = [video.camera for video in opened]
     known = [record.name for record in records]
     strange = [name for name in names if name not in known]
