@@ -62,8 +62,8 @@ def unreached_figures(
     Returns:
         The figures; None where data reach all coordinates.
     """
-    state = (prediction.predicted_mean, prediction.predicted_variance, prediction.predicted_error, prediction.autoregression)
-    centre, predicted, error, slope = (np.asarray(leaf, np.float64) for leaf in state)
+    state = prediction.predicted_mean, prediction.predicted_variance, prediction.predicted_error
+    centre, predicted, error = (np.asarray(leaf, np.float64) for leaf in state)
     explained = np.nan_to_num(np.asarray(prediction.explained, np.float64), nan=1.0)
     variance = np.square(np.asarray(standard_deviation, np.float64))
     told = explained * predicted
@@ -72,7 +72,7 @@ def unreached_figures(
         return None
     errors = error**2 + variance / np.maximum(np.asarray(ess, np.float64), 1.0)[:, None]
     excess = (predicted - variance - told) + (np.square(np.asarray(mean, np.float64) - centre) - told - errors)
-    kept = _kept(np.clip((1 - explained) * slope, -1.0, 1.0) ** 2)
+    kept = _kept(handed_on(prediction))
     ratio = ratio_interval((kept * excess)[:, hardly].sum(axis=1), variance[:, hardly].sum(axis=1))
     whole = predicted[:, hardly].sum()
     return UnreachedFigures(
@@ -81,6 +81,12 @@ def unreached_figures(
         float((predicted - variance)[:, hardly].sum() / whole),
         float(told[:, hardly].sum() / whole),
     )
+
+
+def handed_on(prediction: Prediction) -> Floats:
+    """Share (T, d) of a variance of errors that each frame has of the one before: what data leave and the transition keeps."""
+    explained, slope = (np.asarray(leaf, np.float64) for leaf in (prediction.explained, prediction.autoregression))
+    return np.nan_to_num(np.clip((1 - explained) * slope, -1.0, 1.0) ** 2)
 
 
 def _kept(inherited: Floats) -> Floats:

@@ -110,6 +110,8 @@ class Filter:
         evidence: Where the log-evidence has its error from: "weights", whose mean is a frame's evidence and whose ESS is that
             of `Info`; "runs" of several seeds alone; or "none", of a filter that has no evidence, for it seeks a mode and does
             not sample the posterior.
+        points: How many points carry a posterior to the next frame, by their mixture; None where weighted particles do, whose
+            effective number `Info` tells, or a distribution.
         genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
         model: The model; None for a filter whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
@@ -121,6 +123,7 @@ class Filter:
     initial_state: Callable[[Any, Any], Any] | None = None
     closed_form: bool = False
     evidence: EvidenceError = "runs"
+    points: int | None = None
     genealogy: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
@@ -132,4 +135,5 @@ class Filter:
     @property
     def provenance(self) -> dict[str, Any]:
         """Attributes of a result that tell of the filter, for those who judge it."""
-        return {"closed form": self.closed_form, "evidence": self.evidence}
+        told = {"closed form": self.closed_form, "evidence": self.evidence}
+        return told if self.points is None else {**told, "points of the past": self.points}

@@ -165,7 +165,8 @@ class Course:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
         filter = self._calls.filter
         weighted = state.particles.ndim == 2 and not filter.closed_form
-        misses = filter.seeks_mode or (weighted and bool((np.asarray(info.ess) < FEW).any()))
+        few = weighted and bool((np.asarray(info.ess) < FEW).any())
+        misses = few or filter.seeks_mode or filter.points is not None
         if filter.model is None or not misses:
             return filter.provenance
         return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}

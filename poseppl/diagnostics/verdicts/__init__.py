@@ -20,6 +20,7 @@ from poseppl.diagnostics.verdicts.chains import (
     rejection,
 )
 from poseppl.diagnostics.verdicts.coverage import coverage
+from poseppl.diagnostics.verdicts.few_points import few_points
 from poseppl.diagnostics.verdicts.forecasts import forecasts
 from poseppl.diagnostics.verdicts.particles import degeneracy, mode_seeking
 from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
@@ -43,6 +44,7 @@ CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
     failures,
     mode_seeking,
     degeneracy,
+    few_points,
     learned_prior,
     overlap,
     silhouette_jumps,

@@ -17,7 +17,7 @@ def mode_seeking(tree: xr.DataTree) -> list[Verdict]:
     if not _seeks_mode(tree):
         return []
     settings = provenance(tree).get("settings")
-    others = ["--set target=posterior"] if isinstance(settings, dict) and "target" in settings else _suited(tree)
+    others = ["--set target=posterior"] if isinstance(settings, dict) and "target" in settings else suited_filter(tree)
     advice = f": for these, use {others[0]}" if others else ""
     text = "The filter seeks a mode and does not sample the posterior, so that intervals and standard deviations mean nothing"
     return [Verdict(ERROR, f"{text}{advice}.")]
@@ -36,7 +36,7 @@ def degeneracy(tree: xr.DataTree) -> list[Verdict]:
         if low.any():
             worst = f"{np.nanmin(effective):.1f}"
             text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
-            others = [f"use {other}" for other in _suited(tree)]
+            others = [f"use {other}" for other in suited_filter(tree)]
             advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
             found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
     unique = statistic(tree, "unique_ancestors")
@@ -54,7 +54,7 @@ def _seeks_mode(tree: xr.DataTree) -> bool:
     return is_weighted(tree) and provenance(tree).get("evidence") == "none"
 
 
-def _suited(tree: xr.DataTree) -> list[str]:
+def suited_filter(tree: xr.DataTree) -> list[str]:
     """The best other filter that takes the model, as its command has it; none where there is none."""
     known = provenance(tree)
     return [f"--filter {name}" for name in known.get("suited filters") or [] if name != known.get("filter")][:1]

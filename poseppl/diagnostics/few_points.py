@@ -1,0 +1,41 @@
+r"""Monte Carlo error that a filter of few points hands on from frame to frame, which needs no truth.
+
+A posterior that n points carry to the next frame, by their mixture, has a mean with the error P_t / n, and a variance that is
+too small by P_t / n on average, P_t being the posterior's variance of a coordinate. Errors are then larger than the filter
+claims, by an excess of variance X_t. A frame hands on of all these what its data leave and the transition keeps:
+
+    X_t = ((1 - s_t) a_t)^2 (X_(t-1) + 2 P_(t-1) / n),
+
+s_t and a_t being the share that data can tell and the slope of :mod:`poseppl.diagnostics.unreached`. A coordinate's
+inflation is 1 + sum X_t / sum P_t over frames. No chance is in it, so that it tells of short sequences, too. As it is of first
+order in 1 / n, and data tell at most s_t, it is the least that has to be expected.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poseppl.arrays import Floats
+from poseppl.diagnostics.unreached import handed_on
+from poseppl.runs.predictive import Prediction
+
+
+def few_points_inflation(prediction: Prediction, standard_deviation: ArrayLike, points: int) -> Floats:
+    """Variance of a filter's errors over the claimed one that the number of its points makes one expect, at least.
+
+    Args:
+        prediction: With a leading T, and with moments of the state.
+        standard_deviation: The posterior's (T, d).
+        points: Their number n.
+
+    Returns:
+        The inflation (d,); 1 is right, and NaN is that of a coordinate that is known exactly.
+    """
+    variance = np.square(np.asarray(standard_deviation, np.float64))
+    share, excess = handed_on(prediction), np.zeros_like(variance)
+    for t in range(1, len(variance)):
+        excess[t] = share[t] * (excess[t - 1] + 2 * variance[t - 1] / points)
+    whole = variance.sum(axis=0)
+    inflation: Floats = 1 + excess.sum(axis=0) / np.where(whole > 0, whole, np.nan)
+    return inflation
