@@ -70,6 +70,7 @@ def batch(folder: str, model: str, **options: Any) -> None:
             inputs=tuple(options["inputs"]),
             params=tuple(sorted(options["params"].items())),
             smooth=options["smooth"] or "",
+            hindcast=options["hindcast"] or 0,
             seed=options["seed"],
             max_draws=options["max_draws"],
         )

@@ -33,6 +33,7 @@ class TableJob(Job):
     inputs: tuple[str, ...]
     params: tuple[tuple[str, float], ...]
     smooth: str
+    hindcast: int
     seed: int
     max_draws: int
 
@@ -72,6 +73,7 @@ def run_table(job: TableJob) -> dict[str, Any]:
         "inputs": job.inputs,
         "params": dict(job.params),
         "smooth": job.smooth,
+        "hindcast": job.hindcast,
         "seed": job.seed,
         "max_draws": job.max_draws,
     }

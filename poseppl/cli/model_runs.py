@@ -13,11 +13,12 @@ import numpy as np
 import xarray as xr
 
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
-from poseppl.diagnostics import diagnose, verdicts
+from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.forecasting import hindcast
 from poseppl.runs.infer import infer, smooth
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.predictive import predictive_checks
@@ -65,6 +66,10 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
     except ValueError as error:
         raise InputError(str(error), file=path) from error
+    if options["hindcast"]:
+        progress.stage("forecasting")
+        predicted = hindcast(result, model, options["hindcast"], jax.random.fold_in(key, 1), inputs)
+        result = add_hindcasts(result, predicted)
     return Filtered(diagnose(result), model, inputs)
 
 

@@ -106,6 +106,12 @@ model_options = option_group(
         help="Which filter; poseppl filters lists them.",
     ),
     settings_option,
+    click.option(
+        "--hindcast",
+        metavar="H",
+        type=click.IntRange(1),
+        help="Forecast 1 to H frames ahead from every frame, and score that by the data that came; poseppl compare shows it.",
+    ),
     click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
     click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True),
     click.option(

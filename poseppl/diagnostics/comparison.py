@@ -22,11 +22,13 @@ import xarray as xr
 
 from poseppl.diagnostics.calibration import coverage
 from poseppl.diagnostics.evidence import evidence_of_run, evidences
+from poseppl.diagnostics.forecasts import forecasts_of_runs
 from poseppl.diagnostics.paired_comparison import TIE, compare_quantities, is_miscalibrated
 from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.diagnostics.same_data import Data, data_of, difference, other_cameras
 from poseppl.errors import FilePath, InputError
+from poseppl.runs.contents import group_of
 from poseppl.runs.results import provenance
 
 _BY_CELL = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
@@ -51,7 +53,8 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
           ``joint_error_relative_all``; and who is ``miscalibrated``, and left out of comparisons of ESS;
         * ``winner`` and ``winner_by_dof``: see :func:`poseppl.diagnostics.paired_comparison.compare_quantities`;
         * ``variance``: see :func:`poseppl.diagnostics.replicates.variance_against_time`;
-        * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`.
+        * ``evidence``: see :func:`poseppl.diagnostics.evidence.evidences`;
+        * ``forecasts``: see :func:`poseppl.diagnostics.forecasts.forecasts_of_runs`.
 
         The attributes ``frames`` and ``provenance`` hold, as JSON, how many frames there are and what each run was, and
         ``other_cameras`` which runs saw the truth through other cameras than the first one.
@@ -64,7 +67,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
     if TIE in runs or "" in runs:
         raise InputError(f"a run is called {TIE!r}" if TIE in runs else "a run has no name", expected="another name")
     first: tuple[str, Data] | None = None
-    parts, found, known, seen_otherwise = [], [], {}, []
+    parts, found, known, seen_otherwise, foretold = [], [], {}, [], {}
     for name, tree in runs.items():
         data = data_of(tree)
         if first is None:
@@ -75,6 +78,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         parts.append(figures_of_run(tree))
         found.append(evidence_of_run(tree))
         known[name] = provenance(tree)
+        foretold[name] = group_of(tree, "hindcasts")
     figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
     summary = summarise(figures)
     overall, each = compare_quantities(figures, summary["miscalibrated"].values)
@@ -85,6 +89,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         "winner_by_dof": each,
         "variance": variance_against_time(figures),
         "evidence": evidences(found, figures),
+        "forecasts": forecasts_of_runs(foretold),
     }
     result = xr.DataTree.from_dict(groups)
     result.attrs = {

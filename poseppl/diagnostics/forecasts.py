@@ -161,6 +161,12 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
     return added
 
 
+def forecasts_of_runs(scores: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """Groups that :func:`add_hindcasts` added to results, by run, with a dimension ``run``; those without are left out."""
+    known = {name: data for name, data in scores.items() if data}
+    return xr.concat(known.values(), dim="run", join="outer").assign_coords(run=list(known)) if known else xr.Dataset()
+
+
 def crps(draws: ArrayLike, data: ArrayLike) -> Floats:
     """Continuous ranked probability score.
 

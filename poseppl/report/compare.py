@@ -9,6 +9,7 @@ from poseppl.diagnostics.verdicts.comparison import findings, wins, words
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically, write_rows
 from poseppl.report.compare_charts import comparison_charts
+from poseppl.report.compare_forecasts import forecast_charts, forecasts_table
 from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_legend, winners_table
 from poseppl.report.page import DASH, page_html
 
@@ -41,7 +42,7 @@ def write_comparison_table(tree: xr.DataTree, path: FilePath) -> None:
 
 def comparison_html(tree: xr.DataTree) -> str:
     """Make the page of a comparison (of :func:`poseppl.diagnostics.compare`)."""
-    figures, drawn = tree["figures"].dataset, comparison_charts(tree)
+    figures, drawn = tree["figures"].dataset, comparison_charts(tree) | {"forecasts": forecast_charts(tree)}
     sizes = figures.sizes
     return page_html(
         "comparison.html",
@@ -55,6 +56,7 @@ def comparison_html(tree: xr.DataTree) -> str:
         legend=winners_legend(tree),
         winners=winners_table(tree),
         by_coordinate=coordinates_table(tree),
+        foretold=forecasts_table(tree),
         settings=settings_table(tree),
     )
 

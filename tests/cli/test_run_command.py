@@ -85,6 +85,21 @@ def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
     assert known["seed"] == 3 and known["settings"]["num_particles"] == 50
 
 
+def test_forecasts_are_scored_and_compared(folder, capsys):
+    """Of a model that foretells its data, and of one whose noise is far too small."""
+    command = ["run", "model.py", "--data", "data.csv", "--inputs", "push", "--filter", "kalman", "--hindcast", "2", "-q"]
+    for name, noise in (("right", 1.0), ("sure", 0.01)):
+        assert main([*command, "--param", f"noise={noise}", "-o", f"{name}.nc"]) == 0
+    scores = {name: load_result(f"{name}.nc")["hindcasts"] for name in ("right", "sure")}
+    assert scores["right"]["lead"].values.tolist() == [1, 2]
+    assert float(scores["right"]["overall"][0]) > float(scores["sure"]["overall"][0])
+    assert main(["compare", "right.nc", "sure.nc", "-o", "both.html", "-q"]) == 0
+    page = (folder / "both.html").read_text()
+    assert "<h2>Forecasts</h2>" in page and f"{float(scores['sure']['crps'][0, 1]):.2f}"[:3] in page
+    assert main([*command[:-2], "9", "--param", "noise=1"]) == 1
+    assert "horizon: 9 (expected less than the result's 6 frames)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -114,6 +114,26 @@ def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) ->
     assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
 
 
+def test_forecasts_stand_side_by_side() -> None:
+    runs = {"near": run_on(DATA), "far": run_on(DATA, seed=1), "none": run_on(DATA, seed=2)}
+    assert "<h2>Forecasts</h2>" not in comparison_html(compare(runs))
+    for name, score in (("near", 0.25), ("far", 2.5)):
+        by_lead = {key: (("site", "lead"), [[value] * 9]) for key, value in (("crps", score), ("coverage", 0.9))}
+        by_lead |= {key: (("site", "lead"), [[0.02] * 9]) for key in ("crps_error", "coverage_se")}
+        by_site = {"overall": (("site",), [0.87]), "overall_se": (("site",), [0.01])}
+        runs[name]["hindcasts"] = xr.DataTree(xr.Dataset(by_lead | by_site, {"site": ["y"], "lead": range(1, 10)}))
+    page = comparison_html(compare(runs))
+    rows = re.findall(r"<tr><td>y</td>.*?</tr>", page)
+    cells = [[re.sub("<.*?>", "", cell) for cell in re.findall("<td>(.*?)</td>", row)] for row in rows]
+    assert [row[1] for row in cells] == [lead for lead in ("1", "4", "6", "9") for _ in range(2)]
+    assert cells[0] == ["y", "1", "near", "0.250 ± 0.020", "90.0 ± 2.0", "87.0 ± 1.0"] and cells[1][2:4] == [
+        "far",
+        "2.500 ± 0.020",
+    ]
+    (figure,) = data_of(page, "charts-data")["forecasts"].values()
+    assert [trace["name"] for trace in figure["data"]] == ["near", "far"] and figure["data"][1]["y"] == [2.5] * 9
+
+
 def test_one_frame_and_many_runs_have_a_page() -> None:
     single = scene(num_frames=1)
     page = comparison_html(compare({"a": run_on(single), "b": run_on(single, seed=1)}))
