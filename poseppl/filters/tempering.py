@@ -33,7 +33,7 @@ from poseppl.kernels.moves import (
     MoveSettings,
     Starts,
     evaluate,
-    move_population,
+    move_groups,
     whitening_from_gradients,
     whitening_from_spread,
 )
@@ -147,6 +147,9 @@ def temper(
     if settings.chain_length > 1:
         moves = moves._replace(num_moves=settings.chain_length - 1)
 
+    def whitening_of(starts: Starts) -> Whitening:
+        return _whitening(starts, prior_covariance, settings)
+
     def likelihood(x: Array) -> Array:
         value = log_likelihood(x)
         return jnp.where(jnp.isnan(value) | jnp.isposinf(value), -jnp.inf, value)
@@ -171,8 +174,7 @@ def temper(
 
         context = jax.tree.map(lambda leaf: leaf[ancestors], contexts)
         starts = evaluate(run.particles[chosen], context, log_density, moves)
-        transform = _whitening(starts, prior_covariance, settings)
-        moved = move_population(key_move, starts, log_density, transform, run.log_step_size, moves)
+        moved = move_groups(key_move, starts, log_density, whitening_of, run.log_step_size, moves)
         kept = moved.positions[-1:]
         if settings.chain_length > 1:
             kept = jnp.concatenate([starts.positions[None], moved.positions])

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.scipy.linalg import solve_triangular
 
 from poseppl.gaussians.gaussian import diagonal, lower_inverse
 
@@ -43,7 +42,7 @@ class Whitening(NamedTuple):
     def to_white(self, x: Array) -> Array:
         """Map states (N, d) to whitened coordinates."""
         offset = x - self.centre
-        return offset / self.scale if self.scale.ndim == 1 else solve_triangular(self.scale, offset.T, lower=False).T
+        return offset / self.scale if self.scale.ndim == 1 else offset @ lower_inverse(self.scale.T)
 
 
 def whitening(centre: Array, precision: Array, *, dense: bool = True) -> Whitening:

@@ -2,7 +2,7 @@ r"""Moves of a whole population, each member on a density of its own, scaled by 
 
 Member i has a position x_i and a context c_i, and moves on p(x | c_i) with HMC (BlackJAX's kernel), a Metropolis random walk or
 a kernel of one's own (:mod:`poseppl.kernels.own_kernel`),
-in coordinates whitened for all members together:
+in coordinates whitened for many members together:
 
 * by gradients: E[g g^T] = E[-Hessian of log p], g = grad log p(x | c), when x is drawn from p (integration by parts), so the
   mean outer product of the members' gradients is their mean curvature, the context's own spread left out;
@@ -21,16 +21,19 @@ from typing import Any, Literal, NamedTuple
 import blackjax
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.kernels.own_kernel import OwnKernel, update_by
+from poseppl.particles.stacks import rows_of
 
 ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
 
-
+GROUPS = 5
+"""Of members, each whitened by the others."""
 Kernel = Literal["hmc", "random-walk"]
 
 
@@ -173,6 +176,50 @@ def move_population(
         log_step_size=log_step_size,
         num_density=jnp.where(hmc, 0, count).astype(jnp.int32),
         num_gradient=jnp.where(hmc, count, 0).astype(jnp.int32),
+    )
+
+
+def move_groups(
+    rng_key: Array,
+    starts: Starts,
+    log_density: ConditionalDensity,
+    whitening_of: Callable[[Starts], Whitening],
+    log_step_size: Array,
+    settings: MoveSettings,
+) -> Moved:
+    """Move every member K times, whitened by the members of other groups: neighbours, such as copies, are of one group.
+
+    A scale that a member's own gradient has gone into is narrow where that is steep, so that moves do not leave its density
+    invariant, by d / M for d coordinates of M members.
+
+    Args:
+        rng_key: PRNG key.
+        starts: The M members.
+        log_density: Log-density of a position given its context.
+        whitening_of: Coordinates that some members call for.
+        log_step_size: Log step size to start from; the adapted one is the mean of the groups'.
+        settings: Kernel, K, L and so on.
+    """
+    count = len(starts.positions)
+    if count < 2 * GROUPS:
+        return move_population(rng_key, starts, log_density, whitening_of(starts), log_step_size, settings)
+    size = -(-count // GROUPS)
+    first = np.arange(GROUPS) * (count - size) // (GROUPS - 1)  # groups overlap where M is no multiple of their number
+    others = np.arange(count - size) + size * (np.arange(count - size) >= first[:, None])
+
+    def move(rng_key: Array, members: Array, others: Array) -> Moved:
+        transform = whitening_of(rows_of(starts, others))
+        return move_population(rng_key, rows_of(starts, members), log_density, transform, log_step_size, settings)
+
+    moved: Moved = jax.vmap(move)(jax.random.split(rng_key, GROUPS), first[:, None] + np.arange(size), others)
+    group = np.searchsorted(first, np.arange(count), side="right") - 1
+    return Moved(
+        positions=jnp.swapaxes(moved.positions, 0, 1)[:, group, np.arange(count) - first[group]],
+        acceptance=jnp.mean(moved.acceptance),
+        divergences=jnp.sum(moved.divergences),
+        log_step_size=jnp.mean(moved.log_step_size),
+        num_density=jnp.sum(moved.num_density),
+        num_gradient=jnp.sum(moved.num_gradient),
     )
 
 

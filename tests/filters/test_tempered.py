@@ -12,6 +12,7 @@ import pytest
 from law_problems import frame, problem, replicate, z_scores
 from oracles.quadrature import moments_on_grid
 from poseppl_models.linear_gaussian import linear_gaussian
+from scipy.stats import norm
 
 from poseppl.filters import TemperedState, tempered_filter
 from poseppl.filters.tempering import Tempering, temper
@@ -199,3 +200,14 @@ def test_precise_data_in_ten_dimensions():
 def test_settings_out_of_range_are_refused(settings, word):
     with pytest.raises(ValueError, match=word):
         tempered_filter(problem().model, **{"num_particles": 100, **settings})
+
+
+def test_evidence_is_right_where_coordinates_are_many_and_particles_few():
+    """28 standard normal coordinates, half of them seen in small noise: 50 runs of 200 particles, within 4 standard errors."""
+    model = linear_gaussian(28, 14, R=0.01 * np.eye(14)).compile()
+    filter, y = tempered_filter(model, 200), np.linspace(-1.5, 1.5, 14)
+    observation, keys = model.observe({"y": y}), jax.random.split(jax.random.key(0), 50)
+    found = np.asarray(jax.jit(partial(jax.lax.map, lambda key: filter.init(key, observation)[1].log_evidence))(keys), float)
+    # the logarithm of an unbiased estimate of small spread is too low by half of its variance
+    bias, variance = found.mean() - norm(0, np.sqrt(1.01)).logpdf(y).sum(), found.var(ddof=1)
+    assert abs(bias + variance / 2) < 4 * np.sqrt(variance / 50 + variance**2 / 100)
