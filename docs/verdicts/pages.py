@@ -72,6 +72,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "learned-prior": learned_prior.learned_prior,
         "smoothing-pays": smoothing.smoothing_pays,
         "filters": sampling.filters,
+        "frame-samplers": sampling.frame_samplers,
         "ensembles": ensembles.ensembles,
         "modes-found": modes.modes_found,
         "trajectory": sampling.trajectory,

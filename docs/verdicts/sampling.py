@@ -65,6 +65,32 @@ def particle_mgrad(tables: Tables) -> str:
     return f"{markdown(header, shown)}\n\n{goal}"
 
 
+def frame_samplers(tables: Tables) -> str:
+    """What a gradient is worth to each sampler of one frame, and whether one does better than the tempered filter."""
+    rows = tables["frame_samplers"].records()
+    shown = [
+        [
+            row["frame"],
+            row["sampler"],
+            f"{row['gradients']:,.0f}",
+            f"{row['worth']:.0f}",
+            f"{row['per_1000']:.1f} ± {row['per_1000_error']:.1f}",
+            f"{row['evidence']:+.2f} ± {row['evidence_sd']:.2f}",
+        ]
+        for row in rows
+    ]
+    own = {row["frame"]: row for row in rows if row["sampler"] == "tempered filter"}
+    better = [
+        f"{row['sampler']} ({row['frame']})"
+        for row in rows
+        if row["per_1000"] - own[row["frame"]]["per_1000"]
+        > 2 * math.hypot(row["per_1000_error"], own[row["frame"]]["per_1000_error"])
+    ]
+    header = ("frame", "sampler", "gradients", "independent draws", "for 1,000 gradients", "log-evidence, error")
+    told = f"More than the tempered filter for a gradient, beyond two standard errors: {', '.join(better) or 'none'}."
+    return f"{markdown(header, shown)}\n\n{told}"
+
+
 def _pair(one: float, other: float) -> str:
     return "" if math.isnan(one) else f"{_number(one)}; {_number(other)}"
 

@@ -15,7 +15,7 @@ P - 1 moves, and all N states of the chains are kept.
 
 With temperatures and moves fixed beforehand, the mean of exp(log_evidence) is the evidence. Temperatures, whitening and step
 size that are learned from the particles leave a bias that vanishes with N (Beskos, Jasra, Kantas and Thiery 2016,
-doi:10.1214/15-AAP1113).
+doi:10.1214/15-AAP1113); particles are whitened by others (:func:`poseppl.kernels.moves.move_groups`), which leaves little.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ class Moved(NamedTuple):
 
 
 def move_population(
-    rng_key: Array,
+    rng_keys: Array,
     starts: Starts,
     log_density: ConditionalDensity,
     transform: Whitening,
@@ -130,7 +130,7 @@ def move_population(
     """Move every member K times.
 
     Args:
-        rng_key: PRNG key.
+        rng_keys: K keys.
         starts: From `evaluate`, for the same density.
         log_density: Of a position and a context.
         transform: To whitened coordinates, the same for all.
@@ -165,9 +165,7 @@ def move_population(
     states: Any = white, jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
     if own is not None:
         states = jax.vmap(lambda z, context: own.init(z, lambda z: safe_density(z, context)))(white, starts.contexts)
-    (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(
-        turn, (states, log_step_size), jax.random.split(rng_key, settings.num_moves)
-    )
+    (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(turn, (states, log_step_size), rng_keys)
     hmc, count = settings.kernel == "hmc", num_members + jnp.sum(evaluations)
     return Moved(
         positions=positions,
@@ -202,24 +200,27 @@ def move_groups(
     """
     count = len(starts.positions)
     if count < 2 * GROUPS:
-        return move_population(rng_key, starts, log_density, whitening_of(starts), log_step_size, settings)
+        keys = jax.random.split(rng_key, settings.num_moves)
+        return move_population(keys, starts, log_density, whitening_of(starts), log_step_size, settings)
     size = -(-count // GROUPS)
     first = np.arange(GROUPS) * (count - size) // (GROUPS - 1)  # groups overlap where M is no multiple of their number
+    keys = jax.random.split(rng_key, (settings.num_moves, GROUPS))
     others = np.arange(count - size) + size * (np.arange(count - size) >= first[:, None])
 
-    def move(rng_key: Array, members: Array, others: Array) -> Moved:
+    def move(keys: Array, members: Array, others: Array) -> Moved:
         transform = whitening_of(rows_of(starts, others))
-        return move_population(rng_key, rows_of(starts, members), log_density, transform, log_step_size, settings)
+        return move_population(keys, rows_of(starts, members), log_density, transform, log_step_size, settings)
 
-    moved: Moved = jax.vmap(move)(jax.random.split(rng_key, GROUPS), first[:, None] + np.arange(size), others)
+    members = first[:, None] + np.arange(size)
+    moved: Moved = jax.vmap(move, (1, 0, 0))(keys, jnp.asarray(members), jnp.asarray(others))
     group = np.searchsorted(first, np.arange(count), side="right") - 1
     return Moved(
         positions=jnp.swapaxes(moved.positions, 0, 1)[:, group, np.arange(count) - first[group]],
         acceptance=jnp.mean(moved.acceptance),
-        divergences=jnp.sum(moved.divergences),
+        divergences=jnp.sum(moved.divergences, dtype=jnp.int32),
         log_step_size=jnp.mean(moved.log_step_size),
-        num_density=jnp.sum(moved.num_density),
-        num_gradient=jnp.sum(moved.num_gradient),
+        num_density=jnp.sum(moved.num_density, dtype=jnp.int32),
+        num_gradient=jnp.sum(moved.num_gradient, dtype=jnp.int32),
     )
 
 
