@@ -13,6 +13,7 @@ from io import TextIOWrapper
 import click
 
 from poseppl.cli.batch import batch as batch_command
+from poseppl.cli.calibrate_detector import calibrate_detector as calibrate_detector_command
 from poseppl.cli.compare import compare as compare_command
 from poseppl.cli.doctor import doctor as doctor_command
 from poseppl.cli.export import export as export_command
@@ -78,6 +79,7 @@ for command in (
     reproduce_command,
     gait_command,
     motion_command,
+    calibrate_detector_command,
     doctor_command,
 ):
     cli.add_command(command)

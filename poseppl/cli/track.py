@@ -169,7 +169,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     words += words_of_keypoints(options["keypoints"]).values()
     target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
     picture = target.with_suffix(".png")
-    tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration")]
+    tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration", "detector_errors")]
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources.videos, target) if sources else []

@@ -22,10 +22,11 @@ _ONLY = (
     "camera_rate",
     "keep_clocks",
     "unit",
+    "detector_errors",
 )
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
-keypoint_options = option_group(
+source_options = option_group(
     click.option(
         "--keypoints",
         metavar="CAMERA=FILE...",
@@ -51,19 +52,6 @@ keypoint_options = option_group(
         metavar="N",
         type=click.IntRange(min=1),
         help="--keypoints: whom to track: 1 is the person who is seen best, 2 the next. [default: 1]",
-    ),
-    click.option(
-        "--online",
-        is_flag=True,
-        default=None,
-        help="--keypoints: the filter's answer alone, of each frame given those before it. [default: NAME-laplace.nc beside "
-        "it, smoothed with errors that last]",
-    ),
-    click.option(
-        "--no-export",
-        is_flag=True,
-        default=None,
-        help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
     ),
     click.option(
         "--unit",
@@ -108,6 +96,31 @@ keypoint_options = option_group(
     ),
 )
 """A detector's keypoints, and whom of those it found."""
+
+keypoint_options = option_group(
+    source_options,
+    click.option(
+        "--online",
+        is_flag=True,
+        default=None,
+        help="--keypoints: the filter's answer alone, of each frame given those before it. [default: NAME-laplace.nc beside "
+        "it, smoothed with errors that last]",
+    ),
+    click.option(
+        "--no-export",
+        is_flag=True,
+        default=None,
+        help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
+    ),
+    click.option(
+        "--detector-errors",
+        metavar="FILE.json",
+        type=click.Path(),
+        help="--keypoints: the detector's errors, by keypoint and confidence, as poseppl calibrate-detector finds them. "
+        "[default: one noise a camera, measured, that grows as the root of the confidence falls]",
+    ),
+)
+"""The same, and what is made of them."""
 
 
 def words_of_keypoints(words: tuple[str, ...]) -> dict[str, str]:
@@ -175,6 +188,8 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
         raise click.UsageError("give --keypoints, a RECORDING or --observations, not two of them")
     if options["calibration"] is None:
         raise click.UsageError("--keypoints needs --calibration FILE")
+    if options["detector_errors"] is not None and options["noise"] is not None:
+        raise click.UsageError("give --detector-errors or --noise, not both")
     for name in _NOT_WITH:
         if options[name] is not None and not (name == "skeleton" and wants_points(options)):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints")
@@ -192,14 +207,27 @@ def wants_points(options: dict[str, Any]) -> bool:
 
 def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
     """The scene that the options tell of, with what the user should know of it."""
+    found = keypoint_recording(options, progress, model=model)
+    return found.scene
+
+
+def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> Any:
+    """What was found of the person that the options tell of; the user is told what is unexpected.
+
+    Args:
+        options: Of the command.
+        progress: Is told.
+        more: Of :func:`~poseppl.motion.tracking.keypoints.scene_of_keypoints`.
+    """
     from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_calibration
+    from poseppl.motion.tracking.detector_files import read_detector_errors
     from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
+    known = options["detector_errors"]
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
         read_calibration(options["calibration"], options["unit"]),
-        model=model,
         layout=options["layout"],
         detector=options["detector"],
         clocks=_clocks(options, given_rate(options)),
@@ -211,10 +239,12 @@ def keypoint_scene(options: dict[str, Any], model: str, progress: Any) -> Any:
         lengths=options["lengths"],
         refine=not options["keep_calibration"],
         mend=not options["keep_detections"],
+        detector_errors=None if known is None else read_detector_errors(known),
+        **more,
     )
     for note in found.notes():
         progress.note(note)
-    return found.scene
+    return found
 
 
 def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:

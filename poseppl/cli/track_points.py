@@ -18,6 +18,7 @@ _BODYS = (
     "stature",
     "lengths",
     "prior",
+    "detector_errors",
     "sigma_position",
     "sigma_angle",
 )

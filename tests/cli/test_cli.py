@@ -241,7 +241,7 @@ def test_ctrl_c_leaves_no_half_written_file() -> None:
         ),
         ["fit-gait"],
     ]
-    + [["fit-motion"], ["doctor"]],
+    + [["fit-motion"], ["calibrate-detector"], ["doctor"]],
 )
 def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
     assert main([*command, "--help"]) == 0

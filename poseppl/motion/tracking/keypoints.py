@@ -1,9 +1,9 @@
 """A scene of a detector's keypoints: one person of those that calibrated cameras found, with a noise that the data tell.
 
 Small errors of the cameras' poses are found first (:mod:`poseppl.motion.tracking.camera_refinement`). The noise of each camera
-is what remains between its points and the projections of the places that all cameras' rays pass by. Where only one camera sees
-the person, nothing tells it, and the body's own is taken. Segment lengths are measured in those places, too, and a person of
-1.75 m is assumed in one camera.
+is what remains between its points and the projections of the places that all cameras' rays pass by; or that of a detector whose
+errors are known (:mod:`poseppl.motion.tracking.detector_errors`). Where only one camera sees the person, nothing tells it, and
+the body's own is taken. Segment lengths are measured in those places, too, and a person of 1.75 m is assumed in one camera.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
 from poseppl.motion.tracking.data_association import Association, associate
+from poseppl.motion.tracking.detector_errors import DetectorErrors
 from poseppl.motion.tracking.keypoint_sources import Clocks, align_roughly, common_frames, points_of, read_sources
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
@@ -65,8 +66,11 @@ class KeypointScene(NamedTuple):
         errors: What remains of them.
         refined: How the cameras differ from their calibration; None where that was not sought.
         agreement: (C,) of the frames in which a camera sees someone, the share in which it sees the person.
+        confidence: (T, C, K) of the points.
+        sizes: (C, 2) width and height of the pictures, px.
         told: What reading the files and bringing their clocks together found, a sentence each.
         associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
+        detector_errors: What was known of the detector's errors; None where the noise is measured.
     """
 
     scene: Scene[PointData]
@@ -74,8 +78,11 @@ class KeypointScene(NamedTuple):
     errors: CameraErrors
     refined: RefinedCameras | None
     agreement: Floats
+    confidence: Floats
+    sizes: Floats
     told: tuple[str, ...] = ()
     associated: Association | None = None
+    detector_errors: DetectorErrors | None = None
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -91,12 +98,15 @@ class KeypointScene(NamedTuple):
         }
         pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
         left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
-        return {"layout": self.layout, "cameras found": cameras, **pairs, **left}
+        known = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
+        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
         known = f"for {self.layout} (--layout)" if self.layout else "by their names"
         told = [f"keypoints are taken {known}", *self.told]
+        if self.detector_errors is not None:
+            told.append(f"the detector's errors are those of {self.detector_errors.source}")
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
             if share < LEAST_AGREEMENT:
                 told.append(
@@ -130,6 +140,7 @@ def scene_of_keypoints(
     lengths: FilePath | None = None,
     refine: bool = True,
     mend: bool = True,
+    detector_errors: DetectorErrors | None = None,
 ) -> KeypointScene:
     """Read what a detector found, and pick one person.
 
@@ -150,6 +161,7 @@ def scene_of_keypoints(
         lengths: A TOML file of segment lengths, mm, that are known.
         refine: Whether small errors of the cameras' poses are sought and mended.
         mend: Whether detections of others, and limbs that the detector exchanged, are sought and mended.
+        detector_errors: What is known of the detector's errors, in place of ``noise``; None if the data are to tell.
 
     Raises:
         InputError: A folder has no camera, a file cannot be read, the cameras have no common frame, or there is no such person.
@@ -185,15 +197,26 @@ def scene_of_keypoints(
     measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
     body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
     errors = camera_errors(cameras, points, places)
-    spread = noise_of(body, cameras, noise)
-    if noise is None:
-        spread = np.where(np.isfinite(errors.scale)[:, None], errors.scale[:, None], spread)
+    spread = _noise(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
-    data = PointData(points, spread / np.sqrt(np.clip(confidence, LEAST_CONFIDENCE, 1.0)), faults=faults)
+    data = PointData(points, spread, faults=faults)
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, ", ".join(map(str, folders.values())))
-    notes = (*told, *clock_notes)
-    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, notes, associated)
+    seen = (confidence, sizes, (*told, *clock_notes))
+    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors)
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _noise(
+    known: DetectorErrors | float | None, body: Body, cameras: Cameras, measured: Floats, places: Floats, confidence: Floats
+) -> Floats:
+    """Standard deviations (T, C, K), px: the detector's; or those known or measured, and more for less confidence."""
+    sure = np.clip(confidence, LEAST_CONFIDENCE, 1.0)  # what is less is not seen
+    if isinstance(known, DetectorErrors):
+        return known.noise(cameras, body.tree.marker_names, places, sure)
+    spread = noise_of(body, cameras, known)
+    if known is None:
+        spread = np.where(np.isfinite(measured)[:, None], measured[:, None], spread)
+    return np.asarray(spread / np.sqrt(sure))
 
 
 def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> RefinedCameras | None:

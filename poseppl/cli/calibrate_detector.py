@@ -1,0 +1,96 @@
+"""The command `poseppl calibrate-detector`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.options import common_options
+from poseppl.cli.track_keypoints import keypoint_recording, source_options, words_of_keypoints
+from poseppl.cli.track_video import ManyFiles
+
+EXAMPLES = """
+\b
+Examples:
+  poseppl calibrate-detector openpose --keypoints cam1=pose/cam1 cam2=pose/cam2 cam3=pose/cam3
+      --calibration Calib.toml --rate 60
+  poseppl track --keypoints cam1=other/cam1 cam2=other/cam2 --calibration Other.toml
+      --detector-errors openpose.json
+      The errors that were found, for another recording by the same detector.
+
+\b
+Files written: NAME.json: scales of the keypoints, mm at the person, and how they depend on the
+confidence.
+Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
+"""
+
+
+@click.command(
+    "calibrate-detector",
+    cls=ManyFiles,
+    epilog=EXAMPLES,
+    short_help="Learn the errors of a detector's keypoints.",
+)
+@click.argument("name")
+@source_options
+@click.option("--calibration", metavar="FILE", type=click.Path(), required=True, help="The calibrated cameras.")
+@click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
+@click.option("--rate", metavar="HZ", type=float, help="Frames a second. [default: 30]")
+@click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the draws.")
+@common_options
+def calibrate_detector(name: str, **options: Any) -> None:
+    """Find how large the errors of a detector's keypoints are, by keypoint and by the confidence that it tells.
+
+    Three cameras or more see a person. What each of them sees is compared with what the others tell of it: the scale of each
+    keypoint's error, how it grows as the logit of the confidence falls, and how many points are clutter. The table says how
+    many of the coordinates lie in intervals of 50 and 90 %, in each half of the recording with the errors found in the other,
+    and with the noise that poseppl track takes without them. poseppl track --detector-errors NAME.json takes the errors.
+    """
+    from poseppl.cli.console import ConsoleProgress, print_table, start_jax
+    from poseppl.cli.files import check_writable
+    from poseppl.motion.tracking.detector_calibration import calibrate_detector as calibrate
+    from poseppl.motion.tracking.detector_files import write_detector_errors
+
+    if not options["keypoints"]:
+        raise click.UsageError("give --keypoints of three cameras or more")
+    target = Path(name if name.endswith(".json") else f"{name}.json")
+    check_writable([target], [*words_of_keypoints(options["keypoints"]).values(), options["calibration"]])
+    progress = ConsoleProgress(options["quiet"])
+    start_jax()
+    with progress.running():
+        progress.stage("reading")
+        found = keypoint_recording(options | dict.fromkeys(("noise", "stature", "lengths", "detector_errors")), progress)
+        progress.stage("calibrating")
+        result = calibrate(found, options["seed"])
+    write_detector_errors(result.errors, target)
+    if not options["quiet"]:
+        print_table("errors of the keypoints", _keypoint_rows(result.errors), ("keypoint", "scale, mm", "residuals"))
+        print_table("poseppl calibrate-detector", [*_rows(result), ("errors", str(target))])
+
+
+def _keypoint_rows(errors: Any) -> list[tuple[str, str, str]]:
+    from math import exp
+
+    return [(name, f"{exp(value):.1f}", str(errors.counts[name])) for name, value in errors.log_scale.items()]
+
+
+def _rows(result: Any) -> list[tuple[str, str]]:
+    from scipy.special import expit
+
+    errors = result.errors
+    told = [
+        ("at confidence", f"{errors.confidence:.2f}"),
+        ("log scale, by logit of confidence", f"{errors.slope:+.2f}"),
+        ("clutter", f"{expit(errors.clutter):.2%}"),
+        ("log-odds of clutter, by logit", f"{errors.clutter_slope:+.2f}"),
+    ]
+    for when, held in (("one noise a camera", result.before), ("other half's errors", result.after)):
+        told += [
+            (f"{when}: 50 % intervals hold", f"{held.levels[4]:.1%}"),
+            (f"{when}: 90 % intervals hold", f"{held.levels[8]:.1%}"),
+            (f"{when}: ECE", f"{held.ece:.3f}"),
+            (f"{when}: mean log-density", f"{held.log_density:.3f}"),
+        ]
+    return told

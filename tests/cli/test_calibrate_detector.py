@@ -1,0 +1,73 @@
+"""`poseppl calibrate-detector`, and `poseppl track --detector-errors`, on a real recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from poseppl.cli import main
+from poseppl.motion.tracking.detector_files import read_detector_errors
+from poseppl.runs.results import load_result, provenance
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+
+
+def words(data_dir: Path, *cameras: int) -> list[str]:
+    folder = data_dir / "pose2sim_balancing"
+    found = [f"cam_0{c}={folder / 'pose' / f'cam0{c}_json'}" for c in cameras]
+    calibration = str(folder / "calibration" / "Calib_qualisys.toml")
+    return ["--keypoints", *found, "--calibration", calibration, "--rate", "60"]
+
+
+def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4), "--frames", "0:100:10"]) == 0
+    told = capsys.readouterr().out
+    assert "other half's errors: 90 % intervals hold" in told and "openpose.json" in told
+    errors = read_detector_errors("openpose.json")
+    assert "pose/cam01_json" in errors.source and "body25b" in errors.source
+    assert errors.slope < -0.3 and 0.5 < errors.confidence < 0.8
+    assert all(3 < np.exp(scale) < 60 for scale in errors.log_scale.values())
+    assert set(errors.counts) == set(errors.log_scale) and max(errors.counts.values()) <= 40
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--online", "--no-export"]
+    for name, more in (("own", ["--detector-errors", "openpose.json"]), ("root", [])):
+        assert main(["track", *words(data_dir, 1, 4), *small, *more, "-o", f"{name}.nc"]) == 0
+    assert f"the detector's errors are those of {errors.source}" in capsys.readouterr().err
+    own, root = (np.asarray(load_result(f"{name}.nc")["summary/points_mean"]) for name in ("own", "root"))
+    assert np.abs(own - root).max() > 0.1
+    assert provenance(load_result("own.nc"))["detector errors"] == errors.source
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["calibrate-detector", "a", "--calibration", "c.toml"], "--keypoints of three cameras"),
+        (["calibrate-detector", "a", "--keypoints", "x=y"], "--calibration"),
+        (["track", "--detector-errors", "a.json"], "--detector-errors goes with --keypoints"),
+    ],
+)
+def test_usage(capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str) -> None:
+    assert main(arguments) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_two_cameras_are_too_few(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate-detector", "a", *words(data_dir, 1, 4), "--frames", "0:20:2"]) == 1
+    assert "three cameras see 0 points" in capsys.readouterr().err
+    assert not Path("a.json").exists()
+
+
+def test_either_errors_or_a_noise(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = ["--detector-errors", "a.json", "--noise", "0.003"]
+    assert main(["track", *words(data_dir, 1, 4), *both]) == 2
+    assert "give --detector-errors or --noise" in capsys.readouterr().err
+    assert main(["track", *words(data_dir, 1, 4), *both[:2]]) == 1
+    assert "a.json" in capsys.readouterr().err
