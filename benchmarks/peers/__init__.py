@@ -1,1 +1,1 @@
-"""One job in several libraries: the smoothed means of a level that drifts, each file a library's own way."""
+"""Jobs in several libraries, each file a library's own way: a level that drifts, 28 linear dimensions, a chaotic state."""

@@ -1,9 +1,10 @@
-"""Time one library on the job, in the environment that it is installed in: python benchmarks/peers LIBRARY [--runs 20].
+"""Time one library on a job, in the environment that it is installed in: python benchmarks/peers LIBRARY [--runs 20].
 
 It prints the lines of the library's file, the processor seconds of the first run, compilation included, the median
-milliseconds of later ones, and the error of the smoothed means in exact standard deviations. Processor time is that of all the
-process's threads; other work on the machine disturbs it less than the clock's. Libraries need not agree on what they
-build on, so each has an environment of its own; without a name, the libraries are listed.
+milliseconds of later ones, and the error of the means in exact standard deviations (of the chaotic job: from the truth).
+Processor time is that of all the process's threads; other work on the machine disturbs it less than the clock's. Libraries need
+not agree on what they build on, so each has an environment of its own; without a name, the libraries are listed. Names without
+a job are those of the drifting level; NAME_linear and NAME_lorenz are the other two.
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 sys.path[0] = str(HERE)
-from job import draw, exact  # noqa: E402
-
 LIBRARIES = sorted(file.stem for file in HERE.glob("with_*.py"))
 
 
@@ -35,7 +34,7 @@ def count_lines(path: Path) -> int:
 
 def main() -> None:
     """Run one library and print its row."""
-    parser = argparse.ArgumentParser(prog="python benchmarks/peers", description="One job in several libraries.")
+    parser = argparse.ArgumentParser(prog="python benchmarks/peers", description="Jobs in several libraries.")
     parser.add_argument("library", nargs="?", help="one of " + ", ".join(name.removeprefix("with_") for name in LIBRARIES))
     parser.add_argument("--runs", type=int, default=20, help="timed runs after the first")
     given = parser.parse_args()
@@ -43,8 +42,9 @@ def main() -> None:
         print(*(name.removeprefix("with_") for name in LIBRARIES), sep="\n")
         return
     module = importlib.import_module(f"with_{given.library}")
-    data = draw()
-    mean, deviation = exact(data)
+    job = importlib.import_module(getattr(module, "JOB", "job"))
+    data = job.draw()
+    mean, deviation = job.exact(data)
     began = time.process_time()
     run = module.prepare(data)
     run(0)

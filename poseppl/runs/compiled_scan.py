@@ -78,11 +78,14 @@ def is_finite(state: FilterState) -> Array:
 
 
 class Programs(NamedTuple):
-    """The jitted functions of a run: the filter's `init`, a frame, and a scan of frames."""
+    """The jitted functions of a run: the filter's state before the first frame or its `init`, a frame, and a scan of frames."""
 
+    before: Any
     init: Any
     frame: Any
     scan: Any
+    made: dict[Any, dict[str, Any]]
+    """For each kind of data what :class:`Calls` made of the programs, by name."""
 
 
 @built_once
@@ -91,6 +94,10 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     tell_filter_defined_anew(filter)
     tell_defined_anew(filter, "collector", collect)
     tell_defined_anew(filter, "predictive check", predict)
+
+    def before(observation: Observation, varying: list[Any], constant: list[Any]) -> Any:
+        build: Any = filter.initial_state
+        return build(observation, layout.join(varying, constant))
 
     def init(rng_key: Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Info]:
         return filter.init(frame_keys(rng_key, 0)[0], observation, layout.join(varying, constant))
@@ -143,7 +150,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         return jax.lax.scan(body, state, (frames, active, observations, varying))
 
-    return Programs(jax.jit(init), one_frame, jax.jit(scan_frames))
+    return Programs(jax.jit(before), jax.jit(init), one_frame, jax.jit(scan_frames), {})
 
 
 class Calls:
@@ -172,7 +179,8 @@ class Calls:
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
-        self.state, self._begun, self.blank = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), self._shapes())
+        self._made = self._programs.made.setdefault(_kind(self._first_data()), {})
+        self.state, self._begun, self.blank = self._once("blank", self._blank)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SHORT if size > _LARGE else _LONG
         self._init: Any = None
@@ -182,8 +190,8 @@ class Calls:
         """Compile both programs side by side; that of `init` only if the first frame is wanted."""
         with ThreadPoolExecutor(1) as pool:
             wanted = first and self.filter.initial_state is None
-            compiling = pool.submit(_compiled, self._programs.init, self._first_data()) if wanted else None
-            self._scan = _compiled(self._programs.scan, self._scan_data(self.state, self._begun, 0, 1))
+            compiling = pool.submit(self._once, "init", self._compiled_init) if wanted else None
+            self._scan = self._once("scan", self._compiled_scan)
             self._init = compiling.result() if compiling else None
 
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
@@ -202,18 +210,31 @@ class Calls:
         if self.filter.initial_state is None:
             state, begun = self._init(*self._first_data())
             return state, jax.tree.map(np.asarray, begun)  # of no device, so that the scan may place it
-        return _before(self.filter, self._sequence), None
+        return self._programs.before(*self._first_data()[1:]), None
 
-    def _shapes(self) -> tuple[Any, Info | None, Kept]:
-        """Leaves with the shapes of those of the state, of its diagnosis by `init`, and of what is kept of a frame."""
-        filter, sequence, begun = self.filter, self._sequence, None
-        if filter.initial_state is None:
+    def _once(self, name: str, make: Callable[[], Any]) -> Any:
+        """What an earlier run on data of the same kind made, or what is made now."""
+        if name not in self._made:
+            self._made[name] = make()
+        return self._made[name]
+
+    def _compiled_init(self) -> Any:
+        return self._programs.init.lower(*self._first_data()).compile()
+
+    def _compiled_scan(self) -> Any:
+        return self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1)).compile()
+
+    def _blank(self) -> tuple[Any, Info | None, Kept]:
+        """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
+        sequence, begun = self._sequence, None
+        if self.filter.initial_state is None:
             state, begun = self._programs.init.eval_shape(*self._first_data())
         else:
-            state = jax.eval_shape(lambda: _before(filter, sequence))
+            state = self._programs.before.eval_shape(*self._first_data()[1:])
         frame = *sequence.frame(0), sequence.constant
         state, kept = self._programs.frame.eval_shape(self._rng_key, np.int32(0), state, begun, *frame)
-        return state, begun, kept
+        blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, begun, kept))
+        return blank
 
     def _first_data(self) -> tuple[Any, ...]:
         return self._rng_key, *self._sequence.frame(0), self._sequence.constant
@@ -231,15 +252,11 @@ def joined(parts: list[Kept]) -> Kept:
     return whole
 
 
-def _compiled(program: Any, data: tuple[Any, ...]) -> Any:
-    return program.lower(*data).compile()
-
-
-def _before(filter: Filter, sequence: FrameSequence) -> Any:
-    """The state before the first frame."""
-    observation, varying = sequence.frame(0)
-    build: Any = filter.initial_state
-    return build(observation, sequence.layout.join(varying, sequence.constant))
+def _kind(data: Any) -> Any:
+    """What programs are compiled for: structure, shapes, types and places of the data, and type and place of new numbers."""
+    leaves, structure = jax.tree.flatten(data)
+    new = jnp.asarray(0.0)
+    return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))
 
 
 def _on_host(result: tuple[Any, Kept], num_frames: int) -> tuple[Any, Kept]:

@@ -24,6 +24,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
+from poseppl.runs.compiled_scan import is_finite
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
 from poseppl.runs.run import Collect
@@ -94,17 +95,16 @@ def run_smoother(
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, inputs, num_frames)
     whole = sequence.stacked_inputs()
-    data = mask_failed(jax.tree.map(jnp.asarray, sequence.observations), history.failed)
-    key_smooth, key_collect = jax.random.split(rng_key)
+    data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
-    compiled: Any = jax.jit(smoother.smooth).lower(key_smooth, history, data, whole).compile()
+    compiled = _smoothing(smoother).lower(rng_key, history, data, whole).compile()
     ready = time.perf_counter()
-    smoothed: Smoothed = compiled(key_smooth, history, data, whole)
+    smoothed: Smoothed = compiled(rng_key, history, data, whole)
     smoothed.particles.block_until_ready()
     seconds = ready - started, time.perf_counter() - ready
-    if not _is_finite(smoothed):
+    finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
+    if not finite:
         raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
-    outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(key_collect, smoothed, whole))
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
     return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
 
@@ -113,33 +113,39 @@ def mask_failed(observations: Observation, failed: Array | Booleans) -> Observat
     """Hide the data of failed frames; `failed` is (T,)."""
 
     def hide(mask: Array) -> Array:
-        return mask & ~jnp.asarray(failed).reshape(-1, *(1,) * (mask.ndim - 1))
+        return mask & ~failed.reshape(-1, *(1,) * (mask.ndim - 1))
 
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
 
 
 @built_once
-def _collecting(smoother: Smoother, collect: Collect) -> Any:
-    """A compiled function that lets the collector see one frame after another; trajectories count as one chain, and stay whole.
+def _smoothing(smoother: Smoother) -> Any:
+    """The smoother's function, jitted, from the key of the run."""
 
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any) -> Smoothed:
+        return smoother.smooth(jax.random.split(rng_key)[0], history, observations, inputs)
+
+    return jax.jit(smooth)
+
+
+@built_once
+def _collecting(smoother: Smoother, collect: Collect) -> Any:
+    """A jitted function that lets the collector see one frame after another, and tells whether all are finite.
+
+    Trajectories count as one chain, and stay whole.
     Those of a chain count alike: trajectories are resampled by their weights, which changes nothing where these are equal.
     """
     tell_defined_anew(smoother, "collector", collect)
 
-    def collected(rng_key: Array, smoothed: Smoothed, inputs: Any) -> Any:
+    def collected(rng_key: Array, smoothed: Smoothed, inputs: Any) -> tuple[Array, Any]:
         frames = _Frame(smoothed.particles, smoothed.log_weights, smoothed.marginals)
-        key_trajectories, key_frames = jax.random.split(rng_key)
+        key_trajectories, key_frames = jax.random.split(jax.random.split(rng_key)[1])
         if smoother.joint and smoothed.particles.ndim == 3:
             chosen = systematic(key_trajectories, smoothed.log_weights[-1], smoothed.log_weights.shape[1])
             particles, log_weights = (leaf[:, None, chosen] for leaf in frames[:2])
             frames = _Frame(particles, log_weights, smoothed.marginals)
         keys = jax.random.split(key_frames, smoothed.particles.shape[0])
-        return jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
+        outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
+        return is_finite(smoothed), outputs
 
     return jax.jit(collected)
-
-
-def _is_finite(smoothed: Smoothed) -> bool:
-    alive = (smoothed.log_weights > -jnp.inf)[..., None]
-    fine = jnp.all(jnp.isfinite(smoothed.particles) | ~alive) & ~jnp.any(jnp.isnan(smoothed.log_weights))
-    return bool(fine)
