@@ -20,14 +20,14 @@ def few_points(tree: xr.DataTree) -> list[Verdict]:
     if points is None or prediction is None or prediction.explained is None or "smoother" in known:
         return []
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points)
-    share = np.nanmean([implied_coverage(each) if np.isfinite(each) else np.nan for each in found])
-    if not share < implied_coverage(INFLATION_HIGH):
+    shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
+    if not shares or np.mean(shares) >= implied_coverage(INFLATION_HIGH):
         return []
     ways = [f"raise {settings_among(tree, 'num_chains')}", *(f"use {other}" for other in suited_filter(tree))]
     return [
         Verdict(
             ERROR,
             f"{points} points carry the past from frame to frame: by their Monte Carlo error alone, 90 % intervals cover at "
-            f"most about {100 * share:.0f} %; {', or '.join(ways)}.",
+            f"most about {100 * np.mean(shares):.0f} %; {', or '.join(ways)}.",
         )
     ]
