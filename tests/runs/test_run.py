@@ -61,6 +61,24 @@ def toy(frames: int) -> tuple[Any, Observation]:
     return model, model.observe({"y": values})
 
 
+def test_what_an_earlier_run_compiled_serves_other_data():
+    model, observations = toy(5)
+    filter, count = counted(particle_filter(model, 20))
+    other = observations._replace(values={name: values + 1 for name, values in observations.values.items()})
+
+    def collect(rng_key: Any, state: Any, info: Any, inputs: Any) -> Any:
+        return state.particles, info.log_evidence
+
+    first = run_filter(filter, jax.random.key(0), observations, collect=collect)
+    traced = dict(count)
+    found = run_filter(filter, jax.random.key(1), other, collect=collect)
+    anew = run_filter(counted(particle_filter(model, 20))[0], jax.random.key(1), other, collect=collect)
+    assert count == traced
+    for again, expected, before in zip(found.outputs, anew.outputs, first.outputs, strict=True):
+        np.testing.assert_array_equal(again, expected)
+        assert not np.array_equal(again, before)
+
+
 def test_a_sequence_of_any_length_is_one_compilation() -> None:
     model, _ = toy(19)
     filter, count = counted(particle_filter(model, 64))
