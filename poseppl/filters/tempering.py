@@ -21,6 +21,7 @@ doi:10.1214/15-AAP1113); particles are whitened by others (:func:`poseppl.kernel
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -147,8 +148,7 @@ def temper(
     if settings.chain_length > 1:
         moves = moves._replace(num_moves=settings.chain_length - 1)
 
-    def whitening_of(starts: Starts) -> Whitening:
-        return _whitening(starts, prior_covariance, settings)
+    whitening_of = partial(_whitening, prior_covariance=prior_covariance, settings=settings)
 
     def likelihood(x: Array) -> Array:
         value = log_likelihood(x)
