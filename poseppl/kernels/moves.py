@@ -16,6 +16,7 @@ population only through averages, whose effect on an estimate vanishes as the po
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import gcd
 from typing import Any, Literal, NamedTuple
 
 import blackjax
@@ -32,8 +33,8 @@ from poseppl.particles.stacks import rows_of
 ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
 
-GROUPS = 5
-"""Of members, each whitened by the others."""
+GROUPS = 8
+"""Of members at most, each whitened by the others; four where eight do not divide the members, but four do."""
 Kernel = Literal["hmc", "random-walk"]
 
 
@@ -202,20 +203,27 @@ def move_groups(
     if count < 2 * GROUPS:
         keys = jax.random.split(rng_key, settings.num_moves)
         return move_population(keys, starts, log_density, whitening_of(starts), log_step_size, settings)
-    size = -(-count // GROUPS)
-    first = np.arange(GROUPS) * (count - size) // (GROUPS - 1)  # groups overlap where M is no multiple of their number
-    keys = jax.random.split(rng_key, (settings.num_moves, GROUPS))
+    even = gcd(count, GROUPS) > 2  # then nothing is looked up, and each of several devices keeps what it has
+    groups = gcd(count, GROUPS) if even else GROUPS
+    size = -(-count // groups)
+    first = np.arange(groups) * (count - size) // (groups - 1)  # groups overlap where M is no multiple of their number
+    keys = jax.random.split(rng_key, (settings.num_moves, groups))
     others = np.arange(count - size) + size * (np.arange(count - size) >= first[:, None])
 
-    def move(keys: Array, members: Array, others: Array) -> Moved:
-        transform = whitening_of(rows_of(starts, others))
-        return move_population(keys, rows_of(starts, members), log_density, transform, log_step_size, settings)
+    members = jax.tree.map(
+        lambda leaf: leaf.reshape(groups, size, *leaf.shape[1:]) if even else leaf[first[:, None] + np.arange(size)], starts
+    )
 
-    members = first[:, None] + np.arange(size)
-    moved: Moved = jax.vmap(move, (1, 0, 0))(keys, jnp.asarray(members), jnp.asarray(others))
-    group = np.searchsorted(first, np.arange(count), side="right") - 1
+    def move(keys: Array, members: Starts, others: Array) -> Moved:
+        transform = whitening_of(rows_of(starts, others))
+        return move_population(keys, members, log_density, transform, log_step_size, settings)
+
+    moved: Moved = jax.vmap(move, (1, 0, 0))(keys, members, jnp.asarray(others))
+    positions, group = jnp.swapaxes(moved.positions, 0, 1), np.searchsorted(first, np.arange(count), side="right") - 1
     return Moved(
-        positions=jnp.swapaxes(moved.positions, 0, 1)[:, group, np.arange(count) - first[group]],
+        positions=positions.reshape(-1, *starts.positions.shape)
+        if even
+        else positions[:, group, np.arange(count) - first[group]],
         acceptance=jnp.mean(moved.acceptance),
         divergences=jnp.sum(moved.divergences, dtype=jnp.int32),
         log_step_size=jnp.mean(moved.log_step_size),
