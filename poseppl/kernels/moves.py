@@ -10,7 +10,8 @@ in coordinates whitened for many members together:
   are Gaussian this lies between the curvature and twice the curvature.
 
 The step size is shared, and follows the mean acceptance rate by stochastic approximation. All of this depends on the
-population only through averages, whose effect on an estimate vanishes as the population grows.
+population only through averages, whose effect on an estimate vanishes as the population grows; in :func:`move_groups`, for the
+scale, through those of other members alone.
 """
 
 from __future__ import annotations

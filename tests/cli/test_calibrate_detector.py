@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from balancing import words
 
 from poseppl.cli import main
 from poseppl.motion.tracking.detector_files import read_detector_errors
@@ -19,13 +20,6 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
-
-
-def words(data_dir: Path, *cameras: int) -> list[str]:
-    folder = data_dir / "pose2sim_balancing"
-    found = [f"cam_0{c}={folder / 'pose' / f'cam0{c}_json'}" for c in cameras]
-    calibration = str(folder / "calibration" / "Calib_qualisys.toml")
-    return ["--keypoints", *found, "--calibration", calibration, "--rate", "60"]
 
 
 def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:

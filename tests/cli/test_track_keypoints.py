@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from balancing import words
 
 from poseppl.cli import main
 from poseppl.cli.track_keypoints import exported_targets
@@ -26,23 +27,9 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
-def words(data_dir: Path, *cameras: int) -> list[str]:
-    folder = data_dir / "pose2sim_balancing"
-    found = [f"cam_0{c}={folder / 'pose' / f'cam0{c}_json'}" for c in cameras]
-    return [
-        "track",
-        "--keypoints",
-        *found,
-        "--calibration",
-        str(folder / "calibration" / "Calib_qualisys.toml"),
-        "--rate",
-        "60",
-    ]
-
-
 def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
-    assert main([*words(data_dir, 1, 2, 3, 4), *small]) == 0
+    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
     told = "".join(capsys.readouterr())
     assert "keypoints are taken for body25b" in told
     assert "its calibration is off by" in told
@@ -70,7 +57,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
 
 def test_without_export(data_dir: Path) -> None:
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
-    assert main([*words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
+    assert main(["track", *words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
     assert [path.name for path in Path().iterdir()] == ["out.nc"]
 
 
@@ -93,7 +80,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
     """On two cores this waited for ever: a process of its own, with the threads that the command asks for."""
     environment = {name: value for name, value in os.environ.items() if name != "NPROC"}
     script = "import sys; from poseppl.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", script, *words(data_dir, 1, 2, 3, 4), "-q", "-o", "out.nc"]
+    command = [sys.executable, "-c", script, "track", *words(data_dir, 1, 2, 3, 4), "-q", "-o", "out.nc"]
     subprocess.run(command, check=True, timeout=1500, env=environment)
     assert read_trc("out-laplace.trc").positions.shape == (100, 17, 3)
 
@@ -116,7 +103,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
 def test_what_does_not_fit_is_told(
     data_dir: Path, capsys: pytest.CaptureFixture[str], change: list[str], expected: str
 ) -> None:
-    assert main([*words(data_dir, 1, 2), *change, "-o", "out.nc"]) in (1, 2)
+    assert main(["track", *words(data_dir, 1, 2), *change, "-o", "out.nc"]) in (1, 2)
     assert expected in capsys.readouterr().err
     assert not Path("out.nc").exists()
 
