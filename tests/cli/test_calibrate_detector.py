@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from balancing import words
+from balancing_options import words
 
 from poseppl.cli import main
 from poseppl.motion.tracking.detector_files import read_detector_errors

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from balancing import words
+from balancing_options import words
 
 from poseppl.cli import main
 from poseppl.cli.track_keypoints import exported_targets
