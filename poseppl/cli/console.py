@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from poseppl.files.cache_folder import cache_folder
 from poseppl.threads import spare_threads
 
 _STYLES = {"error": "red", "warning": "yellow"}
+_SECONDS_BETWEEN_LINES = 30.0
 
 
 def start_jax(devices: int = 1) -> None:
@@ -52,7 +54,7 @@ def start_jax(devices: int = 1) -> None:
 
 
 class ConsoleProgress:
-    """A bar on stderr; off where stderr is no terminal, or when asked to be quiet. Notes are always written.
+    """A bar on stderr, or a line every half minute where that is no terminal; neither when asked to be quiet. Notes always.
 
     The time left is that so far times the work that is left over the work that was done: of frames, those of the last half
     minute, each as long as any other; of jobs, all of this call, with the costs that they tell.
@@ -80,6 +82,8 @@ class ConsoleProgress:
         )
         self._task: Any = None
         self._done, self._total = 0, "?"
+        self._lines = not quiet and not self.console.is_terminal
+        self._told = self._bar.get_time()
 
     @contextmanager
     def running(self) -> Iterator[ConsoleProgress]:
@@ -115,6 +119,17 @@ class ConsoleProgress:
         self._done += number
         if self._task is not None:
             self._bar.update(self._task, description=self._doing, advance=work, count=self._count())
+            self._tell()
+
+    def _tell(self) -> None:
+        """Write a line where there is no bar, and the last one is half a minute old."""
+        now = self._bar.get_time()
+        if not self._lines or now - self._told < _SECONDS_BETWEEN_LINES:
+            return
+        self._told = now
+        (task,) = self._bar.tasks
+        left = "" if task.time_remaining is None else f", {timedelta(seconds=round(task.time_remaining))} left"
+        self.note(f"{self._doing}, {self._count()}, {timedelta(seconds=round(task.elapsed or 0))}{left}")
 
     def _count(self) -> str:
         return f"{self._done}/{self._total} {self._unit}"

@@ -117,6 +117,13 @@ def verdicts(table: Table) -> dict[str, str]:
     return {claim.what: claim.verdict for claim in walk_claims({"walks": table})}
 
 
+def test_scenes_that_were_not_run_are_not_told():
+    circles = [row for row in table(10.0).rows if row[0].endswith("circle")]
+    claims = walk_claims({"walks": Table("walks", COLUMNS, circles, "")})
+    assert claims and not any("CLUTTER" in claim.what or "furniture" in claim.what for claim in claims)
+    assert not any("nan" in claim.ours for claim in claims)
+
+
 @pytest.mark.parametrize(("gain", "expected"), [(10.0, "does not hold"), (-10.0, "holds"), (0.0, "undecided")])
 def test_verdicts_follow_the_errors(gain, expected):
     found = verdicts(table(gain))

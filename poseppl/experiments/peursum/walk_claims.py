@@ -27,9 +27,11 @@ def walk_claims(tables: Tables) -> list[Claim]:
     if "walks" not in tables:
         return []
     learned = next(name for name in filters_of(tables) if name.startswith(LEARNED))
-    found = [_errors(tables, kind) for kind in KINDS]
+    run = [kind for kind, furniture in KINDS.items() if errors_by_scene(tables, learned, FILTER, furniture)]
+    found = [_errors(tables, kind) for kind in run]
     found += [_smoothing(tables, filter) for filter in filters_of(tables)]
-    return [*found, _lag(tables, learned), _effective(tables, learned), _survivors(tables, learned), _seconds(tables, learned)]
+    found += [_lag(tables, learned)] if "furniture" in run else []
+    return [*found, _effective(tables, learned), _survivors(tables, learned), _seconds(tables, learned)]
 
 
 def _errors(tables: Tables, kind: str) -> Claim:

@@ -220,6 +220,23 @@ def test_the_time_left():
     assert task.time_remaining == 0.0
 
 
+def test_lines_where_there_is_no_terminal(capsys):
+    bar, now = ConsoleProgress(False, "drawing", "jobs"), [0.0]
+    bar._told, bar._bar.get_time = 0.0, lambda: now[0]
+    bar.started(4, 0, 4.0)
+    for now[0] in (29.0, 31.0, 60.0, 62.0):
+        bar.finished(1.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["poseppl: drawing, 2/4 jobs, 0:00:31, 0:00:31 left", "poseppl: drawing, 4/4 jobs, 0:01:02, 0:00:00 left"]
+    now[0] = 0.0
+    quiet = ConsoleProgress(True, "drawing", "jobs")
+    quiet._told, quiet._bar.get_time = 0.0, lambda: now[0]
+    quiet.started(2, 0, 2.0)
+    now[0] = 40.0
+    quiet.finished(1.0)
+    assert capsys.readouterr().err == ""
+
+
 def test_the_bar(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "150")
