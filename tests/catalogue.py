@@ -61,6 +61,7 @@ class FilterRow(NamedTuple):
         genealogy: Whether a particle descends from the ancestor that Info names, by the transition.
         equal_weights: Whether all particles of a frame weigh the same.
         variant: Whether it is a second setting of a filter that has a row: its laws are slow tests.
+        costly: Whether it compiles long: its laws are slow tests, but for those of the posterior.
     """
 
     name: str
@@ -74,6 +75,7 @@ class FilterRow(NamedTuple):
     genealogy: bool = False
     equal_weights: bool = False
     variant: bool = False
+    costly: bool = False
 
 
 FILTERS: list[FilterRow] = [
@@ -191,6 +193,7 @@ FILTERS: list[FilterRow] = [
         lambda model: window_filter(model, 60, num_starts=4),
         num_replicates=40,
         equal_weights=True,
+        costly=True,
     ),
     FilterRow(
         "tempered",
@@ -199,6 +202,7 @@ FILTERS: list[FilterRow] = [
         num_replicates=40,
         genealogy=True,
         equal_weights=True,
+        costly=True,
     ),
     FilterRow(
         "tempered-fixed",
@@ -230,6 +234,7 @@ FILTERS: list[FilterRow] = [
         covariance_scaled_filter,
         lambda model: covariance_scaled_filter(model, 500, num_modes=3, num_starts=10, num_directions=2),
         equal_weights=True,
+        costly=True,
     ),
     FilterRow(
         "multiple-hypothesis",
@@ -246,6 +251,7 @@ FILTERS: list[FilterRow] = [
         consistent=False,
         num_replicates=40,
         posterior=False,
+        costly=True,
     ),
     FilterRow(
         "activity-guided",
@@ -254,6 +260,7 @@ FILTERS: list[FilterRow] = [
         consistent=False,
         num_replicates=40,
         posterior=False,
+        costly=True,
     ),
     FilterRow(
         "demc",
@@ -262,6 +269,7 @@ FILTERS: list[FilterRow] = [
         consistent=False,
         num_replicates=40,
         posterior=False,
+        costly=True,
     ),
     FilterRow(
         "demc-posterior",
@@ -293,6 +301,7 @@ class SmootherRow(NamedTuple):
         lag: Later frames whose data a frame knows; None knows all. Given those, it is consistent.
         moments: Those that are exact on a linear Gaussian model, with more particles or draws.
         variant: Whether it is a second setting of a smoother that has a row: its laws are slow tests.
+        costly: Whether it compiles long: its laws are slow tests, but for those of the posterior.
     """
 
     name: str
@@ -306,6 +315,7 @@ class SmootherRow(NamedTuple):
     lag: int | None = None
     moments: tuple[str, ...] = MOMENTS
     variant: bool = False
+    costly: bool = False
 
 
 SMOOTHERS: list[SmootherRow] = [
@@ -315,6 +325,7 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: particle_gibbs_smoother(model, num_particles=20, num_chains=2, num_draws=100, num_warmup=20),
         discrete=True,
         num_particles=100,
+        costly=True,
     ),
     SmootherRow(
         "particle-gibbs-backward",
@@ -334,6 +345,7 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         multimodal=False,
         num_particles=100,
+        costly=True,
     ),
     SmootherRow(
         "particle-agrad",
@@ -363,6 +375,7 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: backward_simulation_smoother(model, 300, method="metropolis", num_moves=2),
         discrete=True,
         variant=True,
+        costly=True,
     ),
     SmootherRow("two-filter", two_filter_smoother, lambda model: two_filter_smoother(model, tile=128)),
     SmootherRow(
@@ -404,6 +417,7 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: trajectory_smoother(model, num_chains=2, num_draws=100, num_warmup=50, num_curvatures=8),
         num_particles=100,
         multimodal=False,
+        costly=True,
     ),
     SmootherRow(
         "trajectory-hmc",
@@ -420,6 +434,7 @@ SMOOTHERS: list[SmootherRow] = [
         gibbs_smoother,
         lambda model: gibbs_smoother(model, num_components=20, num_chains=2, num_draws=90, num_warmup=10),
         consistent=False,
+        costly=True,
     ),
     SmootherRow(
         "gibbs-model",
@@ -437,6 +452,7 @@ SMOOTHERS: list[SmootherRow] = [
         ),
         num_particles=1000,
         multimodal=False,
+        costly=True,
     ),
     SmootherRow(
         "variational-frames",
@@ -451,12 +467,22 @@ SMOOTHERS: list[SmootherRow] = [
 ]
 
 
-def rows(chosen: Sequence[Any], quick: Callable[[Any], bool] = lambda row: not row.variant) -> pytest.MarkDecorator:
+def is_first(row: Any) -> bool:
+    """Whether it is no variant."""
+    return not row.variant
+
+
+def is_cheap(row: Any) -> bool:
+    """Whether it is no variant and compiles soon."""
+    return not (row.variant or row.costly)
+
+
+def rows(chosen: Sequence[Any], quick: Callable[[Any], bool] = is_cheap) -> pytest.MarkDecorator:
     """A test for each row, the slow ones marked.
 
     Args:
         chosen: Rows.
-        quick: Which of them are quick tests; by default those that are no variants.
+        quick: Which of them are quick tests.
     """
     marks = {True: (), False: (pytest.mark.slow,)}
     return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[quick(row)]) for row in chosen])

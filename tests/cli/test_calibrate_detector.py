@@ -22,6 +22,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
+@pytest.mark.slow
 def test_errors_are_found_and_taken(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate-detector", "openpose", *words(data_dir, 1, 2, 3, 4), "--frames", "0:100:10"]) == 0
     told = capsys.readouterr().out

@@ -63,6 +63,7 @@ def full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return folders
 
 
+@pytest.mark.slow
 def test_a_result_without_room_goes_elsewhere(tmp_path: Path, full: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL]) == 1
     message = capsys.readouterr().err

@@ -29,6 +29,7 @@ def test_the_least_inflation_is_at_most_the_true_one_and_most_of_it(noise: float
     assert bounds[0] < least < bounds[1] and least / 2 < bounds[0]  # half of it would be noticed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("chains", "severities"), [(10, ["error"]), (100, [])])
 def test_ten_chains_are_too_few_where_the_past_lasts(chains: int, severities: list[str]) -> None:
     """Of a slope of 0.98, seen in noise of ten times the step, in thirty frames."""

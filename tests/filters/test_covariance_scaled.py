@@ -106,6 +106,7 @@ def limited():
     return model, model.observe({"y": DATA}), grid, exact
 
 
+@pytest.mark.slow
 def test_a_joint_at_its_limit_stays_inside_of_it():
     """Means within a small part of the data's noise of the grid's; particles keep to the bound, and are spread along it."""
     model, observations, grid, exact = limited()
@@ -121,6 +122,7 @@ def test_a_joint_at_its_limit_stays_inside_of_it():
     assert BOUND - 0.3 < pinned < BOUND
 
 
+@pytest.mark.slow
 def test_a_limit_may_be_given_as_constraints_too():
     """On a state over the real line; without it the tracker follows the data beyond."""
 
@@ -142,6 +144,7 @@ def test_a_limit_may_be_given_as_constraints_too():
     assert float(free.max()) > 1.5 and float(kept.max()) <= BOUND
 
 
+@pytest.mark.slow
 def test_a_cut_density_that_ignores_its_slope_is_noticed(monkeypatch):
     """Draws of half a Gaussian at the bound lie too far inside."""
     real = truncation.draw
@@ -152,6 +155,7 @@ def test_a_cut_density_that_ignores_its_slope_is_noticed(monkeypatch):
         test_a_joint_at_its_limit_stays_inside_of_it()
 
 
+@pytest.mark.slow
 def test_a_robust_single_mode_ignores_what_leads_a_gaussian_astray():
     """One mode with squared errors and one with Lorentzian ones, an outlier in every other frame."""
 

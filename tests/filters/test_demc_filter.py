@@ -109,6 +109,7 @@ def within_limits(drift=0.0):
     return StateSpaceModel(initial, transition, observation).compile()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "prediction"), [("likelihood", "velocity"), ("likelihood", "transition"), ("posterior", "")]
 )

@@ -143,6 +143,7 @@ def test_after_an_impossible_frame_particles_are_weighted_draws_of_the_predictio
     assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
 
 
+@pytest.mark.slow
 def test_the_auxiliary_filter_reports_the_lesser_ess_of_its_stages():
     """On a linear model the second stage has equal weights, and the first all that there is to lose."""
     model = linear_gaussian(12, R=0.01 * np.eye(12)).compile()

@@ -146,6 +146,7 @@ def test_mixture_prior_keeps_to_kalman():
     assert np.isfinite(covariances).all()
 
 
+@pytest.mark.slow
 def test_a_broken_state_does_not_begin_anew():
     posed = problem()
     filter = assumed_density_filter(posed.model, 4, SHORT, num_starts=4)

@@ -40,6 +40,7 @@ def windowed(model):
     return window_filter(model, 20, FEW, window=1, num_starts=2, num_mode_steps=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("build", "module", "allowance", "nothing"),
     [(default, assumed_density, "draws_of_covariances", 1e4), (windowed, window, "covariance_inflation", 1.0)],

@@ -75,6 +75,7 @@ def divergence(gaussian, moments):
     return np.mean(np.log(spread / wide) + (wide**2 + (mean - known) ** 2) / (2 * spread**2) - 0.5)
 
 
+@pytest.mark.slow
 @every_method
 def test_a_bent_observation_is_met_better_around_the_posterior(method):
     """Against a grid: a fifth of the divergence, at most, of filters and smoothers that linearise once."""

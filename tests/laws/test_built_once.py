@@ -6,7 +6,7 @@ import gc
 import weakref
 
 import jax
-from catalogue import FILTERS, SMOOTHERS, rows
+from catalogue import FILTERS, SMOOTHERS, is_first, rows
 from law_problems import problem
 
 from poseppl.filters import particle_filter, sharded
@@ -23,7 +23,7 @@ def live_executables() -> int:
     return len(jax.local_devices()[0].client.live_executables())
 
 
-@rows([*FILTERS, *SMOOTHERS])
+@rows([*FILTERS, *SMOOTHERS], is_first)
 def test_equal_settings_give_the_same_object_which_knows_its_model(row):
     built = row.build(POSED.model)
     assert row.build(POSED.model) is built
@@ -32,7 +32,7 @@ def test_equal_settings_give_the_same_object_which_knows_its_model(row):
     assert row.build(other) is not built and row.build(other).model is other
 
 
-@rows(FILTERS)
+@rows(FILTERS, is_first)
 def test_what_jax_traces_is_built_anew(row):
     """What is built while a function is traced may hold its tracers, which must not be met again."""
     model, built = problem().model, []

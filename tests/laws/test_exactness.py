@@ -10,16 +10,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from catalogue import FILTERS, rows
+from catalogue import FILTERS, is_first, rows
 from law_problems import BATCH, MASKED, problem, replicate, z_scores
 from mistakes import SHARED_MISTAKES, Mistakes
 from oracles.kalman import kalman_filter
 from scipy.stats import norm
 
 every_filter = rows(FILTERS)
-sampling_filters = rows([r for r in FILTERS if r.posterior])
-consistent_filters = rows([r for r in FILTERS if r.consistent])
-unbiased_filters = rows([r for r in FILTERS if r.unbiased_evidence])
+sampling_filters = rows([r for r in FILTERS if r.posterior], is_first)
+consistent_filters = rows([r for r in FILTERS if r.consistent], is_first)
+unbiased_filters = rows([r for r in FILTERS if r.unbiased_evidence], is_first)
 
 POSED = problem()
 REPLICATES = BATCH

@@ -57,6 +57,7 @@ def test_filters_of_six_coordinates(row):
     check_filter(row, 6)
 
 
+@pytest.mark.slow
 @exact_rows([*QUICK, "backward-simulation", "two-filter-linear", "genealogy", "rauch-tung-striebel"])
 def test_smoothers_of_six_coordinates(row):
     check_smoother(row, 6)
@@ -74,6 +75,7 @@ def test_smoothers_of_eight_coordinates(row):
     check_smoother(row, 8)
 
 
+@pytest.mark.slow
 @exact_rows([row.name for row in ROWS if row.name != "variational"])
 def test_twenty_frames_of_four_coordinates(row):
     check(row, smoothed_chain, 4, 20)
@@ -91,6 +93,7 @@ def test_a_likelihood_of_more_particles_is_nearer():
     assert biases[0] < 0.12 and biases[1] < 0.7 * biases[0]
 
 
+@pytest.mark.slow
 @exact_rows([row.name for row in ROWS])
 def test_a_part_of_the_state_that_is_known(row):
     posed, replicate = check(row, clamped_and_smoothed)
@@ -99,6 +102,7 @@ def test_a_part_of_the_state_that_is_known(row):
         assert np.abs(z_scores(means, posed.means)).max() > 20
 
 
+@pytest.mark.slow
 @exact_rows([row.name for row in ROWS if row.name not in GAUSSIAN])
 def test_counts_of_a_positive_rate(row):
     check(row, counted_and_smoothed)

@@ -42,9 +42,7 @@ def test_counts_of_a_positive_rate(name):
         "particle",
         "auxiliary",
         "kalman",
-        "assumed-density",
-        pytest.param("window", marks=pytest.mark.slow),
-        pytest.param("tempered", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("assumed-density", "window", "tempered")),
     ],
 )
 def test_a_part_of_the_state_that_is_known(name):

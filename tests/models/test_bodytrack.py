@@ -81,6 +81,7 @@ def test_scores_of_the_benchmark(folder):
         assert float(benchmark_score(wrong)) < -0.8  # rows the other way round: people are not where they were
 
 
+@pytest.mark.slow
 def test_few_samples_stand_for_all(folder):
     """Over poses spread as the first particles are: an rms error of 0.003, while the score itself varies by 0.04."""
     states = around(recording(folder), 2000)

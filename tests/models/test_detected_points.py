@@ -77,6 +77,7 @@ def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], f
     assert other < -4, independent
 
 
+@pytest.mark.slow
 def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     tree = smooth(filtered, SmoothSettings("laplace", {"num_draws": "60"}, errors="lasting"))
     assert tree["unconstrained_posterior"].dataset["state"].sizes["dof"] == scene.body.tree.dimension

@@ -110,6 +110,7 @@ def test_exact_inference_is_the_enumeration(seed):
     np.testing.assert_allclose(found, phases, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_particles_come_near_the_enumeration():
     evidence, phases = enumerated(tiny(), SEEN)
     total, found = run(tiny(), particle_filter, num_particles=20_000)

@@ -204,7 +204,9 @@ def perturbed(body, count, seed=0):
     return true_pose(body) + scale * rng.normal(size=(count, body.tree.dimension))
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in SMOOTH])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "peursum" else ()) for name in NAMES if name not in SMOOTH]
+)
 def test_equals_plain_numpy(catalogue, name):
     """At the true pose and near it, behind occluders."""
     body, plain, evaluate, _, _, evidence = catalogue[name]

@@ -169,6 +169,7 @@ def rendered(poses, body):
     return pictures, cameras_of_records(setting.cameras)
 
 
+@pytest.mark.slow
 def test_the_truth_costs_least_on_a_rendered_frame():
     """Of 24 poses 0.2 rad and 40 mm off none costs less than the truth; nor by edges alone, where being hidden costs little.
 

@@ -92,6 +92,7 @@ def test_the_ensembles_gradient_is_that_of_its_value(form):
     np.testing.assert_allclose([gradient[name] for name in wanted], list(wanted.values()), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_ensembles_gradient_comes_to_kalmans():
     many = jax.jit(jax.vmap(value_and_gradient(lambda model: ensemble_kalman_filter(model, 1000)), (None, 0)))
     gradients = many(PARAMS, jax.random.split(jax.random.key(0), 40))[1]
@@ -122,6 +123,7 @@ def distances(found):
     return [abs(mean - wanted[name]) / error for name, (mean, error) in found.items()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILDS)
 def test_the_particle_filters_gradient_of_the_likelihood_is_unbiased(name):
     assert max(distances(likelihood_gradient(BUILDS[name]))) < 5

@@ -157,6 +157,7 @@ def test_what_was_not_seen_is_not_judged() -> None:
     np.testing.assert_array_equal(prediction.transform[:4], whole.transform[:4])
 
 
+@pytest.mark.slow
 def test_the_first_frame_is_judged_by_the_initial_program() -> None:
     """Of many sequences of one frame; with `init` (particle) and with a state before the first frame (Kalman)."""
     model = linear_gaussian(1, P=[[4.0]], m=[3.0], R=[[1.0]]).compile()

@@ -145,6 +145,7 @@ def test_a_tracking_result_is_smoothed_from_what_it_holds(tmp_path):
         smooth(smoothed)
 
 
+@pytest.mark.slow
 def test_smoothers_that_follow_ancestors_take_all_particles_of_the_same_run():
     tree = small_result()
     count, (frames, _) = 300, tree["summary"]["state_mean"].shape

@@ -43,6 +43,7 @@ def moment_scores(draws, exact):
     return np.abs(z_scores(centred.mean(1), 0.0)).max(), np.abs(z_scores(seconds, exact.covariance)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"collapsed": False}, {"blocked": True}], ids=["collapsed", "given", "blocked"])
 def test_known_mixtures_are_sampled_exactly(options):
     chains = draws_of_known_mixture(**options)

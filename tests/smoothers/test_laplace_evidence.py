@@ -79,6 +79,7 @@ def test_one_robust_point(datum: float) -> None:
     assert abs(found - np.log(quad(density, -8, 8)[0])) < 1 / 6
 
 
+@pytest.mark.slow
 def test_the_gradient_is_finite_where_a_datum_counts_nothing() -> None:
     model = walk(lambda params, x: Cluttered(dist.Normal(x, params["noise"]).to_event(1), 5.0, -3.0, 1e4)).compile(
         params={"step": 0.5, "noise": 0.1}

@@ -109,12 +109,14 @@ def test_trajectories_of_two_states_have_their_exact_probabilities(method):
     assert float(info.num_transition) == 520 * CHAINS * 4 * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("wrong", ["ancestors", "reference"])
 def test_wrong_moves_are_noticed(method, wrong):
     assert worst(frequencies_of_moves(method, wrong)) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_five_states_agree_with_forward_backward(method):
     initial, move, emit = ring(5)

@@ -87,6 +87,7 @@ def chain_means(variant, h=0.5):
     return np.asarray(jax.jit(jax.vmap(chain))(jax.random.split(jax.random.key(5), CHAINS))), exact
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_moves_leave_the_posterior_and_wrong_ones_do_not(variant, monkeypatch):
     draws, exact = chain_means(variant)
@@ -112,6 +113,7 @@ def bent(variant):
     return found, np.array([grid[2][0] @ grid[0] ** power for power in (1, 2, 4)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_gradients_of_all_slots_are_in_the_weights(variant, monkeypatch):
     assert np.abs(z_scores(*bent(variant))).max() < 5

@@ -58,6 +58,7 @@ def test_forward_backward_is_the_formula_whatever_the_tile(tile):
     np.testing.assert_allclose(np.exp(found.log_weights), plain_forward_backward(MODEL, history, inputs), rtol=2e-4, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_densities_beyond_the_range_of_floats_do_no_harm(scale):
     """Weights do not depend on the unit of fifty coordinates; one later particle is out of reach of all the others by far."""

@@ -128,6 +128,7 @@ def test_ranks_are_uniform(name):
     assert excess(ranks(*QUICK)[name]).max() < 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["filter", "narrowed"])
 def test_draws_of_another_distribution_are_noticed(name):
     assert excess(ranks(*QUICK)[name]).max() > 1.5

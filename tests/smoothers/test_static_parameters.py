@@ -111,6 +111,7 @@ def test_pmmh_has_the_posterior_of_the_grid():
     assert np.isfinite(result.log_evidence).all()
 
 
+@pytest.mark.slow
 def test_a_chart_without_its_determinant_is_noticed(monkeypatch):
     monkeypatch.setattr(ParameterBijector, "log_det", lambda bijector, u: jnp.zeros(()))
     assert np.abs(scores(run_gibbs().unconstrained)).max() > 7
@@ -129,6 +130,7 @@ def test_evidence_that_is_estimated_anew_is_noticed(monkeypatch):
     assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
 
 
+@pytest.mark.slow
 def test_no_key_is_used_twice():
     model, observations = posed()
     settings = {"num_chains": 2, "num_draws": 2, "num_warmup": 1}

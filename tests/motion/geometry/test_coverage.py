@@ -135,6 +135,7 @@ def test_gradients_against_finite_differences():
         assert np.all(np.abs(found) > 1e-4)
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
     """Where edges vanish: the eye on the axis, inside a part, and the part behind the camera."""
     points = image_points(np.random.default_rng(4), 30)[:1].astype(dtype)

@@ -72,6 +72,7 @@ def test_errors_are_recovered() -> None:
     assert (np.abs(each.mean(0) - truth) < 5 * np.maximum(error, 0.005)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_cameras", [3, 4])
 def test_intervals_of_held_out_cameras_hold(num_cameras: int) -> None:
     seen = drawn(np.random.default_rng(1), num_cameras, 250)

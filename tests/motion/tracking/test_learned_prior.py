@@ -35,6 +35,7 @@ def scene_of(data_dir, model=BODY, frames="0:36:12"):
     return observe_motion(subject, cameras_around(subject), camera_names(1))
 
 
+@pytest.mark.slow
 def test_poses_of_states_are_the_start(data_dir, learned):
     """At the first frame's features and residual, the pose is the one that it started from; A is squared at half the rate."""
     scene = scene_of(data_dir)

@@ -109,6 +109,7 @@ def test_edges_have_gradients_and_pull_the_sides_of_parts():
         assert 0 <= beside.min() < 1.0 and 4.0 < beside.max() <= most * np.tanh(10.0 / most) + 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edges", [False, True])
 def test_information_is_that_of_the_residuals(edges):
     truth = pose(2)

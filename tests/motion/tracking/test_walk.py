@@ -94,6 +94,7 @@ def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> 
     np.testing.assert_allclose(variance_of_a_second(problem), 4 * expected**2, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_learned_scales_are_those_of_the_motion() -> None:
     """A body that walks at random is found to do so, by the scales that it was given; scales of others differ."""
     rng, frames, seconds = np.random.default_rng(0), 160, 1 / 60
@@ -144,6 +145,7 @@ def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
     np.testing.assert_allclose(squares, expected, rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     scene = scene_of(120.0, "0:20")
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="learned")
