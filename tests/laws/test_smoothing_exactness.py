@@ -115,6 +115,7 @@ class Excuse(NamedTuple):
 EXCUSES = [
     Excuse(("weights ignored",), CHAINS, "chains start at the filter's particles, and forget them"),
     Excuse(("weights ignored",), ("viterbi",), "the best path looks at the particles' places alone"),
+    Excuse(("weights ignored",), ("laplace",), "it climbs from the filter's mean to the one mode, wherever that is"),
     Excuse(("weights ignored",), OF_THEIR_OWN, "they make a Kalman filter of their own"),
     Excuse(
         ("inputs of the frame before", "initial density twice", "transitions twice", "no transitions"),
