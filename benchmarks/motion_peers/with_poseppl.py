@@ -1,0 +1,41 @@
+"""poseppl: what `poseppl track --keypoints` does by default, the filter and the smoother after it.
+
+It reads the detector's files itself. Cameras are taken as they are, as for the others; segment lengths, noise and the right
+person it finds by itself.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from given import Answer, Given
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from keypoints import scene_of  # noqa: E402
+
+from poseppl.cli.console import start_jax  # noqa: E402
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track  # noqa: E402
+
+NAME, PACKAGE = "poseppl", "poseppl"
+
+
+def methods(given: Given) -> dict[str, Callable[[], Answer]]:
+    """The smoother's answer, which users get."""
+    start_jax()
+    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    cameras, frames = tuple(int(number) for number in given.cameras), f"0:{len(given.points)}"
+
+    def smoothed() -> Answer:
+        filtered = track(scene_of(folder, cameras, frames).scene, TrackSettings())
+        tree = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
+        draws = np.asarray(tree["posterior/markers"].values, np.float64)
+        names = [str(name) for name in tree["summary"]["marker"].values]
+        draws = draws.reshape(-1, *draws.shape[2:])[:, :, [names.index(name) for name in given.names]]
+        return Answer(draws.mean(0), draws)
+
+    return {"filter and smoother": smoothed}
