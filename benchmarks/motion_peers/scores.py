@@ -91,6 +91,8 @@ def read_answers(output: Path, cameras: Sequence[int]) -> list[Found]:
     found = []
     for path in sorted((output / "answers").glob(f"*-[0-9]-{set_name(cameras)}.npz")):
         with np.load(path) as stored:
+            if stored["cameras"] != set_name(cameras):  # the pattern takes 1-2-4 for 2-4, too
+                continue
             draws = stored["draws"].astype(np.float64) if "draws" in stored else None
             found.append(Found(str(stored["library"]), str(stored["method"]), stored["places"], draws, list(stored["seconds"])))
     return found

@@ -25,6 +25,7 @@ from verdicts import (
     keypoints,
     learned_prior,
     modes,
+    motion_peers,
     named_points,
     predictions,
     sampling,
@@ -64,6 +65,7 @@ def claims(experiment: str) -> Section:
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "choosing.md": {"choosing": choosing.choosing},
+    "compared.md": {"motion-peers": motion_peers.motion_peers},
     "keypoints.md": {"keypoints": keypoints.keypoints},
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
