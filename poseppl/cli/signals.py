@@ -37,6 +37,26 @@ def signals_interrupt() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
+@contextmanager
+def signals_set(event: threading.Event) -> Iterator[None]:
+    """Set an event at the first of such signals, or at Ctrl-C, while the block runs; the next one does as before."""
+    numbers = (signal.SIGINT, *_SIGNALS) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.getsignal(number) for number in numbers}
+    before = {number: handler for number, handler in before.items() if callable(handler)}
+
+    def told(number: int, frame: FrameType | None) -> None:
+        event.set()
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, told)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def signal_of(error: BaseException) -> int:
     """The number of the signal that interrupted a command; click raises an error of its own from ours."""
     origin = error if isinstance(error, Terminated) else error.__cause__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -20,6 +21,7 @@ from poseppl.cli.track_keypoints import (
     words_of_keypoints,
     write_beside,
 )
+from poseppl.cli.track_live import live_table, track_live
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -43,6 +45,8 @@ Examples:
       2-D points that carry no truth, from poseppl simulate or a detector.
   poseppl track --keypoints cam1=pose/cam1 cam2=pose/cam2 --calibration Calib.toml --rate 60
       A person in a detector's keypoints: OpenPose, AlphaPose, MMPose, MediaPipe, DeepLabCut, SLEAP.
+  poseppl track --keypoints cam1=pose/cam1 cam2=pose/cam2 --calibration Calib.toml --rate 60 --live
+      The same while the detector is at work, frame by frame.
   poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
@@ -55,6 +59,7 @@ Files written:
   poseppl-NAME-laplace.nc  of keypoints, unless --online: smoothed, each frame given all; and its picture
   poseppl-NAME-laplace.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
                     poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
+  poseppl-NAME_live.csv  of --live: a line a frame as it comes: joints in mm with 90 % intervals
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
 NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Each
 appears whole or not at all; a result for which there is no room goes into another folder, and
@@ -175,6 +180,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     overlays = overlay_paths(sources.videos, target) if sources else []
     smoothed = None if wants_points(options) else smoothed_target(options, target)
     beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
+    beside += live_table(options, target)
     check_writable([target, picture, *overlays, *beside, *exported_targets(options, target)], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
@@ -186,9 +192,10 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         return
     try:
         with progress.running():
-            tree, problem = _run(recording, observations, sources, options, progress)
+            tree, problem = _run(recording, observations, sources, options, target, progress)
             progress.stage("drawing")
             files = write_outputs(tree, target, progress.note)
+            files += [("frame by frame", path) for path in live_table(options, target)]
             if sources:
                 files += write_overlays(tree, sources, target, progress)
             if options["keypoints"]:
@@ -223,7 +230,7 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
 
 
 def _run(
-    recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], progress: Any
+    recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], target: Path, progress: Any
 ) -> tuple[Any, str | None]:
     """The result, and why it ends before its scene does, if it does."""
     from poseppl.cli.subject import given_rate
@@ -248,6 +255,8 @@ def _run(
         **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "prior", "seed", "max_draws", "devices")},
     )
     FILTERS[settings.filter].check(settings.options)
+    if options["live"]:
+        return track_live(options, settings, target, progress)
     progress.stage("reading")
     scene: Any
     if sources:

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import option_group
+from poseppl.cli.track_live import check_live_usage, live_options
 from poseppl.errors import InputError, Location, PosepplError
 
 _ONLY = (
@@ -23,6 +24,7 @@ _ONLY = (
     "keep_clocks",
     "unit",
     "detector_errors",
+    "live",
 )
 _NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
@@ -112,6 +114,7 @@ keypoint_options = option_group(
         default=None,
         help="--keypoints: no .trc and .mot files for OpenSim; poseppl export writes them later.",
     ),
+    live_options,
     click.option(
         "--detector-errors",
         metavar="FILE.json",
@@ -179,6 +182,7 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
         options: All options.
         others: Whether a recording or observations are given too.
     """
+    check_live_usage(options)
     if not options["keypoints"]:
         for name in _ONLY:
             if options[name] not in (None, ()):
@@ -221,10 +225,8 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     """
     from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_calibration
-    from poseppl.motion.tracking.detector_files import read_detector_errors
     from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
-    known = options["detector_errors"]
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
         read_calibration(options["calibration"], options["unit"]),
@@ -239,7 +241,7 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
         lengths=options["lengths"],
         refine=not options["keep_calibration"],
         mend=not options["keep_detections"],
-        detector_errors=None if known is None else read_detector_errors(known),
+        detector_errors=errors_of_detector(options),
         **more,
     )
     for note in found.notes():
@@ -247,9 +249,18 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     return found
 
 
+def errors_of_detector(options: dict[str, Any]) -> Any:
+    """What is known of the detector's errors; None where nothing is."""
+    from poseppl.motion.tracking.detector_files import read_detector_errors
+
+    known = options["detector_errors"]
+    return None if known is None else read_detector_errors(known)
+
+
 def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
     """The file of the smoothed result; None if there is to be none."""
-    return target.with_name(f"{target.stem}-laplace.nc") if options["keypoints"] and not options["online"] else None
+    smooths = options["keypoints"] and not (options["online"] or options.get("live"))
+    return target.with_name(f"{target.stem}-laplace.nc") if smooths else None
 
 
 def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:

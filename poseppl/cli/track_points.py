@@ -14,6 +14,7 @@ _BODYS = (
     "keep_calibration",
     "keep_detections",
     "online",
+    "live",
     "noise",
     "stature",
     "lengths",

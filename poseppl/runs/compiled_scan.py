@@ -194,6 +194,10 @@ class Calls:
             self._scan = self._once("scan", self._compiled_scan)
             self._init = compiling.result() if compiling else None
 
+    def feed(self, sequence: FrameSequence) -> None:
+        """Go on with later frames, of the same shapes and constant inputs."""
+        self._sequence = sequence
+
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
         """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between."""
         begun, kept = self._begun, []

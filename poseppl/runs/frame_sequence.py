@@ -93,13 +93,23 @@ def _check_rows(arrays: Any, num_frames: int) -> None:
 
 
 class FrameSequence(NamedTuple):
-    """Data and inputs of a sequence on the host."""
+    """Data and inputs of a sequence on the host.
+
+    Attributes:
+        observations: Data of the frames that are held.
+        layout: Where the inputs go.
+        varying: Inputs that change, of the frames that are held.
+        constant: Those that do not.
+        num_frames: How many frames are held.
+        before: How many came before them.
+    """
 
     observations: Observation
     layout: Layout
     varying: list[Any]
     constant: list[Any]
     num_frames: int
+    before: int = 0
 
     def stacked_inputs(self) -> Any:
         """The inputs of all frames as JAX arrays, each with a leading T, what is constant repeated."""
@@ -111,7 +121,7 @@ class FrameSequence(NamedTuple):
 
     def rows(self, start: int, chunk: int) -> tuple[Observation, list[Any]]:
         """`chunk` frames from `start` on; beyond the end the last frame stands in, and is not read."""
-        index = np.minimum(np.arange(start, start + chunk), self.num_frames - 1)
+        index = np.minimum(np.arange(start, start + chunk) - self.before, self.num_frames - 1)
         return rows_of((self.observations, self.varying), index)
 
 

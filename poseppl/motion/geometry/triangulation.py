@@ -15,7 +15,7 @@ def viewing_rays(cameras: Cameras, camera: int, points: Floats) -> Floats:
 
     NaN where a point is, and where its lens puts nothing (:func:`~poseppl.motion.geometry.lenses.undistort`).
     """
-    lens = jax.tree.map(lambda leaf: np.asarray(leaf[camera], np.float64), cameras)
+    lens = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64)[camera], cameras)
     plane = (points - lens.principal) / lens.focal
     if lens.distortion is not None:
         plane = undistort(lens.distortion, plane)

@@ -66,6 +66,18 @@ def frame_number(value: object, at: Location) -> int:
     raise at.error(f"{str(value)[:40]!r} tells no frame", "a whole number, or a picture's name such as 0012.jpg")
 
 
+def frame_of_file(file: Path) -> int:
+    """A frame's number, the last one in the name of its file.
+
+    Raises:
+        InputError: There is none.
+    """
+    digits = re.findall("[0-9]+", file.stem)
+    if not digits or len(digits[-1]) > 12:
+        raise Location(file).error("no frame number in the file's name", "cam1_000000000012_keypoints.json, or cam1.0012.json")
+    return int(digits[-1])
+
+
 def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
     """The JSON files of a folder by the last number in their names.
 
@@ -77,12 +89,7 @@ def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
         raise at.error("no such folder", expected)
     found: dict[int, Path] = {}
     for file in sorted(Path(folder).glob("*.json")):
-        digits = re.findall("[0-9]+", file.stem)
-        if not digits or len(digits[-1]) > 12:
-            raise Location(file).error(
-                "no frame number in the file's name", "cam1_000000000012_keypoints.json, or cam1.0012.json"
-            )
-        frame = int(digits[-1])
+        frame = frame_of_file(file)
         if frame in found:
             raise Location(file).error(f"frame {frame} is also {found[frame].name}", "one file a frame")
         found[frame] = file

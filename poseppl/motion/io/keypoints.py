@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import check_file
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
+from poseppl.motion.io import mmpose, openpose
 from poseppl.motion.io.alphapose import read_alphapose
 from poseppl.motion.io.caliscope import read_caliscope_points
 from poseppl.motion.io.deeplabcut import read_deeplabcut_csv
@@ -75,6 +77,22 @@ def read_keypoints(
         chosen = check_layout(layout, len(found.names), Location(path))
         raise InputError(f"{kind} names its points, which are not {chosen}", field="--layout", expected="no --layout")
     return found
+
+
+def read_frame(path: FilePath, detector: str | None = None) -> list[Floats]:
+    """Read one frame's people, each (K, 3): x, y, confidence.
+
+    Args:
+        path: The file.
+        detector: What wrote it, openpose or mmpose; found from its content if None.
+
+    Raises:
+        InputError: The file is missing or malformed, or not whole.
+    """
+    document, at = read_json(path), Location(path)
+    if detector == "openpose" or (detector is None and _is_openpose(document)):
+        return openpose.people_of_document(document, at)
+    return mmpose.people_of_document(document, at)
 
 
 def detector_of(path: FilePath) -> str:

@@ -37,7 +37,7 @@ def read_mmpose(path: FilePath, layout: str | None = None) -> DetectedPeople:
     if Path(path).is_dir():
         documents = {frame: (read_json(file), Location(file)) for frame, file in numbered_files(path, _EXPECTED).items()}
         for frame, (document, where) in documents.items():
-            people[frame] = _people(_frames_of(document, where), where)
+            people[frame] = people_of_document(document, where)
         names = _names(next(iter(documents.values()))[0])
     else:
         document = read_json(path)
@@ -50,6 +50,15 @@ def read_mmpose(path: FilePath, layout: str | None = None) -> DetectedPeople:
                 raise where.error(f"frame {frame} comes twice", "each once")
             people[frame] = _people(inner, where)
     return with_layout(same_points(people, at), layout, at, names)
+
+
+def people_of_document(document: Any, at: Location) -> list[Floats]:
+    """Points (K, 3) of each person in a file of one frame.
+
+    Raises:
+        InputError: It is not MMPose's.
+    """
+    return _people(_frames_of(document, at), at)
 
 
 def _frames_of(document: Any, at: Location) -> list[Any]:

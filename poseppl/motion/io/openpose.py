@@ -8,7 +8,7 @@ the eyes in one and the ankles in the other, which their distance from the nose 
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
@@ -28,15 +28,17 @@ def read_openpose(folder: FilePath, layout: str | None = None) -> DetectedPeople
         InputError: The folder holds no such file, a file is malformed, or the number of points belongs to no layout.
     """
     files = numbered_files(folder, "a folder of OpenPose's JSON files, one a frame")
-    people = {number: _people(file) for number, file in files.items()}
+    people = {number: people_of_document(read_json(file), Location(file)) for number, file in files.items()}
     at = Location(folder)
     return with_layout(same_points(people, at), layout, at)
 
 
-def _people(file: Path) -> list[Floats]:
-    """Points (K, 3) of each person in a file; those without points, as some writers leave them, are left out."""
-    at = Location(file)
-    document = read_json(file)
+def people_of_document(document: Any, at: Location) -> list[Floats]:
+    """Points (K, 3) of each person in a file; those without points, as some writers leave them, are left out.
+
+    Raises:
+        InputError: It is not OpenPose's.
+    """
     people = document.get("people") if isinstance(document, dict) else None
     if not isinstance(people, list) or len(people) > MAX_PEOPLE:
         raise at.in_field("people").error("not a list of people", '{"people": [{"pose_keypoints_2d": [...]}]}')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +43,15 @@ class Clocks(NamedTuple):
 
 
 def read_sources(
-    sources: Mapping[str, FilePath], records: Mapping[str, CameraRecord], detector: str | None, layout: str | None
+    sources: Mapping[str, FilePath | DetectedPeople],
+    records: Mapping[str, CameraRecord],
+    detector: str | None,
+    layout: str | None,
 ) -> tuple[list[DetectedPeople], list[str]]:
     """Read the keypoints of cameras.
 
     Args:
-        sources: Files or folders by the names of their cameras.
+        sources: Files or folders by the names of their cameras, or what was read of them.
         records: Cameras by name.
         detector: What wrote them; found from their content if None.
         layout: Which points these are; found from them if None.
@@ -59,13 +62,14 @@ def read_sources(
     Raises:
         InputError: A camera is unknown, a file cannot be read, or they have different points.
     """
-    for name in sources:
-        if name not in records:
-            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(records))
+    check_cameras(sources, records)
     people, notes = [], []
     for name, source in sources.items():
         size = records[name].size
-        found = read_keypoints(source, detector, layout=layout, size=size, camera=name)
+        if isinstance(source, DetectedPeople):
+            found = source
+        else:
+            found = read_keypoints(source, detector, layout=layout, size=size, camera=name)
         found, note = without_strays(found, size, name)
         people.append(found)
         notes += note
@@ -76,6 +80,17 @@ def read_sources(
         kinds = sorted({found.layout or ", ".join(found.names)[:60] for found in people})
         raise InputError(f"cameras with {' and '.join(kinds)}", field="--keypoints", expected="one layout in all")
     return people, notes
+
+
+def check_cameras(names: Iterable[str], known: Collection[str]) -> None:
+    """Check that cameras are known.
+
+    Raises:
+        InputError: One is not.
+    """
+    for name in names:
+        if name not in known:
+            raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
 
 
 def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:

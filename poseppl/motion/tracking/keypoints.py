@@ -71,6 +71,7 @@ class KeypointScene(NamedTuple):
         told: What reading the files and bringing their clocks together found, a sentence each.
         associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
         detector_errors: What was known of the detector's errors; None where the noise is measured.
+        chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
     """
 
     scene: Scene[PointData]
@@ -83,6 +84,7 @@ class KeypointScene(NamedTuple):
     told: tuple[str, ...] = ()
     associated: Association | None = None
     detector_errors: DetectorErrors | None = None
+    chosen: Integers | None = None
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -125,7 +127,7 @@ class KeypointScene(NamedTuple):
 
 
 def scene_of_keypoints(
-    folders: Mapping[str, FilePath],
+    folders: Mapping[str, FilePath | DetectedPeople],
     calibration: Calibration | Sequence[CameraRecord],
     *,
     model: str = DEFAULT_MODEL,
@@ -145,8 +147,8 @@ def scene_of_keypoints(
     """Read what a detector found, and pick one person.
 
     Args:
-        folders: Files or folders of keypoints by the names of their cameras; frames of the same number are of one time, but for
-            what ``clocks`` knows.
+        folders: Files or folders of keypoints by the names of their cameras, or what was read of them; frames of the same
+            number are of one time, but for what ``clocks`` knows.
         calibration: The calibrated cameras, those without keypoints are left out; where their unit is unknown, the person's
             size tells it.
         model: Builder of the body.
@@ -179,8 +181,7 @@ def scene_of_keypoints(
     elif given.unit is None:
         told.append("the calibration does not tell its unit, which is taken for metres (--unit)")
     cameras = cameras_of_records(records)
-    aligned, clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
-    people, numbers = aligned.people, aligned.frames
+    (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
     chosen = choose_person(cameras, people, pace := clocks.rate / step, person)
     build = body_builder(model)
@@ -197,16 +198,17 @@ def scene_of_keypoints(
     measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
     body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
     errors = camera_errors(cameras, points, places)
-    spread = _noise(detector_errors or noise, body, cameras, errors.scale, places, confidence)
+    spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
     data = PointData(points, spread, faults=faults)
-    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, ", ".join(map(str, folders.values())))
+    source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
+    scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
     seen = (confidence, sizes, (*told, *clock_notes))
-    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors)
+    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen)
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
 
 
-def _noise(
+def noise_of_points(
     known: DetectorErrors | float | None, body: Body, cameras: Cameras, measured: Floats, places: Floats, confidence: Floats
 ) -> Floats:
     """Standard deviations (T, C, K), px: the detector's; or those known or measured, and more for less confidence."""

@@ -47,6 +47,50 @@ class Group(NamedTuple):
     support: float
 
 
+class FollowedPerson:
+    """One person, followed from frame to frame without those that come later.
+
+    The person is whom two cameras see nearest to the last place, in reach of it; after a second, who is seen best.
+
+    Args:
+        cameras: C cameras.
+        people: What each saw in the same T frames.
+        chosen: (T, C) which of the detections are the person's, -1 where there is none; some are.
+        rate: Frames a second.
+    """
+
+    def __init__(self, cameras: Cameras, people: Sequence[DetectedPeople], chosen: Integers, rate: float) -> None:
+        self._cameras, self._rate = cameras, rate
+        self._scale = _NOMINAL_EXTENT / _extent(people[0])
+        last = int(np.flatnonzero((chosen >= 0).any(1))[-1])
+        alone, rays = _one_frame(cameras, people, last)
+        own = {c: int(p) for c, p in enumerate(chosen[last]) if p >= 0}
+        if len(people) == 1:
+            self._place = _group_of_one(alone[0], 0, own[0], self._scale).place
+        else:
+            self._place = _group(np.asarray(cameras.centre, np.float64), alone, rays, 0, own).place
+        self._absent = len(chosen) - last
+
+    def choose(self, people: Sequence[DetectedPeople]) -> Integers:
+        """The person's detections in the next T frames: (T, C) indices, -1 where there is none."""
+        frames = (_one_frame(self._cameras, people, t) for t in range(len(people[0].points)))
+        return np.array([self._next(_groups(self._cameras, *frame, 0, self._scale)) for frame in frames])
+
+    def _next(self, groups: Sequence[Group]) -> tuple[int, ...]:
+        seconds = self._absent / self._rate
+        self._absent += 1
+        if seconds > LONGEST_ABSENCE:
+            found = max(groups, key=lambda group: group.support, default=None)
+        else:
+            reach = LARGEST_JUMP + LARGEST_SPEED * seconds
+            near = [(float(np.linalg.norm(group.place - self._place)), number) for number, group in enumerate(groups)]
+            found = groups[min(near)[1]] if near and min(near)[0] <= reach else None
+        if found is None:
+            return (-1,) * len(self._cameras.centre)
+        self._place, self._absent = found.place, 1
+        return found.chosen
+
+
 def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: float, person: int = 1) -> Integers:
     """Find one person's detections.
 
@@ -63,7 +107,8 @@ def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: floa
         InputError: There are fewer people.
     """
     rays = [viewing_rays(cameras, index, _confident(found)) for index, found in enumerate(people)]
-    frames = [_groups(cameras, people, rays, frame) for frame in range(len(people[0].points))]
+    scale = _NOMINAL_EXTENT / _extent(people[0])
+    frames = [_groups(cameras, people, rays, frame, scale) for frame in range(len(people[0].points))]
     for number in range(1, person + 1):
         path = _best_path(frames, rate)
         if not path:
@@ -82,11 +127,18 @@ def _confident(found: DetectedPeople) -> Floats:
     return np.where((found.confidence >= _CONFIDENT)[..., None], found.points, np.nan)
 
 
-def _groups(cameras: Cameras, people: Sequence[DetectedPeople], rays: Sequence[Floats], frame: int) -> list[Group]:
-    """The people of a frame."""
+def _one_frame(cameras: Cameras, people: Sequence[DetectedPeople], frame: int) -> tuple[list[DetectedPeople], list[Floats]]:
+    """One frame of several, and its rays."""
+    alone = [found._replace(points=found.points[[frame]], confidence=found.confidence[[frame]]) for found in people]
+    return alone, [viewing_rays(cameras, index, _confident(found)) for index, found in enumerate(alone)]
+
+
+def _groups(
+    cameras: Cameras, people: Sequence[DetectedPeople], rays: Sequence[Floats], frame: int, scale: float
+) -> list[Group]:
+    """The people of a frame; in one camera alone their places are told by so many mm a pixel."""
     detections = [(c, p) for c, found in enumerate(rays) for p in range(found.shape[1]) if np.isfinite(found[frame, p]).any()]
     if len(people) == 1:
-        scale = _NOMINAL_EXTENT / _extent(people[0])
         return [_group_of_one(people[0], frame, p, scale) for _, p in detections]
     centres = np.asarray(cameras.centre, np.float64)
     distances: dict[frozenset[tuple[int, int]], float] = {}
@@ -113,6 +165,8 @@ def _extent(found: DetectedPeople) -> float:
     """Median height or width, whichever is larger, of all detections, px."""
     seen = np.isfinite(found.points).all(-1).any(-1)
     points = found.points[seen]
+    if not len(points):
+        return 1.0
     return max(float(np.median((np.nanmax(points, 1) - np.nanmin(points, 1)).max(-1))), 1.0)
 
 

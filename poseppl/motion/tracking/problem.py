@@ -164,6 +164,20 @@ def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = N
     return _problem(body, params, scene.data, _walk(body, scene.cameras, mean, scale, steps), scene.states)
 
 
+def with_frames(problem: Problem, data: SceneData, steps: Floats) -> Problem:
+    """The same problem of other frames, whose body's joints are all free.
+
+    Args:
+        problem: The problem of a scene.
+        data: What was seen in T frames.
+        steps: Standard deviations (T, d) of the random walk, from the frame before to each.
+    """
+    own = problem.inputs._asdict()
+    walk = {name: own[name] for name in ("cameras", "start", "start_scale", "tree")}
+    inputs = data.inputs(problem.body, {**walk, "step_scale": jnp.asarray(steps, float)})
+    return problem._replace(observations=data.observe(problem.model), inputs=inputs)
+
+
 def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     """Pose the problem of a tracking result anew, from what the result tells of it.
 

@@ -25,9 +25,9 @@ from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.outcome import parts_of_run
-from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.results import Names, Truth, build_result
-from poseppl.runs.run import Progress, Run, RunError, frame_inputs, run_filter
+from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
 
 _ROOM = 2**28
 """Bytes of the draws that are kept, unless told otherwise."""
@@ -108,6 +108,62 @@ def track(
         CheckpointError: The folder holds another run.
     """
     settings = settings or TrackSettings()
+    tracking = prepare(scene, settings)
+    problem = tracking.problem
+    try:
+        run = run_filter(
+            tracking.filter,
+            jax.random.key(settings.seed),
+            problem.observations,
+            problem.inputs,
+            num_frames=len(scene.frames),
+            collect=tracking.collect,
+            predict=tracking.predict,
+            chunk=settings.chunk,
+            progress=progress,
+            checkpoint=None if checkpoint is None else Checkpoint(checkpoint, tracking.described, resume=resume),
+            on_failure=settings.on_failure,
+            frame_numbers=scene.frames.tolist(),
+        )
+    except RunError as error:
+        if error.done is None:
+            raise
+        raise TrackStopped(error, tracking.result(error.done, stopped=str(error))) from error
+    return tracking.result(run)
+
+
+class Tracking(NamedTuple):
+    """A scene's problem, the filter that is to solve it, and what is kept of it.
+
+    Attributes:
+        scene: The scene.
+        problem: Its problem.
+        filter: The filter.
+        collect: What is kept of a frame.
+        predict: The predictive checks; None where the model predicts no data.
+        described: What the result depends on, for a checkpoint.
+        record: The same and more, for the result.
+    """
+
+    scene: Scene[SceneData]
+    problem: Problem
+    filter: Filter
+    collect: Collect
+    predict: Predict | None
+    described: Mapping[str, Any]
+    record: Mapping[str, Any]
+
+    def result(self, run: Run, **told: Any) -> xr.DataTree:
+        """The result of a run of the scene, or of its first frames, with diagnostics."""
+        return diagnose(_result(self.scene, self.problem, run, {**self.record, **told}))
+
+
+def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
+    """Make ready to track a scene.
+
+    Raises:
+        InputError: A setting is out of range, or the body's walk cannot be learned.
+    """
     _check(settings)
     params = walk_params(scene.body, settings)
     problem = _problem(scene, settings, params)
@@ -127,28 +183,9 @@ def track(
         "versions": versions(),
     }
     told = {**described, "seed": settings.seed, "devices": settings.devices}
+    predict = None if obstacle else predictive_checks(problem.model, of_state=problem.pose is None)
     record = {key: value for key, value in told.items() if value is not None}
-    try:
-        run = run_filter(
-            built,
-            jax.random.key(settings.seed),
-            problem.observations,
-            problem.inputs,
-            num_frames=len(scene.frames),
-            collect=problem.collector(max_draws),
-            predict=None if obstacle else predictive_checks(problem.model, of_state=problem.pose is None),
-            chunk=settings.chunk,
-            progress=progress,
-            checkpoint=None if checkpoint is None else Checkpoint(checkpoint, described, resume=resume),
-            on_failure=settings.on_failure,
-            frame_numbers=scene.frames.tolist(),
-        )
-    except RunError as error:
-        if error.done is None:
-            raise
-        stopped = diagnose(_result(scene, problem, error.done, {**record, "stopped": str(error)}))
-        raise TrackStopped(error, stopped) from error
-    return diagnose(_result(scene, problem, run, record))
+    return Tracking(scene, problem, built, problem.collector(max_draws), predict, described, record)
 
 
 def _check(settings: TrackSettings) -> None:

@@ -1,0 +1,98 @@
+"""A run whose frames come one after the other, as from a detector that is at work.
+
+    run = FedRun(filter, rng_key, observations, inputs, collect=collect)   # the first frames
+    outputs = run.add(observations, inputs).outputs                        # some more, of the same shapes
+    whole = run.finish()
+
+It is made of the programs of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the very same numbers.
+:class:`poseppl.runs.online.Online` is the lighter one, which keeps the filter's state alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from jax import Array
+
+from poseppl.files.store import Note
+from poseppl.filters.base import Filter
+from poseppl.program import Observation
+from poseppl.program.observation import check_frame_shapes
+from poseppl.runs.compiled_scan import Calls, Collect, Kept
+from poseppl.runs.course import Course, OnFailure, Run
+from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
+from poseppl.runs.predictive import Predict
+
+
+class FedRun:
+    """A run that is fed.
+
+    Args:
+        filter: The filter.
+        rng_key: PRNG key; the same key gives the same result.
+        observations: Data of the first frames, with a leading T.
+        inputs: Inputs, as :func:`poseppl.runs.run.run_filter` takes them; constant ones are those of all frames.
+        collect: What is kept of a frame.
+        predict: Predictive checks of each frame's data.
+        on_failure: What to do at a frame of impossible data.
+        note: Who is told of what the user should know.
+        frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
+
+    Raises:
+        ValueError: As :func:`poseppl.runs.run.run_filter`.
+        RunError: As there.
+    """
+
+    def __init__(
+        self,
+        filter: Filter,
+        rng_key: Array,
+        observations: Observation,
+        inputs: Any = None,
+        *,
+        collect: Collect,
+        predict: Predict | None = None,
+        on_failure: OnFailure = "continue",
+        note: Note,
+        frame_numbers: Sequence[int] | None = None,
+    ) -> None:
+        started = time.perf_counter()
+        self._filter, self._numbers = filter, []  # type: tuple[Filter, list[int]]
+        sequence = self._sequence(observations, inputs)
+        self._calls = Calls(filter, collect, predict, sequence, rng_key)
+        self._course = Course(self._calls, self._numbers, on_failure, note, started)
+        self._course.compile(resumed=0)
+        self._seconds = 0.0
+        self.first = self._advance(sequence, frame_numbers)
+        """What was kept of the first frames."""
+
+    def add(self, observations: Observation, inputs: Any = None, frame_numbers: Sequence[int] | None = None) -> Kept:
+        """Take more frames; what is kept of them.
+
+        Raises:
+            ValueError: An array does not have T rows, or the inputs are others than those of the first frames.
+            RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice.
+        """
+        sequence = self._sequence(observations, inputs)._replace(before=self._course.stop)
+        self._calls.feed(sequence)
+        return self._advance(sequence, frame_numbers)
+
+    def finish(self) -> Run:
+        """The whole run; the seconds of its frames are those in which they were computed."""
+        return self._course.finish()._replace(wall_seconds=self._seconds)
+
+    def _sequence(self, observations: Observation, inputs: Any) -> FrameSequence:
+        sequence = frame_sequence(observations, inputs, None)
+        if self._filter.model is not None:
+            check_frame_shapes(self._filter.model.observation_sites, sequence.observations, sequence.num_frames)
+        return sequence
+
+    def _advance(self, sequence: FrameSequence, numbers: Sequence[int] | None) -> Kept:
+        stop = self._course.stop + sequence.num_frames
+        self._numbers += range(self._course.stop, stop) if numbers is None else [int(number) for number in numbers]
+        began = time.perf_counter()
+        _, kept = self._course.advance(stop)
+        self._seconds += time.perf_counter() - began
+        return kept
