@@ -25,7 +25,7 @@ from poseppl.runs.results import load_result
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 FRAMES, CAMERAS = 10, (1, 2, 3, 4)
-SMALL = ["--live", "--start", "0.08", "--filter", "kalman", "--max-draws", "50", "-q"]
+SMALL = ["--live", "--start", "0.08", "--wait", "60", "--filter", "kalman", "--max-draws", "50", "-q"]
 
 
 @pytest.fixture(autouse=True)

@@ -40,11 +40,16 @@ def notes() -> list[str]:
 
 
 @pytest.fixture
-def growing(tmp_path: Path, notes: list[str]) -> GrowingFolders:
-    for camera in (0, 1):
-        (tmp_path / f"cam{camera}").mkdir()
-    folders = {f"cam{camera}": tmp_path / f"cam{camera}" for camera in (0, 1)}
-    return GrowingFolders(folders, wait=WAIT, idle=0.5, note=notes.append)
+def folders(tmp_path: Path) -> dict[str, Path]:
+    found = {f"cam{camera}": tmp_path / f"cam{camera}" for camera in (0, 1)}
+    for folder in found.values():
+        folder.mkdir()
+    return found
+
+
+@pytest.fixture
+def growing(folders: dict[str, Path], notes: list[str]) -> GrowingFolders:
+    return GrowingFolders(folders, wait=WAIT, note=notes.append)
 
 
 def taken(growing: GrowingFolders, now: float) -> Iterator[tuple[int, list[bool]]]:
@@ -115,8 +120,8 @@ def test_a_third_camera_that_is_gone_holds_nobody_up(tmp_path: Path) -> None:
     assert list(taken(growing, now + LATER)) == [(1, [True, True, False])]
 
 
-def test_files_bit_by_bit_in_any_order_of_the_cameras(tmp_path: Path, growing: GrowingFolders, notes: list[str]) -> None:
-    frames = 8
+def test_files_bit_by_bit_in_any_order_of_the_cameras(tmp_path: Path, folders: dict[str, Path], notes: list[str]) -> None:
+    frames, seen, stop = 8, [], threading.Event()
 
     def detect() -> None:
         for frame in range(frames):
@@ -130,10 +135,12 @@ def test_files_bit_by_bit_in_any_order_of_the_cameras(tmp_path: Path, growing: G
 
     writer = threading.Thread(target=detect)
     writer.start()
-    seen = list(growing.frames(threading.Event()))
-    writer.join()
-    for frame in seen:
+    for frame in GrowingFolders(folders, wait=LATER, idle=LATER, note=notes.append).frames(stop):
         check(frame)
+        seen.append(frame)
+        if len(seen) == frames:
+            stop.set()
+    writer.join()
     assert [frame.number for frame in seen] == list(range(frames)) and notes == []
     assert all(people is not None and len(people) == 1 for frame in seen for people in frame.people)
 
