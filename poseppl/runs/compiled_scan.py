@@ -28,7 +28,8 @@ Collect = Callable[[Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LONG, _SHORT = 64, 8
-"""Frames of a compiled scan, whatever the parts of a run, so that all share one program; the fewer where a frame is large."""
+"""Frames of a compiled scan, whatever the parts of a run, so that all share one program; the fewer where a frame is large, or
+few come at a time, since rows without a frame copy the state."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2
@@ -162,6 +163,7 @@ class Calls:
         predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
+        few: Whether few frames come at a time.
 
     Attributes:
         filter: The filter.
@@ -176,13 +178,14 @@ class Calls:
         predict: Predict | None,
         sequence: FrameSequence,
         rng_key: Array,
+        few: bool = False,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
         self._made = self._programs.made.setdefault(_kind(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", self._blank)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
-        self._length = _SHORT if size > _LARGE else _LONG
+        self._length = _SHORT if few or size > _LARGE else _LONG
         self._init: Any = None
         self._scan: Any = None
 
@@ -191,7 +194,7 @@ class Calls:
         with ThreadPoolExecutor(1) as pool:
             wanted = first and self.filter.initial_state is None
             compiling = pool.submit(self._once, "init", self._compiled_init) if wanted else None
-            self._scan = self._once("scan", self._compiled_scan)
+            self._scan = self._once(f"scan of {self._length}", self._compiled_scan)
             self._init = compiling.result() if compiling else None
 
     def feed(self, sequence: FrameSequence) -> None:

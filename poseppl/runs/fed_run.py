@@ -61,7 +61,7 @@ class FedRun:
         started = time.perf_counter()
         self._filter, self._numbers = filter, []  # type: tuple[Filter, list[int]]
         sequence = self._sequence(observations, inputs)
-        self._calls = Calls(filter, collect, predict, sequence, rng_key)
+        self._calls = Calls(filter, collect, predict, sequence, rng_key, few=True)
         self._course = Course(self._calls, self._numbers, on_failure, note, started)
         self._course.compile(resumed=0)
         self._seconds = 0.0
