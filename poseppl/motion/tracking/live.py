@@ -29,8 +29,8 @@ from poseppl.motion.tracking.problem import with_frames
 from poseppl.motion.tracking.track import Tracking, TrackSettings, prepare
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 from poseppl.runs.compiled_scan import Kept
-from poseppl.runs.fed_run import FedRun
 from poseppl.runs.labels import QUANTILES
+from poseppl.runs.online_run import OnlineRun
 
 MAX_DRAWS = 20
 """Draws kept of each chain, or of all particles, unless told otherwise: how many frames will come is not known."""
@@ -109,7 +109,7 @@ class LiveTrack:
         self._data, self._frames = [scene.data], scene.frames.tolist()
         problem = self._tracking.problem
         self._step = np.asarray(problem.inputs.step_scale)[:1]
-        self._run = FedRun(
+        self._run = OnlineRun(
             self._tracking.filter,
             jax.random.key(settings.seed),
             problem.observations,

@@ -1,7 +1,7 @@
 """A run whose frames come one after the other, as from a detector that is at work.
 
-    run = FedRun(filter, rng_key, observations, inputs, collect=collect)   # the first frames
-    outputs = run.add(observations, inputs).outputs                        # some more, of the same shapes
+    run = OnlineRun(filter, rng_key, observations, inputs, collect=collect, note=print)  # the first frames
+    outputs = run.add(observations, inputs).outputs                                      # some more, of the same shapes
     whole = run.finish()
 
 It is made of the programs of :func:`poseppl.runs.run.run_filter`, compiled once, and gives the very same numbers.
@@ -26,8 +26,8 @@ from poseppl.runs.frame_sequence import FrameSequence, frame_sequence
 from poseppl.runs.predictive import Predict
 
 
-class FedRun:
-    """A run that is fed.
+class OnlineRun:
+    """A run that is online: its frames are filtered as they come.
 
     Args:
         filter: The filter.
@@ -59,7 +59,8 @@ class FedRun:
         frame_numbers: Sequence[int] | None = None,
     ) -> None:
         started = time.perf_counter()
-        self._filter, self._numbers = filter, []  # type: tuple[Filter, list[int]]
+        self._filter = filter
+        self._numbers: list[int] = []
         sequence = self._sequence(observations, inputs)
         self._calls = Calls(filter, collect, predict, sequence, rng_key, few=True)
         self._course = Course(self._calls, self._numbers, on_failure, note, started)

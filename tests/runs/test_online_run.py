@@ -1,4 +1,4 @@
-"""A run that is fed gives what the whole sequence gives, and compiles nothing twice."""
+"""A run whose frames come one after the other gives what the whole sequence gives, and compiles nothing twice."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from test_run import Controls, counted, driven_model, failing
 
 import poseppl
 from poseppl.filters import particle_filter
-from poseppl.runs.fed_run import FedRun
+from poseppl.runs.online_run import OnlineRun
 from poseppl.runs.predictive import predictive_checks
 from poseppl.runs.run import Constant, RunError, run_filter
 
@@ -32,7 +32,7 @@ def test_parts_give_what_the_sequence_gives(ends: tuple[int, ...]) -> None:
     filter = dataclasses.replace(filter, model=MODEL)
     how: Any = {"collect": poseppl.collect_history, "predict": predictive_checks(MODEL, 16)}
     whole = run_filter(filter, KEY, *rows(0, 9), **how)
-    fed = FedRun(filter, KEY, *rows(0, ends[0]), **how, note=pytest.fail)
+    fed = OnlineRun(filter, KEY, *rows(0, ends[0]), **how, note=pytest.fail)
     kept = [fed.first, *(fed.add(*rows(start, stop)) for start, stop in zip(ends, ends[1:], strict=False))]
     run = fed.finish()
     assert count == {"init": 1, "step": 1}
@@ -45,7 +45,7 @@ def test_parts_give_what_the_sequence_gives(ends: tuple[int, ...]) -> None:
 def test_a_state_that_is_not_finite_ends_it_and_what_was_done_is_kept() -> None:
     model, filter = failing(2, broken=True)
     data = model.observe({"y": np.zeros((1, 2))})
-    fed = FedRun(filter, KEY, data, collect=poseppl.collect_history, note=lambda message: None, frame_numbers=[7])
+    fed = OnlineRun(filter, KEY, data, collect=poseppl.collect_history, note=lambda message: None, frame_numbers=[7])
     fed.add(data, frame_numbers=[8])
     with pytest.raises(RunError, match="frame 9.*not finite") as caught:
         fed.add(data, frame_numbers=[9])
@@ -54,7 +54,7 @@ def test_a_state_that_is_not_finite_ends_it_and_what_was_done_is_kept() -> None:
 
 
 def test_data_of_another_shape_are_refused() -> None:
-    fed = FedRun(particle_filter(MODEL, 8), KEY, *rows(0, 2), collect=poseppl.collect_history, note=pytest.fail)
+    fed = OnlineRun(particle_filter(MODEL, 8), KEY, *rows(0, 2), collect=poseppl.collect_history, note=pytest.fail)
     with pytest.raises(ValueError, match="Expected an Observation"):
         fed.add({"y": 0.0})  # type: ignore[arg-type]
     data, inputs = rows(2, 4)
