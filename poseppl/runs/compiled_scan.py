@@ -20,6 +20,7 @@ from jax import Array
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.compilation import compile_lowered
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
@@ -226,10 +227,13 @@ class Calls:
         return self._made[name]
 
     def _compiled_init(self) -> Any:
-        return self._programs.init.lower(*self._first_data()).compile()
+        return self._compiled(self._programs.init.lower(*self._first_data()))
 
     def _compiled_scan(self) -> Any:
-        return self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1)).compile()
+        return self._compiled(self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1)))
+
+    def _compiled(self, lowered: Any) -> Any:
+        return compile_lowered(lowered, self.state.log_weights.size)
 
     def _blank(self) -> tuple[Any, Info | None, Kept]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""

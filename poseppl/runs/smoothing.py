@@ -24,6 +24,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.compilation import compile_lowered
 from poseppl.runs.compiled_scan import is_finite
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
@@ -97,7 +98,8 @@ def run_smoother(
     whole = sequence.stacked_inputs()
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
-    compiled = _smoothing(smoother).lower(rng_key, history, data, whole).compile()
+    lowered = _smoothing(smoother).lower(rng_key, history, data, whole)
+    compiled = compile_lowered(lowered, history.particles.shape[1])
     ready = time.perf_counter()
     smoothed: Smoothed = compiled(rng_key, history, data, whole)
     smoothed.particles.block_until_ready()
