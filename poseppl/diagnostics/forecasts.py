@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.stats import norm
 
-from poseppl.arrays import Floats
-from poseppl.diagnostics.batches import ratio_interval
+from poseppl.arrays import Booleans, Floats
+from poseppl.diagnostics.batches import CONFIDENCE, ratio_interval
 from poseppl.diagnostics.calibration import LEVELS, Coverage, coverage, inside_interval, probability_transform
 from poseppl.errors import InputError
 from poseppl.runs.contents import group_of
@@ -93,12 +94,14 @@ class HindcastScore(NamedTuple):
         crps_error: Its standard errors (H,), by batches of neighbouring starts.
         coverage: Coverage of the central 90 % intervals at each lead.
         overall: Their coverage over all leads.
+        reach: Deviation of `overall` from 90 % that right forecasts exceed in 5 % of series.
     """
 
     crps: Floats
     crps_error: Floats
     coverage: tuple[Coverage, ...]
     overall: Coverage
+    reach: float
 
 
 def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, HindcastScore]:
@@ -124,10 +127,26 @@ def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, Hin
             all_inside.append(inside_interval(draws, true, HINDCAST_LEVEL))
             all_seen.append(np.isfinite(true))
             covered.append(coverage(all_inside[-1], HINDCAST_LEVEL, valid=all_seen[-1]))
-        overall = coverage(np.stack(all_inside, 1), HINDCAST_LEVEL, valid=np.stack(all_seen, 1))
+        inside, known = np.stack(all_inside, 1), np.stack(all_seen, 1)
+        overall = coverage(inside, HINDCAST_LEVEL, valid=known)
         means, errors = (np.array([part[column] for part in parts]) for column in range(2))
-        scores[str(name)] = HindcastScore(means, errors, tuple(covered), overall)
+        scores[str(name)] = HindcastScore(means, errors, tuple(covered), overall, _reach(inside, known))
     return scores
+
+
+def _reach(inside: Booleans, seen: Booleans) -> float:
+    """Deviation of the share (start, lead, ...) from its level that right forecasts exceed in at most 5 % of series.
+
+    Where forecasts are right, those from starts a horizon H apart are uncorrelated, so that of n starts the share has at most
+    the variance of n / H uncorrelated means of a start. That of a mean is known about the level, which is given if they are
+    right, and lies between that of independent trials and that of a single one.
+    """
+    starts, horizon = inside.shape[:2]
+    trial = HINDCAST_LEVEL * (1 - HINDCAST_LEVEL)
+    residual = np.where(seen, inside - HINDCAST_LEVEL, 0.0).reshape(starts, -1).sum(1)
+    count = seen.reshape(starts, -1).sum(1)
+    variance = np.clip(np.square(residual).sum(), trial * count.sum(), trial * np.square(count).sum())
+    return float(norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(horizon * variance) / max(count.sum(), 1))
 
 
 def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
@@ -139,7 +158,7 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
 
     Returns:
         The result with the group ``hindcasts`` (a shallow copy): ``crps``, ``crps_error``, ``coverage`` and ``coverage_se``
-        (site, lead), ``overall`` and ``overall_se`` (site,), those of all leads.
+        (site, lead), ``overall``, ``overall_se`` and ``overall_reach`` (site,), those of all leads.
     """
     scores = score_hindcasts(predicted, result)
     shares = [[each.estimate for each in score.coverage] for score in scores.values()]
@@ -153,6 +172,7 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
     by_site = {
         "overall": [score.overall.estimate for score in scores.values()],
         "overall_se": [score.overall.standard_error for score in scores.values()],
+        "overall_reach": [score.reach for score in scores.values()],
     }
     data: dict[str, Any] = {name: (("site", "lead"), np.array(values)) for name, values in by_lead.items()}
     data |= {name: (("site",), np.array(values)) for name, values in by_site.items()}

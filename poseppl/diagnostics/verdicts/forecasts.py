@@ -16,7 +16,8 @@ def forecasts(tree: xr.DataTree) -> list[Verdict]:
     found = []
     for site in data["site"].values.tolist() if data else ():
         share, error = (float(data[name].sel(site=site)) for name in ("overall", "overall_se"))
-        kind = calibration(share, error) if np.isfinite(share) else "undecided"
+        reach = float(data["overall_reach"].sel(site=site)) if "overall_reach" in data else 2 * error
+        kind = calibration(share, reach / 2) if np.isfinite(share) else "undecided"
         if kind not in ("over-confident", "under-confident"):
             continue
         by_lead, leads = data["coverage"].sel(site=site).values, data["lead"].values
