@@ -28,9 +28,9 @@ from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_an
 Collect = Callable[[Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
-_LONG, _SHORT = 64, 8
-"""Frames of a compiled scan, whatever the parts of a run, so that all share one program; the fewer where a frame is large, or
-few come at a time, since rows without a frame copy the state."""
+_LONG, _SHORT, _SINGLE = 64, 8, 1
+"""Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those whose frames are
+large, and of those whose frames come one at a time. Rows without a frame copy the state."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2
@@ -127,7 +127,6 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     def scan_frames(
         state: Any,
         begun: Info | None,
-        blank: Kept,
         rng_key: Array,
         frames: Array,
         active: Array,
@@ -147,7 +146,10 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
                 result: tuple[Any, Kept] = one_frame(rng_key, frame, state, begun, observation, varying, constant)
                 return result
 
-            result: tuple[Any, Kept] = jax.lax.cond(wanted, run, lambda old: (old, blank), state)
+            def skip(state: Any) -> tuple[Any, Kept]:
+                return state, jax.tree.map(lambda kept: jnp.zeros(kept.shape, kept.dtype), jax.eval_shape(run, state)[1])
+
+            result: tuple[Any, Kept] = jax.lax.cond(wanted, run, skip, state)
             return result
 
         return jax.lax.scan(body, state, (frames, active, observations, varying))
@@ -164,7 +166,7 @@ class Calls:
         predict: Predictive checks of a frame, or None.
         sequence: The data.
         rng_key: Key of the run.
-        few: Whether few frames come at a time.
+        single: Whether frames come one at a time.
 
     Attributes:
         filter: The filter.
@@ -179,14 +181,14 @@ class Calls:
         predict: Predict | None,
         sequence: FrameSequence,
         rng_key: Array,
-        few: bool = False,
+        single: bool = False,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
         self._made = self._programs.made.setdefault(_kind(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", self._blank)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
-        self._length = _SHORT if few or size > _LARGE else _LONG
+        self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
         self._init: Any = None
         self._scan: Any = None
 
@@ -254,7 +256,7 @@ class Calls:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
         placed, constant = self.filter.to_devices(state), self._sequence.constant
-        return placed, begun, self.blank, self._rng_key, numbers, numbers < stop, rows, varying, constant
+        return placed, begun, self._rng_key, numbers, numbers < stop, rows, varying, constant
 
 
 def joined(parts: list[Kept]) -> Kept:

@@ -62,7 +62,7 @@ class OnlineRun:
         self._filter = filter
         self._numbers: list[int] = []
         sequence = self._sequence(observations, inputs)
-        self._calls = Calls(filter, collect, predict, sequence, rng_key, few=True)
+        self._calls = Calls(filter, collect, predict, sequence, rng_key, single=True)
         self._course = Course(self._calls, self._numbers, on_failure, note, started)
         self._course.compile(resumed=0)
         self._seconds = 0.0

@@ -97,8 +97,11 @@ def undistort(coefficients: Floats, plane: Floats) -> Floats:
             across = 2 * u * v * slope + 2 * p1 * u + 2 * p2 * v
             beside = radial + 2 * v * v * slope + 6 * p1 * v + 2 * p2 * u
             determinant = along * beside - across * across
+            before = u, v
             u = u - (beside * off_u - across * off_v) / determinant
             v = v - (along * off_v - across * off_u) / determinant
+            if np.array_equal(before, (u, v), equal_nan=True):  # so would all further rounds
+                break
         bent = np.stack(_brown(np.array([k1, k2, p1, p2, k3, k4, k5, k6]), u, v), -1)
         found = np.stack([u, v], -1)
         # Where the model folds the plane over, Newton may end at a point beyond the fold.

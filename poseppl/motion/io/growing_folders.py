@@ -6,6 +6,7 @@ is not there, or not whole, some seconds after the first camera's. Frames go fro
 
 from __future__ import annotations
 
+import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +23,9 @@ from poseppl.motion.io.keypoints import read_frame
 POLL = 0.004
 """Seconds between two looks for the next file."""
 _LISTING = 0.1
-"""Seconds between two listings of a folder, at least; at most a tenth of the time goes into them."""
+"""Seconds between two listings of a folder, and from a new file to a listing, at least; at most a tenth of the time goes into
+listings."""
+_LAST_NUMBER = re.compile(r"([0-9]+)[^0-9]*[.]json$")
 
 
 class KeypointFrame(NamedTuple):
@@ -39,43 +42,74 @@ class KeypointFrame(NamedTuple):
     since: float
 
 
+class _File(NamedTuple):
+    """A file that was found, and when it came."""
+
+    path: Path
+    came: float
+
+
 class _Folder:
-    """One camera's files: those that came, and what was read of the next ones."""
+    """One camera's files that were not taken yet, and what was read of the next one.
+
+    A detector names its files alike, so that the next one is looked for by its name, which costs the same however many there
+    are. All are listed before the first one, and where one is late or named otherwise.
+    """
 
     def __init__(self, name: str, folder: FilePath, detector: str | None) -> None:
-        self.name, self._folder, self._detector = name, Path(folder), detector
-        self.files: dict[int, Path] = {}
-        self.came: dict[int, float] = {}
+        self.name, self.path, self._detector = name, Path(folder), detector
+        self.files: dict[int, _File] = {}
         self.people: dict[int, list[Floats] | None] = {}
-        self.first = self.last = -1
-        self.listed = -1
-        """The last frame before the latest listing: what this did not find below will not come."""
-        self._known: set[str] = set()
-        self._looked, self._again = time.monotonic(), -float("inf")
+        self.last = self.listed = -1
+        """The last frame; and the last one before the latest listing, below which what this did not find will not come."""
+        self._expected: Path | None = None
+        self._looked = time.monotonic()
+        self._newest = self._next_listing = -float("inf")
 
-    def look(self, now: float) -> None:
-        """Find new files: that of the next number by its name, and now and then all."""
-        while self.last >= 0 and (file := _following(self.files[self.last])) is not None and file.exists():
-            self._add(file, now)
-        if now >= self._again:
-            self.listed, began = self.last, time.monotonic()
-            with suppress(OSError):  # a folder that is gone for a while has no more files
-                for file in self._folder.iterdir():
-                    if file.suffix == ".json" and not file.name.startswith(".") and file.name not in self._known:
-                        self._add(file, now)
-            self._again = now + max(_LISTING, 10 * (time.monotonic() - began))
+    def look(self, now: float, wanted: int | None) -> None:
+        """Find new files from a wanted frame on, or all: by their names, and by a listing where they are late."""
+        while self._expected is not None and (came := self._came(self._expected, now)) is not None:
+            self._add(self.last + 1, _File(self._expected, came))
+            self._newest = now
+        passed = wanted is not None and self.listed <= wanted < self.last and wanted not in self.files
+        if now >= self._next_listing and (passed or now >= self._newest + _LISTING):
+            began, self.listed = time.monotonic(), self.last
+            for number, file in self._unknown(wanted or 0):
+                self._add(number, _File(file, self._came(file, now) or now))
+            self._next_listing = now + max(_LISTING, 10 * (time.monotonic() - began))
         self._looked = now
 
-    def _add(self, file: Path, now: float) -> None:
-        number = frame_of_file(file)
-        if number in self.files:
-            raise InputError(f"frame {number} is also {self.files[number].name}", file=file, expected="one file a frame")
-        written = now
-        with suppress(OSError):
+    def _unknown(self, wanted: int) -> list[tuple[int, Path]]:
+        """Files of a listing that are not known, from a wanted frame on, in order."""
+        known, found = {file.path.name for file in self.files.values()}, []
+        with suppress(OSError), os.scandir(self.path) as entries:  # a folder that is gone for a while has no more files
+            for name in (entry.name for entry in entries):
+                if name.endswith(".json") and not name.startswith(".") and name not in known:
+                    number = _LAST_NUMBER.search(name)  # of each file of an hour: no path is made of one that was taken
+                    if number is None or int(number[1]) >= wanted:
+                        found.append((frame_of_file(file := self.path / name), file))
+        return sorted(found)
+
+    def _came(self, file: Path, now: float) -> float | None:
+        """When a file came, after the last look; None where it is not there."""
+        try:
             written = now - (time.time() - file.stat().st_mtime)
-        self._known.add(file.name)
-        self.files[number], self.came[number] = file, max(self._looked, min(now, written))
-        self.first, self.last = number if self.first < 0 else min(self.first, number), max(self.last, number)
+        except OSError:
+            return None
+        return max(self._looked, min(now, written))
+
+    def _add(self, number: int, file: _File) -> None:
+        if number in self.files:
+            problem = f"frame {number} is also {self.files[number].path.name}"
+            raise InputError(problem, file=file.path, expected="one file a frame")
+        self.files[number] = file
+        if number > self.last:
+            self.last, self._expected = number, _following(file.path)
+
+    def take(self, number: int) -> tuple[list[Floats] | None, float | None]:
+        """The people of a frame, and when its file came, None where there is none; it is forgotten."""
+        people, file = self.people.pop(number), self.files.pop(number, None)
+        return people, None if people is None or file is None else file.came
 
     def read(self, number: int) -> None:
         """Read the file of a frame.
@@ -83,7 +117,7 @@ class _Folder:
         Raises:
             InputError: It is not whole, or not a detector's.
         """
-        self.people[number] = read_frame(self.files[number], self._detector)
+        self.people[number] = read_frame(self.files[number].path, self._detector)
 
 
 class GrowingFolders:
@@ -142,26 +176,29 @@ class GrowingFolders:
             InputError: A file's name has no frame, or two files are of one.
         """
         for folder in self._folders:
-            folder.look(now)
-        self._next = number = self._first(now) if self._next is None else self._next
+            folder.look(now, self._next)
+        number = self._first(now) if self._next is None else self._next
         if number is None or number > sorted(folder.last for folder in self._folders)[-self._least]:
             return None
         before = [folder for folder in self._folders if number not in folder.people]
         if not all([self._settled(folder, number, now) for folder in before]):  # all are tried
             return None
-        people = tuple(folder.people.pop(number) for folder in self._folders)
-        came = [folder.came[number] for folder, found in zip(self._folders, people, strict=True) if found is not None]
+        people, came = zip(*(folder.take(number) for folder in self._folders), strict=True)
         self._next = number + 1
-        return KeypointFrame(number, people, max(came, default=now))
+        return KeypointFrame(number, people, max((when for when in came if when is not None), default=now))
 
     def _first(self, now: float) -> int | None:
-        """The first frame that two cameras have, once all have one or were waited for."""
-        firsts = sorted(folder.first for folder in self._folders if folder.last >= 0)
+        """The first frame that two cameras have, once all have one or were waited for; those before it are forgotten."""
+        firsts = sorted(min(folder.files) for folder in self._folders if folder.files)
         if len(firsts) < self._least:
             return None
         self._begun = now if self._begun is None else self._begun
-        whole = len(firsts) == len(self._folders) or now - self._begun > self._idle / 2
-        return firsts[self._least - 1] if whole else None
+        if len(firsts) < len(self._folders) and now - self._begun <= self._idle / 2:
+            return None
+        self._next = first = firsts[self._least - 1]
+        for folder in self._folders:
+            folder.files = {number: file for number, file in folder.files.items() if number >= first}
+        return first
 
     def _settled(self, folder: _Folder, number: int, now: float) -> bool:
         """Whether a camera's file was read, or will not be."""
@@ -171,7 +208,8 @@ class GrowingFolders:
             return False
         if folder.name not in self._absent:
             self._absent.add(folder.name)
-            self._note(f"{folder.name}: it has no file of frame {number}, and sees nobody until it has (--wait {self._wait:g})")
+            lacks = "it has no file" if folder.path.is_dir() else f"{folder.path} is gone, it has no file"
+            self._note(f"{folder.name}: {lacks} of frame {number}, and sees nobody until it has (--wait {self._wait:g})")
         folder.people[number] = None
         return True
 
@@ -180,7 +218,7 @@ class GrowingFolders:
             folder.read(number)
             self._absent.discard(folder.name)
         except InputError as error:
-            if now - folder.came[number] <= self._wait:
+            if now - folder.files[number].came <= self._wait:
                 return False
             self._note(f"{folder.name}: it sees nobody in frame {number}: {error}")
             folder.people[number] = None
@@ -188,9 +226,8 @@ class GrowingFolders:
 
     def _came(self, number: int) -> float:
         """When the first camera's file of a frame came; of a later one, where none has it."""
-        came = [folder.came[number] for folder in self._folders if number in folder.came]
-        later = (when for folder in self._folders for other, when in folder.came.items() if other > number)
-        return min(came) if came else min(later)
+        came = [folder.files[number].came for folder in self._folders if number in folder.files]
+        return min(came or (next(iter(folder.files.values())).came for folder in self._folders if folder.files))
 
 
 def _following(file: Path) -> Path | None:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
@@ -60,7 +61,7 @@ class FollowedPerson:
     """
 
     def __init__(self, cameras: Cameras, people: Sequence[DetectedPeople], chosen: Integers, rate: float) -> None:
-        self._cameras, self._rate = cameras, rate
+        self._cameras, self._rate = jax.tree.map(np.asarray, cameras), rate
         self._scale = _NOMINAL_EXTENT / _extent(people[0])
         last = int(np.flatnonzero((chosen >= 0).any(1))[-1])
         alone, rays = _one_frame(cameras, people, last)
