@@ -6,7 +6,7 @@ Folders of four cameras with OpenPose's files of pose2sim_balancing, played forw
 from the start, so that the reader never waits. `poseppl track --live` takes its first second (60 frames) as one; of each of the
 others it reads the files, finds the person, filters, checks the prediction, summarises the draws, and writes the line of
 the table. In one go are the filter, the checks and the summaries alone. Milliseconds are of the processor, compilation is not
-counted; frames a second are by the clock, so that other work on the machine lowers them. Both give the same numbers, or it fails.
+counted; frames a second are by the clock, and other work on the machine lowers them. Both give the same numbers, or it fails.
 """
 
 from __future__ import annotations

@@ -29,7 +29,10 @@ class LiveTable:
 
     def begin(self, markers: Sequence[str]) -> None:
         """Write the head."""
-        self._stream = self._path.open("w", newline="", encoding="utf-8", buffering=1)
+        try:
+            self._stream = self._path.open("w", newline="", encoding="utf-8", buffering=1)
+        except OSError as error:
+            self._tell(error)
         places = [f"{marker}_{axis}{end}" for marker in markers for axis in "xyz" for end in ("", "_lower", "_upper")]
         self._add(["frame", "time", "latency_ms", *places])
 
@@ -46,8 +49,11 @@ class LiveTable:
             if self._stream is not None:
                 self._stream.write(",".join(fields) + "\n")
         except OSError as error:
-            self._note(f"{self._path}: no more lines, but the result goes on: {error.strerror}")
+            self._tell(error)
             self.close()
+
+    def _tell(self, error: OSError) -> None:
+        self._note(f"{self._path}: no more lines, but the result goes on: {error.strerror}")
 
     def close(self) -> None:
         """No more lines."""

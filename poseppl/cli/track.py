@@ -21,7 +21,7 @@ from poseppl.cli.track_keypoints import (
     words_of_keypoints,
     write_beside,
 )
-from poseppl.cli.track_live import live_table, track_live
+from poseppl.cli.track_live import live_table, tell_lines_left, track_live
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -200,8 +200,9 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
                 files += write_overlays(tree, sources, target, progress)
             if options["keypoints"]:
                 files += write_beside(tree, target, options, progress)
-    except KeyboardInterrupt:
-        if options["checkpoint"]:
+    except (KeyboardInterrupt, OSError) as error:
+        tell_lines_left(options, target, progress)
+        if options["checkpoint"] and isinstance(error, KeyboardInterrupt):
             progress.note(f"the frames done so far are in {options['checkpoint']}; the same command with --resume goes on")
         raise
     if not options["quiet"]:

@@ -16,7 +16,7 @@ from poseppl.errors import InputError, PosepplError
 START, WAIT, IDLE = 1.0, 1.0, 10.0
 """Seconds of the first frames, for which a camera is waited for, and without a frame after which there are no more."""
 _ONLY = ("start", "wait", "idle")
-_NOT_WITH = ("frames", "offset", "camera_rate", "prior", "checkpoint")
+_NOT_WITH = ("frames", "offset", "camera_rate", "prior")
 _DETECTORS = (None, "openpose", "mmpose")
 _SHOWN, _TOLD = 0.25, 30.0
 """Seconds between two signs of progress, on a terminal and elsewhere."""
@@ -59,6 +59,8 @@ def check_live_usage(options: dict[str, Any]) -> None:
             if options[name] is not None:
                 raise click.UsageError(f"--{name} goes with --live")
         return
+    if options["checkpoint"] is not None:
+        raise click.UsageError("--checkpoint does not go with --live: all frames are in the folders, as a recording without it")
     for name in _NOT_WITH:
         if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --live")
@@ -73,6 +75,14 @@ def check_live_usage(options: dict[str, Any]) -> None:
 def live_table(options: dict[str, Any], target: Path) -> list[Path]:
     """The table that --live writes, if it is asked for."""
     return [target.with_name(f"{target.stem}_live.csv")] if options.get("live") else []
+
+
+def tell_lines_left(options: dict[str, Any], target: Path, progress: Any) -> None:
+    """Tell what there is of --live where no result could be written."""
+    for path in live_table(options, target):
+        if path.exists():
+            told = "the same command without --live makes the result of the folders' files"
+            progress.note(f"{path} has the frames so far; {told}")
 
 
 def track_live(options: dict[str, Any], settings: Any, target: Path, progress: Any) -> tuple[Any, str | None]:

@@ -29,8 +29,8 @@ Collect = Callable[[Array, Any, Any, Any], Any]
 """`(rng_key, state, info, inputs) -> pytree of arrays`: what is kept of a frame; `info` is a filter's, or None."""
 
 _LONG, _SHORT, _SINGLE = 64, 8, 1
-"""Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those whose frames are
-large, and of those whose frames come one at a time. Rows without a frame copy the state."""
+"""Frames of a compiled scan, whatever the parts of a run, so that all share one program: of most runs, of those of large
+frames, and of those whose frames come one at a time. Rows without a frame copy the state."""
 _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2

@@ -24,9 +24,11 @@ def viewing_rays(cameras: Cameras, camera: int, points: Floats) -> Floats:
 
 
 def ray_distances(first: Floats, first_rays: Floats, second: Floats, second_rays: Floats) -> Floats:
-    """Shortest distances (mm) between lines from two centres (3,) along unit directions (..., 3) each."""
+    """Shortest distances (..., K), mm, between lines from two centres (..., 3) along unit directions (..., K, 3) each."""
     normal = np.cross(first_rays, second_rays)
-    return np.asarray(np.abs(normal @ (second - first)) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-9))
+    return np.asarray(
+        np.abs((normal @ (second - first)[..., None])[..., 0]) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-9)
+    )
 
 
 def nearest_points(centres: Floats, rays: Floats, weights: Floats) -> Floats:

@@ -165,9 +165,19 @@ class GrowingFolders:
                 yield frame
                 last = time.monotonic()
             elif now - last > self._idle:
+                self._tell_missing()
                 return
             else:
                 stop.wait(POLL)
+
+    def _tell_missing(self) -> None:
+        """Tell of folders that are gone, and of files that were not taken since too few cameras have their frames."""
+        last = max(folder.last for folder in self._folders)
+        for folder in self._folders:
+            if not folder.path.is_dir():
+                self._note(f"{folder.name}: {folder.path} is gone")
+            elif self._next is not None and folder.last < self._next <= last:
+                self._note(f"{folder.name}: no file from frame {self._next} on; others have it, but too few to tell places")
 
     def take(self, now: float) -> KeypointFrame | None:
         """The next frame; None where it cannot be taken yet.

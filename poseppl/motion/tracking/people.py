@@ -142,13 +142,7 @@ def _groups(
     if len(people) == 1:
         return [_group_of_one(people[0], frame, p, scale) for _, p in detections]
     centres = np.asarray(cameras.centre, np.float64)
-    distances: dict[frozenset[tuple[int, int]], float] = {}
-    for (c, p), (d, q) in combinations(detections, 2):
-        if c != d:
-            apart = ray_distances(centres[c], rays[c][frame, p], centres[d], rays[d][frame, q])
-            common = apart[np.isfinite(apart)]
-            near = float(np.median(common)) if common.size >= _LEAST_COMMON else np.inf
-            distances[frozenset([(c, p), (d, q)])] = near
+    distances = _distances(centres, [(detection, rays[detection[0]][frame, detection[1]]) for detection in detections])
     member = {detection: {detection} for detection in detections}
     for pair, near in sorted(distances.items(), key=lambda item: item[1]):
         first, second = (member[detection] for detection in pair)
@@ -160,6 +154,23 @@ def _groups(
                 member[detection] = first
     joined = {id(group): group for group in member.values() if len(group) > 1}
     return [_group(centres, people, rays, frame, dict(sorted(group))) for group in joined.values()]
+
+
+def _distances(
+    centres: Floats, detections: Sequence[tuple[tuple[int, int], Floats]]
+) -> dict[frozenset[tuple[int, int]], float]:
+    """Median distances between the rays of detections, (camera, number) and (K, 3), in two cameras; infinite of few points."""
+    pairs = [pair for pair in combinations(detections, 2) if pair[0][0][0] != pair[1][0][0]]
+    if not pairs:
+        return {}
+    first, second = (np.stack([pair[end][1] for pair in pairs]) for end in (0, 1))
+    here, there = (centres[[pair[end][0][0] for pair in pairs]] for end in (0, 1))
+    apart = np.sort(ray_distances(here, first, there, second))  # NaN are last
+    common = np.isfinite(apart).sum(-1)
+    rows = np.arange(len(pairs))
+    middle = (apart[rows, np.maximum(common - 1, 0) // 2] + apart[rows, common // 2 % apart.shape[1]]) / 2
+    near = np.where(common >= _LEAST_COMMON, middle, np.inf)
+    return {frozenset([a[0], b[0]]): float(value) for (a, b), value in zip(pairs, near, strict=True)}
 
 
 def _extent(found: DetectedPeople) -> float:
@@ -183,7 +194,9 @@ def _group(
     seen = np.stack([rays[c][frame, p] for c, p in chosen.items()])
     places = nearest_points(centres[list(chosen)], seen, np.isfinite(seen).all(-1).astype(float))
     support = sum(float(people[c].confidence[frame, p].sum()) for c, p in chosen.items())
-    return Group(tuple(chosen.get(c, -1) for c in range(len(people))), np.nanmedian(places, 0), support)
+    return Group(
+        tuple(chosen.get(c, -1) for c in range(len(people))), np.median(places[np.isfinite(places).all(-1)], 0), support
+    )
 
 
 def _best_path(frames: Sequence[Sequence[Group]], rate: float) -> dict[int, int]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -173,3 +176,43 @@ def test_mmpose_writes_lists(tmp_path: Path, growing: GrowingFolders) -> None:
     assert frame is not None
     check(frame)
     assert [len(people or []) for people in frame.people] == [1, 1]
+
+
+def test_what_was_taken_is_forgotten_and_many_files_cost_no_listing(
+    tmp_path: Path, growing: GrowingFolders, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed, frames, now = [], 3000, NOW()
+    scandir = os.scandir
+    monkeypatch.setattr("os.scandir", lambda path: listed.append(path) or scandir(path))
+    for frame in range(frames):
+        write(tmp_path, 0, frame)
+        write(tmp_path, 1, frame)
+        found = growing.take(now := now + 1 / 60)
+        assert found is not None and found.number == frame
+        assert growing.take(now) is None
+    assert len(listed) == 2
+    assert all(len(folder.files) + len(folder.people) == 0 for folder in growing._folders)
+
+
+def test_files_named_otherwise_are_found_by_listings(tmp_path: Path, growing: GrowingFolders) -> None:
+    now = NOW()
+    write(tmp_path, 0, *range(6))
+    write(tmp_path, 1, 0, 1, 2)
+    assert [number for number, _ in taken(growing, now)] == [0, 1, 2]
+    for frame in (3, 4, 5):
+        (tmp_path / "cam1" / f"after_{frame}.json").write_text(text(frame, 1))
+    assert [number for number, _ in taken(growing, now + 0.5)] == [3, 4, 5]
+
+
+@pytest.mark.parametrize(("gone", "expected"), [(True, "cam1: .*cam1 is gone"), (False, "cam1: no file from frame 1 on")])
+def test_why_no_more_frames_come_is_told(
+    tmp_path: Path, folders: dict[str, Path], notes: list[str], gone: bool, expected: str
+) -> None:
+    write(tmp_path, 0, 0, 1)
+    write(tmp_path, 1, 0)
+    growing = GrowingFolders(folders, wait=WAIT, idle=0.3, note=notes.append)
+    for frame in growing.frames(threading.Event()):
+        assert frame.number == 0
+        if gone:
+            shutil.rmtree(tmp_path / "cam1")
+    assert len(notes) == 1 and re.match(expected, notes[0])
