@@ -2,14 +2,18 @@
 
     python benchmarks/batch_workers.py [--quick] [--tables 12] [--frames 300] [--particles 20000] [--simulated 100] [--job 2]
 
-Local: TABLES tables (none: not at all) of FRAMES frames, a particle filter of PARTICLES; a first call compiles and is not
-counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other work on the machine lowers
-it. Simulated: a Dask scheduler with SIMULATED workers in this process, 10 jobs for each, every one of JOB seconds in which it
-sleeps, and of a result as large as that of a table; the efficiency is the seconds of sleep over those that all workers had.
+Local: TABLES tables (3 or more, or none: not at all) of FRAMES frames, a particle filter of PARTICLES; a first call
+compiles, and is not counted. The efficiency of two workers is the seconds with one over twice the seconds with two; other
+work on the machine lowers it. Where it goes is told in processor seconds of all processes, from one table a worker and from
+all: those of a further table, and those of the start, which each process has of its own (libraries, tracing, reading what
+is compiled). Simulated: a Dask scheduler with SIMULATED workers in this process, 10 jobs for each, every one of JOB seconds
+in which it sleeps, and of a result as large as that of a table; the efficiency is the seconds of sleep over those that all
+workers had.
 """
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 import tempfile
@@ -86,8 +90,8 @@ def simulated(number: int, seconds: float) -> str:
     return f"{number} simulated workers, {len(jobs)} jobs of {seconds:g} s: {workers.seconds:.1f} s, efficiency {share:.2f}"
 
 
-def local(folder: Path, tables: int, frames: int, particles: int, workers: int) -> float:
-    """Seconds of `poseppl batch` on so many tables."""
+def local(folder: Path, tables: int, frames: int, particles: int, workers: int) -> tuple[float, float]:
+    """Seconds of `poseppl batch` on so many tables, and processor seconds of all its processes."""
     trials = folder / f"trials-{tables}"
     trials.mkdir(exist_ok=True)
     for index in range(tables):
@@ -95,22 +99,39 @@ def local(folder: Path, tables: int, frames: int, particles: int, workers: int) 
         (trials / f"{index}.csv").write_text("\n".join(["y", *(f"{value:.6f}" for value in data), ""]))
     command = [sys.executable, "-c", RUN, "batch", str(trials), "--model", str(folder / "model.py"), "--quiet"]
     command += ["--filter", "particle", "--set", f"num_particles={particles}", "--workers", str(workers)]
-    started = time.perf_counter()
-    subprocess.run([*command, "-o", str(folder / f"out-{tables}-{workers}")], check=True)
-    return time.perf_counter() - started
+    started, before = time.perf_counter(), _processor_seconds()
+    with tempfile.TemporaryDirectory(dir=folder) as out:
+        subprocess.run([*command, "-o", out], check=True)
+    return time.perf_counter() - started, _processor_seconds() - before
+
+
+def _processor_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def told(folder: Path, tables: int, frames: int, particles: int) -> str:
+    """How well two workers are used, and what they do."""
+    local(folder, 1, frames, particles, 1)
+    seconds, parts = [], []
+    for workers in (1, 2):
+        few, all_of_them = (local(folder, number, frames, particles, workers) for number in (workers, tables))
+        table = (all_of_them[1] - few[1]) / (tables - workers)
+        seconds.append(all_of_them[0])
+        parts.append(f"with {workers} {few[1] - workers * table:.1f} processor s to start and {table:.2f} a table")
+    one, two = seconds
+    share = f"{one:.1f} s with 1 worker, {two:.1f} s with 2, efficiency {one / (2 * two):.2f}"
+    return f"{tables} tables of {frames} frames: {share}; {', '.join(parts)}"
 
 
 def main() -> None:
     options = arguments(__doc__, tables=12, frames=300, particles=20_000, simulated=100, job=2.0)
-    tables, frames, particles = (2, 10, 100) if options.quick else (options.tables, options.frames, options.particles)
+    tables, frames, particles = (4, 10, 100) if options.quick else (options.tables, options.frames, options.particles)
     if tables:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "model.py").write_text(MODEL)
-            local(folder, 1, frames, particles, 1)
-            one, two = (local(folder, tables, frames, particles, workers) for workers in (1, 2))
-        share = one / (2 * two)
-        print(f"{tables} tables of {frames} frames: {one:.1f} s with 1 worker, {two:.1f} s with 2, efficiency {share:.2f}")
+            print(told(folder, tables, frames, particles))
     number, seconds = (4, 0.2) if options.quick else (options.simulated, options.job)
     print(simulated(number, seconds))
 
