@@ -201,11 +201,11 @@ def measured(scene: Scene[PointData], summary: dict[str, Any], reference: dict[s
     return float(np.nanmean(error)), float(between(low, high, scene.markers)[seen].mean())
 
 
-def summed(rows: Sequence[tuple[str, ...]]) -> list[list[str]]:
-    """Mean and standard deviation over seeds."""
+def summed(rows: Sequence[tuple[str, ...]], count: int = _KEY) -> list[list[str]]:
+    """Mean and standard deviation over seeds, of rows of which `count` columns, the seed last, say what was run."""
     groups: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
     for row in rows:
-        groups.setdefault(row[: _KEY - 1], []).append(tuple(map(float, row[_KEY:])))
+        groups.setdefault(row[: count - 1], []).append(tuple(map(float, row[count:])))
     shown = []
     for key, values in groups.items():
         error, coverage, seconds, learning = zip(*values, strict=True)

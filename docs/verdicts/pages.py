@@ -24,6 +24,7 @@ from verdicts import (
     fast_motion,
     keypoints,
     learned_prior,
+    marker_places,
     modes,
     motion_peers,
     named_points,
@@ -70,6 +71,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
         "random-walks": walks.random_walks,
+        "marker-places": marker_places.marker_places,
         "fast-motion": fast_motion.fast_motion,
         "learned-prior": learned_prior.learned_prior,
         "smoothing-pays": smoothing.smoothing_pays,

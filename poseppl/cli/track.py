@@ -32,6 +32,9 @@ from poseppl.cli.track_video import (
 )
 from poseppl.errors import InputError, PosepplError
 
+_SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "devices")
+"""Settings of a track that are options of the same names."""
+
 EXAMPLES = """
 \b
 Examples:
@@ -111,6 +114,14 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     default="fixed",
     show_default=True,
     help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under.",
+)
+@click.option(
+    "--markers",
+    type=click.Choice(["fixed", "learned"]),
+    default="fixed",
+    show_default=True,
+    help="Where markers sit on the body: where it has them, or where the whole recording is most likely to, for points in two "
+    "cameras or more.",
 )
 @click.option(
     "--prior",
@@ -253,7 +264,7 @@ def _run(
         options=options["settings"],
         on_failure=options["on_failure"],
         other_motion=not options["prior_alone"],
-        **{name: options[name] for name in ("sigma_position", "sigma_angle", "walk", "prior", "seed", "max_draws", "devices")},
+        **{name: options[name] for name in _SETTINGS},
     )
     FILTERS[settings.filter].check(settings.options)
     if options["live"]:

@@ -64,8 +64,9 @@ def check_live_usage(options: dict[str, Any]) -> None:
     for name in _NOT_WITH:
         if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --live")
-    if options["walk"] == "learned":
-        raise click.UsageError("--walk learned needs the whole recording, and does not go with --live")
+    for name in ("walk", "markers"):
+        if options[name] == "learned":
+            raise click.UsageError(f"--{name} learned needs the whole recording, and does not go with --live")
     if options["skeleton"] is not None:
         raise click.UsageError("--live follows a person; points of a --skeleton need the whole recording")
     if options["detector"] not in _DETECTORS:

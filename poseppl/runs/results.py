@@ -24,7 +24,8 @@ group                        variables
 ``flesh``                    of bodies with flesh: where its parts are at the mean states, see
                              :func:`poseppl.motion.tracking.flesh_places.with_flesh`
 ``inputs``                   what else the model was given: noise, the start, clamped states, and ``step_scale`` (frame, dof),
-                             the standard deviations of the random walk's step to each frame, mm and radians
+                             the standard deviations of the random walk's step to each frame, mm and radians;
+                             ``marker_offsets`` (marker, axis), the markers' places in the frames of their joints, mm
 ``predictive``               each frame's data against their prediction, see :class:`poseppl.runs.predictive.Prediction`:
                              ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
                              ``chi_square`` and ``chi_square_transform`` (frame,); of a smoothed result those of its filter
@@ -61,6 +62,7 @@ from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked,
 VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
+_INPUT_AXES = {"step_scale": ("frame", "dof"), "marker_offsets": ("marker", "axis")}
 _STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained")
 """Predictive checks of the coordinates of the state, rather than of the data's entries."""
 
@@ -264,9 +266,9 @@ def _printable(value: Any) -> Any:
 
 def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     arrays = {name: np.asarray(values) for name, values in inputs.items()}
-    steps = {name: (("frame", "dof"), arrays.pop(name)) for name in ("step_scale",) if name in arrays}
+    named = {name: (axes, arrays.pop(name)) for name, axes in _INPUT_AXES.items() if name in arrays}
     rest = {name: ([f"{name}_dim_{i}" for i in range(values.ndim)], values) for name, values in arrays.items()}
-    return checked(steps, known).assign(rest)
+    return checked(named, known).assign(rest)
 
 
 def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:

@@ -13,6 +13,8 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, of_walk, settings_among
+from poseppl.runs.contents import variable
+from poseppl.runs.results import provenance
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -56,10 +58,19 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float, more: str
     text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
     if kind == "over-confident":
         wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
-        advice = f"over-confident, intervals are too narrow: raise --noise, {wider}, or {more}"
+        places = "take --markers learned, " if _markers_may_be_learned(tree) else ""
+        advice = f"over-confident, intervals are too narrow: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident":
         narrower = of_walk(tree, "lower --sigma-angle or --sigma-position")
         return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")
     tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
     return Verdict(INFO, f"{text}: {tail}.")
+
+
+def _markers_may_be_learned(tree: xr.DataTree) -> bool:
+    """Whether two cameras or more saw markers that were taken for where the body has them."""
+    settings = provenance(tree).get("settings")
+    fixed = isinstance(settings, dict) and settings.get("markers") == "fixed"
+    points = variable(tree, "observed_data", "points")
+    return fixed and points is not None and points.shape[1] > 1 and bool(np.isfinite(points).any())

@@ -22,6 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 
 class Joint(NamedTuple):
@@ -98,6 +99,15 @@ class KinematicTree:
         Trees of one pattern share compiled programs, whatever their lengths.
         """
         return replace(self, offset_pattern=other.offset_pattern, marker_pattern=other.marker_pattern)
+
+
+def with_markers_at(tree: KinematicTree, places: ArrayLike) -> KinematicTree:
+    """The same tree with its markers at places (K, 3), mm, in the frames of their joints, none of them known to be on an axis.
+
+    All such trees of the same joints share compiled programs.
+    """
+    anywhere = ((True,) * 3,) * len(tree.marker_names)
+    return replace(tree, marker_offsets=jnp.asarray(places, float), marker_pattern=anywhere)
 
 
 _ARRAYS = ["offsets", "marker_offsets"]

@@ -83,6 +83,7 @@ class Problem(NamedTuple):
         own = body_inputs(seen)
         record = {"noise": own.noise, "start": own.start, "start_scale": own.start_scale}
         record["step_scale"] = own.step_scale[:, list(self.body.free_coordinates)]
+        record["marker_offsets"] = self.body.tree.marker_offsets
         if self.body.free is not None:
             record["states"] = seen.values
         return {name: np.asarray(values) for name, values in record.items()}
@@ -137,8 +138,17 @@ def body_inputs(inputs: Any) -> Any:
 
 def with_steps(inputs: Any, step_scale: Any) -> Any:
     """The same inputs with other steps of the random walk."""
-    changed = body_inputs(inputs)._replace(step_scale=step_scale)
-    return inputs._replace(inputs=changed) if isinstance(inputs, Clamped) else changed
+    return _with(inputs, step_scale=step_scale)
+
+
+def with_tree(inputs: Any, tree: Any) -> Any:
+    """The same inputs with another person's tree."""
+    return _with(inputs, tree=tree)
+
+
+def _with(inputs: Any, **changed: Any) -> Any:
+    own = body_inputs(inputs)._replace(**changed)
+    return inputs._replace(inputs=own) if isinstance(inputs, Clamped) else own
 
 
 def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = None, start: Floats | None = None) -> Problem:

@@ -8,13 +8,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from poseppl.errors import InputError, Location
 from poseppl.motion.bodies.body import Body, body_builder, installed_builder, source_of_model
+from poseppl.motion.geometry.tree import with_markers_at
 from poseppl.motion.io.text_parsing import finite_numbers
-from poseppl.runs.contents import names_of
+from poseppl.runs.contents import names_of, variable
 from poseppl.runs.results import provenance
+
+_FARTHEST = 10_000.0
+"""From a joint to a marker that it carries, mm."""
 
 
 class RecordedModel(NamedTuple):
@@ -51,7 +56,18 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
     asked = {name: value for name, value in settings.items() if name in body.params} if isinstance(settings, dict) else None
     params = {**body.params, **finite_numbers(asked, body.params, Location(field="settings"))}
     _check_coordinates(tree, body)
-    return RecordedModel(chosen, body, params)
+    return RecordedModel(chosen, _with_markers(tree, body), params)
+
+
+def _with_markers(tree: xr.DataTree, body: Body) -> Body:
+    """The body with its markers where the result has them."""
+    places, own = variable(tree, "inputs", "marker_offsets"), body.tree.marker_offsets
+    if places is None or (places.shape == own.shape and np.array_equal(places, own)):
+        return body
+    if places.shape != own.shape or not np.all(np.abs(places) < _FARTHEST):
+        expected = f"{own.shape[0]} places of 3 numbers below {_FARTHEST:g} mm"
+        raise InputError("the result tells of impossible places of markers", field="inputs/marker_offsets", expected=expected)
+    return body._replace(tree=with_markers_at(body.tree, places))
 
 
 def _check_coordinates(tree: xr.DataTree, body: Body) -> None:

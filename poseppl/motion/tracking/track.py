@@ -18,6 +18,7 @@ from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
+from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.problem import Problem, make_problem
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
@@ -45,6 +46,8 @@ class TrackSettings(NamedTuple):
         sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
         walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
             the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`.
+        markers: "fixed" places on the body, or "learned" ones: those that the recording is most likely under, of points in two
+            cameras or more; see :mod:`poseppl.motion.tracking.marker_learning`.
         prior: File of a learned activity that takes the random walk's place; see :mod:`poseppl.motion.tracking.learned_prior`.
         other_motion: Whether, with a prior, the motion may be another one, too.
         seed: Of the filter.
@@ -60,6 +63,7 @@ class TrackSettings(NamedTuple):
     sigma_position: float | None = None
     sigma_angle: float | None = None
     walk: Literal["fixed", "learned"] = "fixed"
+    markers: Literal["fixed", "learned"] = "fixed"
     prior: str | None = None
     other_motion: bool = True
     seed: int = 0
@@ -166,6 +170,8 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     """
     _check(settings)
     params = walk_params(scene.body, settings)
+    if settings.markers == "learned":
+        scene = learn_markers(scene, params)
     problem = _problem(scene, settings, params)
     built, options = FILTERS[settings.filter].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
@@ -175,7 +181,7 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         "model": settings.model,
         "model source": source_of_model(settings.model),
         "filter": settings.filter,
-        "settings": {**options, **params, "walk": settings.walk, "max_draws": max_draws},
+        "settings": {**options, **params, "walk": settings.walk, "markers": settings.markers, "max_draws": max_draws},
         **scene.data.provenance,
         "prior": settings.prior,
         "other motion": None if settings.prior is None else settings.other_motion,
@@ -195,6 +201,10 @@ def _check(settings: TrackSettings) -> None:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
     if settings.walk not in ("fixed", "learned"):
         raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
+    if settings.markers not in ("fixed", "learned"):
+        raise InputError(f"{settings.markers!r}", field="--markers", expected="fixed or learned")
+    if settings.prior is not None and settings.markers == "learned":
+        raise InputError("the body is the prior's own", field="--prior", expected="no --markers learned with --prior")
     walks = settings.walk == "learned" or settings.sigma_position is not None or settings.sigma_angle is not None
     if settings.prior is not None and walks:
         expected = "no --walk learned, --sigma-position or --sigma-angle with --prior"

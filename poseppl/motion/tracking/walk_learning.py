@@ -109,14 +109,12 @@ def _learn(
     """Scales (d,) of all coordinates in units of the inputs' own steps; 1 where they are clamped."""
     whole = body_inputs(inputs).step_scale
     own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
-    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
     blank = jnp.zeros(number, own.dtype)
     members = blank.at[group].add(1.0)
 
     def update(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         scales, trajectory = carry
-        expansion = _expand(model, trajectory, observations, inputs)
-        smoothed, squares = expected_steps(first, expansion, own * scales[group])
+        smoothed, squares = smoothed_walk(model, own * scales[group], trajectory, observations, inputs)
         means = blank.at[group].add(jnp.mean(squares / jnp.square(own[1:]), 0)) / members
         new = jnp.sqrt(jnp.clip(means, NARROWEST**2, WIDEST**2))
         fine = jnp.all(jnp.isfinite(new)) & jnp.all(jnp.isfinite(smoothed))
@@ -125,6 +123,14 @@ def _learn(
     start = smoothed_moments(model, observations, inputs).mean
     scales, _ = jax.lax.fori_loop(0, num_rounds, update, (blank + 1, start))
     return jnp.ones_like(whole[0]).at[jnp.asarray(free)].set(scales[group])
+
+
+def smoothed_walk(
+    model: CompiledModel, steps: Array, trajectory: Array, observations: Observation, inputs: Any
+) -> tuple[Array, Array]:
+    """Smoothed means (T, d) and expected squared steps (T - 1, d) under steps (T, d), the data expanded around a trajectory."""
+    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
+    return expected_steps(first, _expand(model, trajectory, observations, inputs), steps)
 
 
 def _expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
