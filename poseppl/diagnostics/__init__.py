@@ -37,6 +37,7 @@ from poseppl.diagnostics.marker_errors import (
 )
 from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
+from poseppl.diagnostics.reference import reference_coverage as reference_coverage
 from poseppl.diagnostics.simulation_based import (
     Calibration as Calibration,
     calibrate as calibrate,
