@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from statistics import median
 from typing import Any
 
 from poseppl.experiments.measured import over_runs
 from poseppl.experiments.tables import Table, markdown
-from verdicts.walks import STUDENT, Difference
+from verdicts.walks import listed, paired_difference
 
 Tables = Mapping[str, Table]
 Runs = dict[tuple[str, str], dict[int, Mapping[str, Any]]]
@@ -32,13 +31,6 @@ def marker_places(tables: Tables) -> str:
     return "\n\n".join([markdown(columns, shown), "\n".join(told)])
 
 
-def difference(runs: Runs, walk: str) -> Difference:
-    """Learned places against fixed ones, paired by the noise that they saw."""
-    one, other = runs[walk, "learned"], runs[walk, "fixed"]
-    paired = over_runs([one[seed]["error"] - other[seed]["error"] for seed in one if seed in other])
-    return Difference(paired.mean, STUDENT[paired.runs - 1] * paired.error if paired.runs > 1 else math.inf)
-
-
 def _cells(runs: Runs) -> list[str]:
     cells = [f"{_mean(runs, case, 'error'):.1f}, {100 * _mean(runs, case, 'coverage'):.0f} %" for case in CASES]
     last = runs[CASES[-1]].values()
@@ -53,20 +45,16 @@ def _mean(runs: Runs, case: tuple[str, str], name: str) -> float:
 def _told(walk: str, count: int, groups: Mapping[tuple[str, float, int, int], Runs]) -> str:
     """Who has the smaller error with so many cameras and this walk, and whose intervals hold."""
     recordings = {key[0]: runs for key, runs in groups.items() if key[2] == count}
-    less = {name: difference(runs, walk) for name, runs in recordings.items()}
+    less = {name: paired_difference(runs[walk, "learned"], runs[walk, "fixed"]) for name, runs in recordings.items()}
     sure = [[name for name, found in less.items() if found.verdict == verdict] for verdict in ("wins", "loses")]
     means = [sum(_mean(runs, (walk, places), "error") for runs in recordings.values()) for places in ("fixed", "learned")]
     hold = [
         sum(_HOLD[0] <= _mean(runs, (walk, places), "coverage") <= _HOLD[1] for runs in recordings.values())
         for places in ("fixed", "learned")
     ]
-    share, wins, loses = 100 * (1 - means[1] / means[0]), len(sure[0]), _list(sure[1])
+    share, wins, loses = 100 * (1 - means[1] / means[0]), len(sure[0]), listed(sure[1])
     return (
         f"- {count} cameras, {walk} walk: learned places take {share:.0f} % of the mean error away; by 95 % intervals they win "
         f"on {wins} of {len(less)} recordings and lose on {loses}. 90 % intervals hold 85 to 95 % on {hold[1]} with them, "
         f"on {hold[0]} without."
     )
-
-
-def _list(names: Sequence[str]) -> str:
-    return f"{len(names)} ({', '.join(names)})" if names else "none"

@@ -20,7 +20,7 @@ _COUNTS = {1: "One camera", 2: "Two cameras"}
 
 
 class Difference(NamedTuple):
-    """Error with learned scales less the default's, in mm, over the seeds that both have; half of its 95 % interval."""
+    """An error less another, in mm, over the seeds that both have; half of its 95 % interval."""
 
     mean: float
     reach: float
@@ -45,7 +45,11 @@ def random_walks(tables: Tables) -> str:
 
 def difference(runs: Runs) -> Difference:
     """Learned against the default, paired by the noise that they saw."""
-    one, other = runs.get("learned", {}), runs.get("second", {})
+    return paired_difference(runs.get("learned", {}), runs.get("second", {}))
+
+
+def paired_difference(one: Mapping[int, Mapping[str, Any]], other: Mapping[int, Mapping[str, Any]]) -> Difference:
+    """The error of one less that of another, over the seeds that both have."""
     paired = over_runs([one[seed]["error"] - other[seed]["error"] for seed in one if seed in other] or [math.nan])
     return Difference(paired.mean, STUDENT[paired.runs - 1] * paired.error if paired.runs > 1 else math.inf)
 
@@ -88,12 +92,13 @@ def _told(count: int, recordings: Mapping[str, Runs]) -> str:
     }
     return (
         f"- {_COUNTS[count]}: learned scales have the smaller mean error on {smaller} of {len(compared)} recordings; by 95 % "
-        f"intervals they win on {len(sure[0])} and lose on {_list(sure[1])}. Intervals hold less than {100 * LEAST:.0f} % on "
-        f"{_list(narrow['learned'])} with learned scales, on {_list(narrow['second'])} without."
+        f"intervals they win on {len(sure[0])} and lose on {listed(sure[1])}. Intervals hold less than {100 * LEAST:.0f} % on "
+        f"{listed(narrow['learned'])} with learned scales, on {listed(narrow['second'])} without."
     )
 
 
-def _list(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """How many, and which."""
     return f"{len(names)} ({', '.join(names)})" if names else "none"
 
 
@@ -106,5 +111,5 @@ def _goal(groups: Mapping[tuple[str, float, int, int], Runs]) -> str:
     verdict = "does not hold" if lost or 2 * len(larger) > len(found) else "holds" if won == len(found) else "undecided"
     return (
         f"- Learned scales as the default, if they win on all recordings: {verdict}; they win on {won} of {len(found)} "
-        f"(recording, cameras), and their mean error is larger on {_list(larger)}."
+        f"(recording, cameras), and their mean error is larger on {listed(larger)}."
     )

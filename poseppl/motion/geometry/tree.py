@@ -100,14 +100,13 @@ class KinematicTree:
         """
         return replace(self, offset_pattern=other.offset_pattern, marker_pattern=other.marker_pattern)
 
+    def with_markers_at(self, places: ArrayLike) -> KinematicTree:
+        """Return the same tree with its markers at places (K, 3), mm, of their joints' frames, none known to be on an axis.
 
-def with_markers_at(tree: KinematicTree, places: ArrayLike) -> KinematicTree:
-    """The same tree with its markers at places (K, 3), mm, in the frames of their joints, none of them known to be on an axis.
-
-    All such trees of the same joints share compiled programs.
-    """
-    anywhere = ((True,) * 3,) * len(tree.marker_names)
-    return replace(tree, marker_offsets=jnp.asarray(places, float), marker_pattern=anywhere)
+        All such trees of the same joints share compiled programs.
+        """
+        anywhere = ((True,) * 3,) * len(self.marker_names)
+        return replace(self, marker_offsets=jnp.asarray(places, float), marker_pattern=anywhere)
 
 
 _ARRAYS = ["offsets", "marker_offsets"]

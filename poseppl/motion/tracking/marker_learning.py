@@ -7,7 +7,8 @@ intervals are too narrow by it (`python benchmarks/marker_places.py`). Here each
 
 and e maximises that prior times the likelihood at a smoother's trajectory, which is found anew in each round: expectation
 maximisation with the expected log-likelihood taken at the smoothed mean. Two cameras or more have to see the person: one does
-not tell how deep a marker lies.
+not tell how deep a marker lies. The places are then taken for certain, so that intervals stay a little too narrow: of
+simulated people whose places are drawn from this prior they hold 88 % (tests/motion/tracking/test_marker_learning.py).
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from scipy.optimize import minimize
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import KinematicTree
-from poseppl.motion.geometry.tree import with_markers_at
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, body_inputs, make_problem, with_tree
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -52,12 +52,12 @@ def learn_markers(scene: Scene[SceneData], params: Mapping[str, float], num_roun
         The scene, whose body has other ``marker_offsets``.
 
     Raises:
-        InputError: There is one camera alone, or the body's observation has no Gaussian moments.
+        InputError: The data are no points or of one camera alone, or the body's observation has no Gaussian moments.
     """
     if not isinstance(scene.data, PointData):
         raise InputError("a silhouette has no markers", field="--markers", expected="fixed")
     tree = scene.body.tree
-    problem = make_problem(_with_tree(scene, with_markers_at(tree, tree.marker_offsets)), params)
+    problem = make_problem(_with_tree(scene, tree.with_markers_at(tree.marker_offsets)), params)
     if problem.num_cameras < 2:
         expected = "fixed, or two cameras, which tell how deep a marker lies"
         raise InputError("one camera does not tell where markers sit", field="--markers", expected=expected)
@@ -65,7 +65,7 @@ def learn_markers(scene: Scene[SceneData], params: Mapping[str, float], num_roun
         places = _learn(problem, num_rounds)
     except ValueError as error:
         raise InputError(f"this body's markers cannot be learned: {error}", field="--markers", expected="fixed") from error
-    return _with_tree(scene, with_markers_at(tree, places))
+    return _with_tree(scene, tree.with_markers_at(places))
 
 
 def _with_tree(scene: Scene[SceneData], tree: KinematicTree) -> Scene[SceneData]:
@@ -80,10 +80,9 @@ def _learn(problem: Problem, num_rounds: int) -> Floats:
     known = places = np.asarray(problem.body.tree.marker_offsets, np.float64)
     trajectory = _first(model, observations, inputs)
     for _ in range(num_rounds):
-        smoothed = _smoothed(model, free, jnp.asarray(places, float), trajectory, observations, inputs)
-        if not np.isfinite(smoothed).all():
-            break
-        trajectory = smoothed
+        trajectory = _smoothed(model, free, jnp.asarray(places, float), trajectory, observations, inputs)
+        if not np.isfinite(trajectory).all():
+            raise ValueError("the smoothed poses are not finite")
         loss = partial(_loss, model, trajectory, jnp.asarray(known, float), observations, inputs)
         places = _minimum(loss, places)
     return places

@@ -13,7 +13,6 @@ import xarray as xr
 
 from poseppl.errors import InputError, Location
 from poseppl.motion.bodies.body import Body, body_builder, installed_builder, source_of_model
-from poseppl.motion.geometry.tree import with_markers_at
 from poseppl.motion.io.text_parsing import finite_numbers
 from poseppl.runs.contents import names_of, variable
 from poseppl.runs.results import provenance
@@ -67,7 +66,7 @@ def _with_markers(tree: xr.DataTree, body: Body) -> Body:
     if places.shape != own.shape or not np.all(np.abs(places) < _FARTHEST):
         expected = f"{own.shape[0]} places of 3 numbers below {_FARTHEST:g} mm"
         raise InputError("the result tells of impossible places of markers", field="inputs/marker_offsets", expected=expected)
-    return body._replace(tree=with_markers_at(body.tree, places))
+    return body._replace(tree=body.tree.with_markers_at(places))
 
 
 def _check_coordinates(tree: xr.DataTree, body: Body) -> None:

@@ -10,7 +10,6 @@ import pytest
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions, project
-from poseppl.motion.geometry.tree import with_markers_at
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, problem_of_result, track, walking_subject
 from poseppl.motion.tracking.marker_learning import SPREAD, learn_markers
 from poseppl.motion.tracking.placing import camera_names, cameras_around
@@ -25,7 +24,7 @@ def scene_of(model: str, frames: str, seed: int = 0, cameras: int = 2) -> Scene[
     subject = walking_subject(model, frames=frames)
     tree = subject.body.tree
     beside = np.random.default_rng(seed).normal(scale=SPREAD, size=tree.marker_offsets.shape)
-    moved = with_markers_at(tree, np.asarray(tree.marker_offsets) + beside)
+    moved = tree.with_markers_at(np.asarray(tree.marker_offsets) + beside)
     markers = np.asarray(jax.vmap(lambda x: marker_positions(moved, x))(jnp.asarray(subject.states)), np.float64)
     placed = cameras_around(subject, count=cameras)
     return observe_motion(subject._replace(markers=markers), placed, camera_names(cameras), seed=seed)
@@ -35,10 +34,10 @@ def most_likely(scene: Scene[PointData], marker: int) -> Floats:
     """The place of a marker on a part whose motion is known: Gauss-Newton with finite differences."""
     tree, place = scene.body.tree, np.asarray(scene.body.tree.marker_offsets, np.float64)
     known, points = place[marker].copy(), scene.data.points[:, :, marker]
-    noise = np.broadcast_to(scene.data.noise, points.shape[:2][-1:] + scene.data.noise.shape[-1:])[:, marker]
+    noise = scene.data.noise[:, marker]
 
     def residuals(value: Floats) -> Floats:
-        at = with_markers_at(tree, np.vstack([place[:marker], value, place[marker + 1 :]]))
+        at = tree.with_markers_at(np.vstack([place[:marker], value, place[marker + 1 :]]))
         seen = [project(scene.cameras, marker_positions(at, jnp.asarray(x)))[:, marker] for x in scene.states]
         return np.concatenate([((np.asarray(seen) - points) / noise[:, None]).ravel(), (value - known) / SPREAD])
 
@@ -92,7 +91,10 @@ def test_one_camera_and_an_unknown_word_are_refused() -> None:
 
 @pytest.mark.slow
 def test_people_whose_markers_are_learned_have_smaller_errors_and_intervals_that_hold() -> None:
-    """Six people with places of their own: the mean share of 90 % intervals within three standard errors of 90 %."""
+    """Six people with places of their own: 90 % intervals hold 90 %, but for three standard errors and a point.
+
+    The point is for places and walk that are taken for certain once they are learned: 88 % is what is found.
+    """
     errors, shares = np.zeros((6, 2)), np.zeros((6, 2))
     for seed in range(6):
         scene = scene_of(FULL, "0:60", seed)
