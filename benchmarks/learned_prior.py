@@ -1,9 +1,12 @@
 """A learned walk as the prior of people it was not learned from, in one camera; and what it does to other motion.
 
-    POSEPPL_DATA=FOLDER python benchmarks/learned_prior.py [--quick] [--recordings ...] [--runs 2] [--output learned-prior]
+    POSEPPL_DATA=FOLDER python benchmarks/learned_prior.py [--quick] [--recordings ...] [--cases alone,mixture,default]
+        [--runs 2] [--scenes FOLDER] [--output learned-prior]
+    poseppl simulate 05_01.amc --skeleton 05.asf --frames 0:320:4 --video --no-clutter -o FOLDER/05_01
 
 Activities are learned from walks of cmu_walks, up to three of each person, without the person who is tracked. The first 80
-frames of a recording at 30 Hz are seen by one camera as points with noise of 0.003 focal lengths, 3 px. A case is
+frames of a recording at 30 Hz are seen by one camera as points with noise of 0.003 focal lengths, 3 px; with --scenes as
+silhouettes found in the video of camera_1 of FOLDER/RECORDING, whose empty room is known. A case is
 
 alone      the learned activity as the prior (`--prior --prior-alone`)
 mixture    the same or other motion, as the data tell (`--prior`)
@@ -18,6 +21,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +33,17 @@ from timing import arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics.diagnosis import root_index
 from poseppl.experiments.tables import Table, write_csv
+from poseppl.motion.io import VideoWarning
 from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, recorded_subject, track
+from poseppl.motion.tracking.learned_prior import SILHOUETTE_NOISE
 from poseppl.motion.tracking.placing import camera_names, cameras_around
+from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
+from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
 
-BODY, RATE, NOISE, NUM_FRAMES = "poseppl_models.darby:full_body", 30.0, 0.003, 80
+RATE, NOISE, NUM_FRAMES = 30.0, 0.003, 80
+POINTS, SILHOUETTES = "poseppl_models.darby:full_body", "poseppl_models.silhouettes:full_body"
+"""Bodies that are seen as one and the other."""
 RECORDINGS = (
     "05_01,06_01,07_03,07_08,08_03,08_06,16_47,16_58,35_12,35_33,02_01,02_03,02_04,02_05"  # the last three are no walks
 )
@@ -53,13 +63,13 @@ CASES: dict[str, dict[str, Any]] = {
 _COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
 
 
-def learn(data: Path, output: Path, person: str) -> Path:
+def learn(data: Path, output: Path, person: str, body: str) -> Path:
     """The file of the activity of all persons but one, learned if it is not there."""
-    path = output / f"without_{person}.nc"
+    path = output / f"without_{person}_{body.split('.')[-1].partition(':')[0]}.nc"
     if not path.exists():
         names = [name for other, own in LEARNED_FROM.items() if other != person for name in own]
-        recordings = [pose_recording(read_recording(data / "cmu_walks" / f"{name}.amc"), BODY, RATE) for name in names]
-        write_motion_model(train_motion_model(recordings, BODY), path)
+        recordings = [pose_recording(read_recording(data / "cmu_walks" / f"{name}.amc"), body, RATE) for name in names]
+        write_motion_model(train_motion_model(recordings, body), path)
     return path
 
 
@@ -67,9 +77,17 @@ def watch(data: Path, name: str, num_frames: int, seed: int) -> Scene[Any]:
     """The first frames of a recording of 120 Hz in one camera."""
     folder = next(each for each in (data / "cmu_walks", data / "cmu_amc") if (each / f"{name}.amc").exists())
     skeleton = folder / f"{name.partition('_')[0]}.asf"
-    subject = recorded_subject(folder / f"{name}.amc", skeleton, model=BODY, frames=f"::{round(120 / RATE)}")
+    subject = recorded_subject(folder / f"{name}.amc", skeleton, model=POINTS, frames=f"::{round(120 / RATE)}")
     scene = observe_motion(subject, cameras_around(subject, count=1), camera_names(1), noise=NOISE, seed=seed)
     return scene.first_frames(num_frames)
+
+
+def look(folder: Path, num_frames: int, prior: bool) -> Scene[Any]:
+    """The silhouettes of a scene's first frames in one camera."""
+    settings = SilhouetteSettings(noise=SILHOUETTE_NOISE) if prior else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", VideoWarning)
+        return see_silhouettes(sources_of_scene(folder, ("camera_1",)), settings=settings, stop=num_frames)
 
 
 def judge(tree: xr.DataTree) -> tuple[float, ...]:
@@ -86,16 +104,18 @@ def judge(tree: xr.DataTree) -> tuple[float, ...]:
     return float(error), *map(float, shares), probability, len(true) / float(tree.attrs["wall_seconds"])
 
 
-def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int) -> tuple[float, ...]:
+def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str) -> tuple[float, ...]:
     """What a run of a recording, a case and a seed measures."""
     name, case, seed = key
-    prior = None if case == "default" else str(learn(data, output, name.partition("_")[0]))
-    settings = TrackSettings(model=BODY, prior=prior, seed=int(seed), **CASES[case])
-    return judge(track(watch(data, name, num_frames, int(seed)), settings))
+    body = SILHOUETTES if scenes else POINTS
+    prior = None if case == "default" else str(learn(data, output, name.partition("_")[0], body))
+    settings = TrackSettings(model=body, prior=prior, seed=int(seed), **CASES[case])
+    seen = look(Path(scenes) / name, num_frames, bool(prior)) if scenes else watch(data, name, num_frames, int(seed))
+    return judge(track(seen, settings))
 
 
 def main() -> None:
-    options = arguments(__doc__, recordings=RECORDINGS, runs=2, output="learned-prior")
+    options = arguments(__doc__, recordings=RECORDINGS, cases=",".join(CASES), runs=2, scenes="", output="learned-prior")
     start_jax()
     data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
     output.mkdir(parents=True, exist_ok=True)
@@ -105,9 +125,9 @@ def main() -> None:
         "learned_prior", _COLUMNS, found, "Runs of learned_prior.py: errors in mm, shares of the joints' coordinates."
     )
     done = {row[:3] for row in table.rows}
-    for key in itertools.product(options.recordings.split(","), CASES, map(str, range(runs))):
+    for key in itertools.product(options.recordings.split(","), options.cases.split(","), map(str, range(runs))):
         if key not in done:
-            table.rows.append((*key, *(f"{value:.5g}" for value in run(data, output, key, num_frames))))
+            table.rows.append((*key, *(f"{value:.5g}" for value in run(data, output, key, num_frames, options.scenes))))
             write_csv(table, output)
             print(*table.rows[-1], flush=True)
     show("Runs", _COLUMNS, [[str(value) for value in row] for row in table.rows])

@@ -21,15 +21,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpyro
-from jax import Array
 
-from poseppl.motion.bodies.body import Body, BodyInputs
-from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree, marker_positions
-from poseppl.motion.likelihoods import ProjectedMarkers
+from poseppl.motion.bodies.body import Body
+from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.program import StateSpaceModel
 from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.random_walk import walking_body
+from poseppl_models.seen import see_points
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""
@@ -127,11 +125,7 @@ def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
 
 @lru_cache(maxsize=8)
 def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    def observe(params: Any, pose: Array, inputs: BodyInputs) -> None:
-        numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
-        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
-
-    return walking_body(coordinates, observe)
+    return walking_body(coordinates, see_points)
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ...] | None = None) -> Body:

@@ -1,13 +1,16 @@
-"""Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 10 elliptical cones, as wide as their lengths ask for.
+"""Flesh for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 12 elliptical cones, as wide as their lengths ask for.
 
-Widths are chosen here to look like a clothed adult; no table stands behind them.
+Widths are chosen here to look like a clothed adult; no table stands behind them. Feet are those of
+:mod:`poseppl_models.anthropometry` for the length of the shank.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from poseppl.motion.geometry.flesh import Cone
+from poseppl_models.anthropometry import LENGTH_SHARES, RADIUS_SHARES
 from poseppl_models.choo_fleet import LENGTHS
 
 
@@ -46,6 +49,7 @@ def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1
             _limb(f"forearm_{side}", f"elbow_{side}", 1.45 * forearm, 0.12, 0.11, girth),
             _limb(f"thigh_{side}", f"hip_{side}", thigh, 0.205, 0.145, girth),
             _limb(f"shank_{side}", f"knee_{side}", 1.06 * shank, 0.148, 0.115, girth),
+            _foot(side, shank, girth),
         ]
     return parts
 
@@ -53,3 +57,26 @@ def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1
 def _limb(name: str, joint: str, length: float, base: float, tip: float, girth: float) -> Cone:
     """A cone down its joint's z, its radii in proportion to its length."""
     return Cone(name, joint, length, (girth * base * length, girth * tip * length), axis=(0.0, 0.0, -1.0))
+
+
+class FootSize(NamedTuple):
+    """Sizes of a foot, mm: its length from heel to toes, the ankle's height above the sole, radii at heel and toes."""
+
+    length: float
+    height: float
+    radii: tuple[float, float]
+
+    @classmethod
+    def of_shank(cls, shank: float) -> FootSize:
+        """The foot of somebody whose shank is so long, mm; its heel is a quarter of its length behind the ankle."""
+        stature = shank / LENGTH_SHARES["shank"]
+        base, tip = RADIUS_SHARES["foot"]
+        return cls(LENGTH_SHARES["foot"] * stature, LENGTH_SHARES["ankle_height"] * stature, (base * stature, tip * stature))
+
+
+def _foot(side: str, shank: float, girth: float) -> Cone:
+    """A cone from the heel to the toes, at a right angle to the shank, since the body has no joint there."""
+    size = FootSize.of_shank(shank)
+    heel = (0.0, -0.25 * size.length, -shank - 0.5 * size.height)
+    base, tip = size.radii
+    return Cone(f"foot_{side}", f"knee_{side}", size.length, (girth * base, girth * tip), origin=heel, axis=(0.0, 1.0, 0.0))

@@ -33,11 +33,10 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.arrays import Integers
-from poseppl.motion.geometry import marker_positions
 from poseppl.motion.learned import MotionModel
-from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
 from poseppl_models.random_walk import Observe, joint_sites
+from poseppl_models.seen import see_points, see_silhouettes
 
 UNTIL_OTHER, OTHER_LASTS = 10.0, 1.0
 """Mean seconds of an activity before other motion begins, and of that; ours."""
@@ -256,10 +255,10 @@ def learned_motion(
 
 
 class SeenActivity(NamedTuple):
-    """Programs of a learned activity that is seen as points.
+    """Programs of a learned activity that is seen in cameras.
 
     Attributes:
-        program: The programs; inputs are those of a body, with an ``activity``.
+        program: The programs; inputs are those of a body, its ``activity`` among them.
         pose: From the sites of a state, and the activity, to the pose (d,).
         follows: From the same to whether it is of the activity, 1, or of other motion, 0.
         activity: The activity, which starts as it is told.
@@ -271,15 +270,17 @@ class SeenActivity(NamedTuple):
     activity: Activity
 
 
-def seen_as_points(
+def seen_activity(
     model: MotionModel,
     coordinates: tuple[tuple[str, str], ...],
     every: int,
     start: Any,
     start_scale: Any,
     walk_scale: Any = None,
+    *,
+    silhouettes: bool = False,
 ) -> SeenActivity:
-    """Build what a tracker of points takes of a learned activity of an unknown person.
+    """Build what a tracker takes of a learned activity of an unknown person.
 
     Args:
         model: The model.
@@ -288,24 +289,22 @@ def seen_as_points(
         start: Pose (d,) that the first one is near.
         start_scale: How near, standard deviations (d,).
         walk_scale: Standard deviations (d,) of a frame of other motion; None if there is none.
+        silhouettes: Whether the person is seen as silhouettes; as points otherwise.
     """
     learned = tuple(model.learned.tolist())
     own = jnp.asarray(start)[model.learned], jnp.asarray(start_scale)[model.learned]
     activity = Activity.of_model(model, every=every)
     if walk_scale is not None:
         activity = activity.with_other_motion(walk_scale, every / model.rate)
-    return SeenActivity(*_program_of_points(coordinates, learned), activity.starting_from(*own))
+    observe = see_silhouettes if silhouettes else see_points
+    return SeenActivity(*_seen(coordinates, learned, observe), activity.starting_from(*own))
 
 
 @lru_cache(maxsize=8)
-def _program_of_points(
-    coordinates: tuple[tuple[str, str], ...], learned: tuple[int, ...]
+def _seen(
+    coordinates: tuple[tuple[str, str], ...], learned: tuple[int, ...], observe: Observe
 ) -> tuple[StateSpaceModel, Pose, Pose]:
     """The programs, and what is told of their states; the same again, so that what is compiled serves the next recording."""
-
-    def observe(params: Any, pose: Array, inputs: Any) -> None:
-        numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
-        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
     def follows(state: Mapping[str, Any], activity: Activity) -> Array:
         return 1.0 - activity.is_other(state["phase"])

@@ -9,19 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
 
-import numpyro
-from jax import Array
-
-from poseppl.motion.bodies.body import Body, SilhouetteInputs
-from poseppl.motion.geometry import marker_positions
+from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry.flesh import flesh_of
-from poseppl.motion.likelihoods import Silhouettes
 from poseppl.program import StateSpaceModel
 from poseppl_models.choo_fleet import full_body as pointed_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.random_walk import walking_body
+from poseppl_models.seen import see_silhouettes
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:
@@ -38,8 +33,4 @@ def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0)
 
 @lru_cache(maxsize=8)
 def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    def observe(params: Any, pose: Array, inputs: SilhouetteInputs) -> None:
-        numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
-        numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
-
-    return walking_body(coordinates, observe)
+    return walking_body(coordinates, see_silhouettes)

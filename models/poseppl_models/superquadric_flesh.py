@@ -1,4 +1,4 @@
-"""Flesh of superquadrics for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 14 tapered and bent parts.
+"""Flesh of superquadrics for the 28-DOF body of :mod:`poseppl_models.choo_fleet`: 16 tapered and bent parts.
 
 The shapes are those that Sminchisescu and Triggs (2001, section 2) flesh out their body with; the numbers are not theirs, whose
 paper has none. Widths are those of the cones of :mod:`poseppl_models.choo_fleet_flesh` in the middle of each part.
@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from poseppl.motion.geometry.superquadrics import Superquadric
 from poseppl_models.choo_fleet import LENGTHS
+from poseppl_models.choo_fleet_flesh import FootSize
 
 _BULGE = 1.08
 """How much thicker limbs are in their middle than cones: they go in at their ends."""
@@ -32,6 +33,7 @@ def superquadric_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float =
             _hand(side, forearm, girth),
             _limb(f"thigh_{side}", f"hip_{side}", thigh, 0.205, 0.145, girth, bend=0.1),
             _limb(f"shank_{side}", f"knee_{side}", 1.06 * shank, 0.148, 0.115, girth, bend=0.15),
+            _foot(side, shank, girth),
         ]
     return parts
 
@@ -104,4 +106,20 @@ def _hand(side: str, forearm: float, girth: float) -> Superquadric:
         (0.8, 0.8),
         centre=(0.0, 0.0, -1.2 * forearm),
         axis=(0.0, 0.0, -1.0),
+    )
+
+
+def _foot(side: str, shank: float, girth: float) -> Superquadric:
+    """A part forward from the heel."""
+    size = FootSize.of_shank(shank)
+    base, tip = size.radii
+    middle, taper = 0.5 * girth * (base + tip) * _BULGE, (tip - base) / (tip + base)
+    return Superquadric(
+        f"foot_{side}",
+        f"knee_{side}",
+        (middle, middle, 0.54 * size.length),
+        (0.6, 1.0),
+        taper=(taper, taper),
+        centre=(0.0, 0.25 * size.length, -shank - 0.5 * size.height),
+        axis=(0.0, 1.0, 0.0),
     )

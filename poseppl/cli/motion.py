@@ -19,6 +19,8 @@ Examples:
       A walk, from four recordings of three people; their skeletons 07.asf, 16.asf and 08.asf lie beside them.
   poseppl fit-motion run running.amc,somebody.asf jog.bvh --states 20 --plot run.png
       A skeleton that is called otherwise stands after a comma.
+  poseppl fit-motion walk 07_01.amc 16_15.amc 08_01.amc --model poseppl_models.choo_fleet:full_body
+      For people in videos, whose body has these coordinates.
 
 \b
 Files written:

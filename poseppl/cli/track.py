@@ -127,8 +127,8 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--prior",
     metavar="FILE.nc",
     type=click.Path(),
-    help="A learned activity of poseppl fit-motion in place of the random walk, for points. The body is then its own, and the "
-    "filter switching, unless others are asked for. Frames in which it does not hold are told.",
+    help="A learned activity of poseppl fit-motion in place of the random walk. The filter is then switching, and the body "
+    "its own but for videos, unless others are asked for. Frames in which it does not hold are told.",
 )
 @click.option(
     "--prior-alone",
@@ -302,10 +302,13 @@ def _choose_for_prior(options: dict[str, Any]) -> None:
     """Take the body and the filter that go with a learned prior, where no others are asked for."""
     from poseppl.motion.bodies.body import installed_builder
     from poseppl.motion.learned import read_motion_model
-    from poseppl.motion.tracking.learned_prior import DEFAULT_FILTER
+    from poseppl.motion.tracking.learned_prior import DEFAULT_FILTER, SILHOUETTE_NOISE
 
     known = read_motion_model(options["prior"])
-    if options["model"] is None:
+    if options["video"]:
+        given = options["silhouette_noise"]
+        options["silhouette_noise"] = SILHOUETTE_NOISE if given is None else given
+    elif options["model"] is None:
         installed_builder(known.body)
         options["model"] = known.body
     if click.get_current_context().get_parameter_source("filter_name") == ParameterSource.DEFAULT:

@@ -87,7 +87,7 @@ video_options = option_group(
         "--silhouette-noise",
         metavar="MM",
         type=float,
-        help="--video: standard deviation of a silhouette's distances at the body. [default: 80]",
+        help="--video: standard deviation of a silhouette's distances at the body. [default: 80; with --prior 200]",
     ),
     click.option(
         "--refine",

@@ -17,6 +17,7 @@ particles are draws, one of each Gaussian.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -86,8 +87,9 @@ def rao_blackwellised_filter(
         key_finite, key_real = jax.random.split(rng_key)
         split.check("initial", inputs)
         drawn = draw_initial(model, particle_keys(key_finite, num_particles), inputs)
-        given = jax.vmap(lambda x: split.given(x, x, inputs))(drawn)
-        prior = jax.vmap(lambda _, given: Gaussian(*split.real.initial_moments(given)))(drawn, given)  # inputs may be None
+        given = split.given(drawn, drawn, inputs)
+        first = split.of_each(lambda _, given: Gaussian(*split.real.initial_moments(given)))
+        prior = first(drawn, given)  # inputs may be None
         uniform = jnp.full(num_particles, -jnp.log(num_particles), drawn.dtype)
         return taken_in(key_real, drawn, prior, given, adaptive.keep(uniform), observation)
 
@@ -99,19 +101,18 @@ def rao_blackwellised_filter(
         ancestry = adaptive.choose(key_resample, state.log_weights)
         before, past = state.particles[ancestry.ancestors], rows_of(state.real, ancestry.ancestors)
         drawn = propagate(model, particle_keys(key_finite, num_particles), before, inputs)
-        given = jax.vmap(lambda x, before: split.given(x, before, inputs))(drawn, before)
+        given = split.given(drawn, before, inputs)
 
         def move(past: Gaussian, given: Any) -> Gaussian:
             return predict(past, first_order(lambda x: split.real.transition_moments(x, given), past.mean))
 
-        return taken_in(key_real, drawn, jax.vmap(move)(past, given), given, ancestry, observation)
+        return taken_in(key_real, drawn, split.of_each(move)(past, given), given, ancestry, observation)
 
     def taken_in(
         rng_key: Array, drawn: Array, prior: Gaussian, given: Any, ancestry: Ancestry, observation: Observation
     ) -> tuple[CollapsedState, Info]:
-        real, log_evidence, _ = jax.vmap(lambda prior, given: update(split.real, prior, observation, given, "first-order"))(
-            prior, given
-        )
+        condition = split.of_each(lambda prior, given: update(split.real, prior, observation, given, "first-order"))
+        real, log_evidence, _ = condition(prior, given)
         weighed = weigh(ancestry.log_weights, log_evidence)
         noise = jax.random.normal(rng_key, real.mean.shape, real.mean.dtype)
         told = real.mean + jnp.einsum("nij,nj->ni", jnp.linalg.cholesky(real.covariance), noise)
@@ -142,8 +143,12 @@ class _Split(NamedTuple):
         return cls(model, conditional_model(model) if model.finite_sites else model, columns)
 
     def given(self, x: Array, before: Array, inputs: Any) -> Any:
-        """Inputs of the real model, with the finite values of this frame and the one before."""
+        """Inputs of the real model, with the finite values (N, d) of this frame and the one before."""
         return Clamped(inputs, x, before) if self.model.finite_sites else inputs
+
+    def of_each(self, function: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """A function of each particle's rows and what is given of it; the frame's own inputs are one for all."""
+        return jax.vmap(function, in_axes=(0, Clamped._make((None, 0, 0)) if self.model.finite_sites else None))
 
     def marginals(self, log_weights: Array, drawn: Array, real: Gaussian) -> Marginals:
         """Gaussians (N, r) of the real coordinates beside finite values, those of states (N, d)."""

@@ -47,7 +47,7 @@ def test_silhouettes_overlap_those_of_cones_at_random_poses():
         return np.sum(one & other, (1, 2)) / np.sum(one | other, (1, 2))
 
     flesh, thin = (superquadrics_of(tree, superquadric_flesh(body.lengths, girth=girth)) for girth in (1.0, 0.75))
-    assert len(flesh.names) == 14
+    assert len(flesh.names) == 16
     found, thinner = [], []
     for _ in range(4):
         state = np.array(body.rest)

@@ -124,6 +124,7 @@ class BodyInputs(NamedTuple):
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
         tree: The person's own tree: offsets are arguments of the programs, so that all people share one compiled program.
+        activity: What a learned prior takes the random walk's place with.
     """
 
     cameras: Cameras
@@ -132,6 +133,7 @@ class BodyInputs(NamedTuple):
     start_scale: Array
     step_scale: Array
     tree: KinematicTree
+    activity: Any = None
 
 
 class SilhouetteInputs(NamedTuple):
@@ -146,6 +148,7 @@ class SilhouetteInputs(NamedTuple):
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
         tree: The person's own tree.
         flesh: The person's own flesh.
+        activity: What a learned prior takes the random walk's place with.
     """
 
     cameras: Cameras
@@ -156,6 +159,7 @@ class SilhouetteInputs(NamedTuple):
     step_scale: Array
     tree: KinematicTree
     flesh: Flesh
+    activity: Any = None
 
 
 def load_builder(name: str) -> Callable[..., Any]:

@@ -9,17 +9,15 @@ are those of ``poseppl_models.learned_motion``, found by name.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from poseppl.errors import FilePath, InputError
-from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
-from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs, compile_once, load_builder
 from poseppl.motion.learned import MotionModel, frames_between, read_motion_model
-from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import Problem, with_steps
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.walk import ASSUMED_RATE
@@ -27,27 +25,18 @@ from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
 from poseppl.runs.run import Constant, frame_inputs
 
-PROGRAMS = "poseppl_models.learned_motion:seen_as_points"
+PROGRAMS = "poseppl_models.learned_motion:seen_activity"
 STEPS = 2.0
 """Steps of a random walk, in units of the root mean square of recorded ones (ours): who is tracked may move faster."""
 DEFAULT_FILTER = "switching"
 """Filter of a problem with a learned prior, unless another is asked for."""
-
-
-class LearnedInputs(NamedTuple):
-    """Inputs of the programs at one frame: those of :class:`poseppl.motion.bodies.body.BodyInputs`, and the ``activity``."""
-
-    cameras: Cameras
-    noise: Array
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    tree: KinematicTree
-    activity: Any
+SILHOUETTE_NOISE = 200.0
+"""Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by how often intervals
+hold of five walks in one camera (benchmarks/learned_prior.py)."""
 
 
 def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, other_motion: bool = True) -> Problem:
-    """Give a problem of points a learned activity as its prior.
+    """Give a problem a learned activity as its prior.
 
     Args:
         problem: The problem of the scene.
@@ -56,24 +45,28 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
         other_motion: Whether the motion may be another one, too.
 
     Raises:
-        InputError: The file holds none, or one of another body or rate; frames are missing; or the scene is of silhouettes.
+        InputError: The file holds none, or one of another body or rate; frames are missing; or the scene is of a detector's
+            keypoints.
     """
     model = read_motion_model(path)
     body, own = problem.body, problem.inputs
-    if not isinstance(scene.data, PointData) or not isinstance(own, BodyInputs):
-        raise InputError("a learned prior is for points of a whole body", field="--prior", expected="a scene of points")
+    if not isinstance(own, BodyInputs | SilhouetteInputs):
+        expected = "a scene of points or silhouettes"
+        raise InputError("a learned prior is for a whole body", field="--prior", expected=expected)
     if model.coordinates != body.tree.coordinate_names:
-        raise InputError(f"it was learned with the body {model.body}", file=path, field="--model", expected=model.body)
+        expected = f"{model.body}, or an activity learned with this body (poseppl fit-motion --model)"
+        raise InputError(f"it was learned with the body {model.body}", file=path, field="--model", expected=expected)
     if len(set(np.diff(scene.frames).tolist())) > 1:
         raise InputError("frames are missing between others", field="--prior", expected="frames at equal distances")
     every = _every(model, scene.rate, path)
     build: Any = load_builder(PROGRAMS)
     steps = STEPS * every * np.maximum(model.step_scale, 1e-6)
     own_start = _value(own.start), _value(own.start_scale)
-    seen = build(model, body.tree.coordinates, every, *own_start, steps if other_motion else None)
+    shown = isinstance(own, SilhouetteInputs)
+    seen = build(model, body.tree.coordinates, every, *own_start, steps if other_motion else None, silhouettes=shown)
     walks = np.where(np.isin(np.arange(len(steps)), model.learned), 0.0, steps)  # learned angles do not walk
     walked = with_steps(own, jnp.asarray(np.tile(walks, (len(scene.frames), 1)), float))
-    inputs = LearnedInputs(**walked._asdict(), activity=Constant(seen.activity))
+    inputs = walked._replace(activity=Constant(seen.activity))
     compiled = compile_once(seen.program, frame_inputs(inputs, 0))
     pose, follows = (_of_states(compiled, of_sites) for of_sites in (seen.pose, seen.follows))
     return Problem(body, compiled, scene.data.observe(compiled), inputs, pose, follows if other_motion else None)

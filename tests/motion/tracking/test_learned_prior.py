@@ -18,6 +18,7 @@ from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.runs.results import load_result, provenance
 
 BODY = "poseppl_models.darby:full_body"
+VIDEO_BODY = "poseppl_models.choo_fleet:full_body"
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +27,15 @@ def learned(data_dir, tmp_path_factory):
     recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), BODY, 20.0)
     path = tmp_path_factory.mktemp("learned") / "walk.nc"
     write_motion_model(train_motion_model([recording], BODY, TrainingSettings(num_states=5, num_rounds=5)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def learned_for_videos(data_dir, tmp_path_factory):
+    """The same of the body that videos are tracked with."""
+    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), VIDEO_BODY, 20.0)
+    path = tmp_path_factory.mktemp("learned") / "walk28.nc"
+    write_motion_model(train_motion_model([recording], VIDEO_BODY, TrainingSettings(num_states=5, num_rounds=5)), path)
     return path
 
 
@@ -103,6 +113,28 @@ def test_a_walk_is_tracked_by_what_was_learned(data_dir, learned):
     assert np.nanmean(np.linalg.norm(error, axis=-1)) < 60
     with pytest.raises(InputError, match="learned prior"):
         problem_of_result(tree)
+
+
+@pytest.mark.slow
+def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_for_videos):
+    """Joints within 50 mm of the truth's, relative to the pelvis, where a random walk leaves twice as much."""
+    pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
+    from silhouette_rooms import RECORDS, body, masks_of
+
+    from poseppl.motion.tracking.silhouette_scene import silhouette_scene
+
+    folder = data_dir / "cmu_walks"
+    recorded = recorded_subject(folder / "16_16.amc", folder / "16.asf", model=VIDEO_BODY, frames="0:120:6")
+    states = recorded.states - np.append(recorded.states[:, :2].mean(0), np.zeros(26))
+    states[:, 2] += body().rest[2] - states[:, 2].mean()
+    masks = {"left": np.stack([masks_of(state)["left"] for state in states])}
+    seen = silhouette_scene(body(), RECORDS[:1], masks)._replace(states=states, markers=body().places(states), rate=20.0)
+    errors = []
+    for settings in ({"filter": "switching", "prior": str(learned_for_videos)}, {"filter": "kalman"}):
+        tree = track(seen, TrackSettings(model="poseppl_models.silhouettes:full_body", **settings))
+        apart = tree["summary/markers_mean"].values - tree["truth/markers"].values
+        errors.append(np.linalg.norm(apart - apart[:, :1], axis=-1).mean())
+    assert errors[0] < 50 and errors[1] > 2 * errors[0], errors
 
 
 @pytest.fixture
