@@ -59,6 +59,10 @@ def _limb(name: str, joint: str, length: float, base: float, tip: float, girth: 
     return Cone(name, joint, length, (girth * base * length, girth * tip * length), axis=(0.0, 0.0, -1.0))
 
 
+TOES = (0.0, 1.0, 0.36)
+"""Direction of a foot in the frame of its shank, y forward: 20 degrees up, near what recorded toes have on walks, 16 to 26."""
+
+
 class FootSize(NamedTuple):
     """Sizes of a foot, mm: its length from heel to toes, the ankle's height above the sole, radii at heel and toes."""
 
@@ -75,8 +79,8 @@ class FootSize(NamedTuple):
 
 
 def _foot(side: str, shank: float, girth: float) -> Cone:
-    """A cone from the heel to the toes, at a right angle to the shank, since the body has no joint there."""
+    """A cone from the heel to the toes, fixed to the shank, since the body has no joint at the ankle."""
     size = FootSize.of_shank(shank)
-    heel = (0.0, -0.25 * size.length, -shank - 0.5 * size.height)
+    heel = (0.0, -0.25 * size.length, -shank - size.height)
     base, tip = size.radii
-    return Cone(f"foot_{side}", f"knee_{side}", size.length, (girth * base, girth * tip), origin=heel, axis=(0.0, 1.0, 0.0))
+    return Cone(f"foot_{side}", f"knee_{side}", size.length, (girth * base, girth * tip), origin=heel, axis=TOES)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from poseppl.motion.geometry.superquadrics import Superquadric
 from poseppl_models.choo_fleet import LENGTHS
-from poseppl_models.choo_fleet_flesh import FootSize
+from poseppl_models.choo_fleet_flesh import TOES, FootSize
 
 _BULGE = 1.08
 """How much thicker limbs are in their middle than cones: they go in at their ends."""
@@ -120,6 +120,6 @@ def _foot(side: str, shank: float, girth: float) -> Superquadric:
         (middle, middle, 0.54 * size.length),
         (0.6, 1.0),
         taper=(taper, taper),
-        centre=(0.0, 0.25 * size.length, -shank - 0.5 * size.height),
-        axis=(0.0, 1.0, 0.0),
+        centre=(0.0, 0.25 * size.length, -shank - size.height + 0.5 * size.length * TOES[2]),
+        axis=TOES,
     )
