@@ -14,7 +14,8 @@ default    the default tracker without a prior
 
 Of joints relative to the pelvis: mean distance of posterior means from the truth, mm, and the shares of their coordinates that
 central 50 % and 90 % intervals of the draws hold; besides the mean probability of the activity, and frames a second without
-compilation. Those of OUTPUT/learned_prior.csv are not made again.
+compilation; of silhouettes also how severe the verdict on their overlap is, which needs no truth. Those of
+OUTPUT/learned_prior.csv are not made again.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from timing import arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics.diagnosis import root_index
+from poseppl.diagnostics.verdicts.silhouettes import overlap
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
@@ -104,14 +106,16 @@ def judge(tree: xr.DataTree) -> tuple[float, ...]:
     return float(error), *map(float, shares), probability, len(true) / float(tree.attrs["wall_seconds"])
 
 
-def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str) -> tuple[float, ...]:
+def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str) -> tuple[str, ...]:
     """What a run of a recording, a case and a seed measures."""
     name, case, seed = key
     body = SILHOUETTES if scenes else POINTS
     prior = None if case == "default" else str(learn(data, output, name.partition("_")[0], body))
     settings = TrackSettings(model=body, prior=prior, seed=int(seed), **CASES[case])
     seen = look(Path(scenes) / name, num_frames, bool(prior)) if scenes else watch(data, name, num_frames, int(seed))
-    return judge(track(seen, settings))
+    tree = track(seen, settings)
+    told = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
+    return *(f"{value:.5g}" for value in judge(tree)), *told
 
 
 def main() -> None:
@@ -121,16 +125,15 @@ def main() -> None:
     output.mkdir(parents=True, exist_ok=True)
     num_frames, runs = (5, 1) if options.quick else (NUM_FRAMES, options.runs)
     found = read_runs(output / "learned_prior.csv")
-    table = Table(
-        "learned_prior", _COLUMNS, found, "Runs of learned_prior.py: errors in mm, shares of the joints' coordinates."
-    )
+    columns = (*_COLUMNS, "overlap") if options.scenes else _COLUMNS
+    table = Table("learned_prior", columns, found, "Runs of learned_prior.py: errors in mm, shares of the joints' coordinates.")
     done = {row[:3] for row in table.rows}
     for key in itertools.product(options.recordings.split(","), options.cases.split(","), map(str, range(runs))):
         if key not in done:
-            table.rows.append((*key, *(f"{value:.5g}" for value in run(data, output, key, num_frames, options.scenes))))
+            table.rows.append((*key, *run(data, output, key, num_frames, options.scenes)))
             write_csv(table, output)
             print(*table.rows[-1], flush=True)
-    show("Runs", _COLUMNS, [[str(value) for value in row] for row in table.rows])
+    show("Runs", columns, [[str(value) for value in row] for row in table.rows])
 
 
 if __name__ == "__main__":
