@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from verdict_trees import kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
+from verdict_trees import drawn_tree, kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
 
 from poseppl.diagnostics.verdicts import residuals, silhouettes, steps
 from poseppl.diagnostics.verdicts.residuals import residuals_of
@@ -144,6 +144,12 @@ def test_a_single_large_leap_is_an_error(factor):
     found = texts(steps_tree(leaps=1, leap=factor * steps.LEAP_ERROR))
     assert ("error: Angles leap, beyond 4 times their random walk, in frame 8 (largest 10.1" in found) == (factor > 1)
     assert ("Angles leap" in found) == (factor > 1) and "Angles step" not in found
+
+
+def test_monte_carlo_error_of_means_is_no_leap():
+    """A posterior 300 steps wide moves the means of 1,000 draws by 13 steps a frame, which is no motion; 200 steps are."""
+    assert "leap" not in texts(drawn_tree(300.0))
+    assert "error: Angles leap" in texts(drawn_tree(300.0, leap=200.0))
 
 
 def test_causes_are_told_before_their_effects():

@@ -66,6 +66,23 @@ def steps_tree(
     )
 
 
+def drawn_tree(wide: float, *, leap: float = 0.0, num_draws: int = 1000, frames: int = 51) -> xr.DataTree:
+    """Means of draws of a posterior that is `wide` steps of the walk wide, which are a formula's; the knee's last step is larger."""
+    rng = np.random.default_rng(5)
+    walk = rng.uniform(0.1, 3.0, len(DOFS))
+    mean = walk * wide * rng.standard_normal((frames, len(DOFS))) / np.sqrt(num_draws)
+    mean[-1, 3] += leap * walk[3]
+    return build_result(
+        state=mean + wide * walk * rng.standard_normal((2, 10, frames, len(DOFS))),
+        names=Names(DOFS),
+        summary={"state_mean": mean, "state_sd": wide * walk * np.ones(mean.shape)},
+        sample_stats={"ess": np.full(frames, float(num_draws))},
+        inputs={"step_scale": walk * np.ones(mean.shape)},
+        frames=np.arange(7, 7 + frames),
+        attrs={"closed form": True},
+    )
+
+
 def silhouettes_tree(
     overlap: np.ndarray | None = None, area: np.ndarray | None = None, centre: np.ndarray | None = None, rate: float = 30.0
 ) -> xr.DataTree:

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, of_walk, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, of_walk, statistic, where
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -53,8 +53,18 @@ def steps_of(tree: xr.DataTree) -> Steps | None:
     if scale is None or scale.shape != mean.shape or len(mean) < 2:
         return None
     walks = np.where(scale > 0, scale, np.nan)[1:]
-    gained = np.diff(-(deviation**2), axis=0) / walks**2
-    return Steps(np.diff(mean, axis=0) / walks, np.maximum(1 + gained, _LEAST_SHARE))
+    variance = deviation**2
+    gained = np.diff(-variance, axis=0) / walks**2
+    error = _error_of_means(tree, variance)
+    return Steps(np.diff(mean, axis=0) / walks, np.maximum(1 + gained, _LEAST_SHARE) + (error[1:] + error[:-1]) / walks**2)
+
+
+def _error_of_means(tree: xr.DataTree, variance: Floats) -> Floats:
+    """Variances (frame, dof) of means that are of independent draws, as a closed form's are where the state is no pose."""
+    draws = statistic(tree, "ess")
+    if draws is None or not provenance(tree).get("closed form"):
+        return np.zeros_like(variance)
+    return np.asarray(variance / draws[:, None])
 
 
 def estimated_steps(tree: xr.DataTree) -> list[Verdict]:
