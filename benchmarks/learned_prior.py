@@ -1,12 +1,12 @@
 """A learned walk as the prior of people it was not learned from, in one camera; and what it does to other motion.
 
     POSEPPL_DATA=FOLDER python benchmarks/learned_prior.py [--quick] [--recordings ...] [--cases alone,mixture,default]
-        [--runs 2] [--scenes FOLDER] [--output learned-prior]
+        [--runs 2] [--scenes FOLDER] [--noise 200] [--output learned-prior]
     poseppl simulate 05_01.amc --skeleton 05.asf --frames 0:320:4 --video --no-clutter -o FOLDER/05_01
 
 Activities are learned from walks of cmu_walks, up to three of each person, without the person who is tracked. The first 80
 frames of a recording at 30 Hz are seen by one camera as points with noise of 0.003 focal lengths, 3 px; with --scenes as
-silhouettes found in the video of camera_1 of FOLDER/RECORDING, whose empty room is known. A case is
+silhouettes found in the video of camera_1 of FOLDER/RECORDING, whose empty room is known, with noise in mm. A case is
 
 alone      the learned activity as the prior (`--prior --prior-alone`)
 mixture    the same or other motion, as the data tell (`--prior`)
@@ -84,9 +84,9 @@ def watch(data: Path, name: str, num_frames: int, seed: int) -> Scene[Any]:
     return scene.first_frames(num_frames)
 
 
-def look(folder: Path, num_frames: int, prior: bool) -> Scene[Any]:
+def look(folder: Path, num_frames: int, noise: float) -> Scene[Any]:
     """The silhouettes of a scene's first frames in one camera."""
-    settings = SilhouetteSettings(noise=SILHOUETTE_NOISE) if prior else None
+    settings = SilhouetteSettings(noise=noise)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VideoWarning)
         return see_silhouettes(sources_of_scene(folder, ("camera_1",)), settings=settings, stop=num_frames)
@@ -106,20 +106,28 @@ def judge(tree: xr.DataTree) -> tuple[float, ...]:
     return float(error), *map(float, shares), probability, len(true) / float(tree.attrs["wall_seconds"])
 
 
-def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str) -> tuple[str, ...]:
+def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, scenes: str, noise: float) -> tuple[str, ...]:
     """What a run of a recording, a case and a seed measures."""
     name, case, seed = key
     body = SILHOUETTES if scenes else POINTS
     prior = None if case == "default" else str(learn(data, output, name.partition("_")[0], body))
     settings = TrackSettings(model=body, prior=prior, seed=int(seed), **CASES[case])
-    seen = look(Path(scenes) / name, num_frames, bool(prior)) if scenes else watch(data, name, num_frames, int(seed))
+    seen = look(Path(scenes) / name, num_frames, noise) if scenes else watch(data, name, num_frames, int(seed))
     tree = track(seen, settings)
     told = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
     return *(f"{value:.5g}" for value in judge(tree)), *told
 
 
 def main() -> None:
-    options = arguments(__doc__, recordings=RECORDINGS, cases=",".join(CASES), runs=2, scenes="", output="learned-prior")
+    options = arguments(
+        __doc__,
+        recordings=RECORDINGS,
+        cases=",".join(CASES),
+        runs=2,
+        scenes="",
+        noise=SILHOUETTE_NOISE,
+        output="learned-prior",
+    )
     start_jax()
     data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
     output.mkdir(parents=True, exist_ok=True)
@@ -130,7 +138,7 @@ def main() -> None:
     done = {row[:3] for row in table.rows}
     for key in itertools.product(options.recordings.split(","), options.cases.split(","), map(str, range(runs))):
         if key not in done:
-            table.rows.append((*key, *run(data, output, key, num_frames, options.scenes)))
+            table.rows.append((*key, *run(data, output, key, num_frames, options.scenes, options.noise)))
             write_csv(table, output)
             print(*table.rows[-1], flush=True)
     show("Runs", columns, [[str(value) for value in row] for row in table.rows])

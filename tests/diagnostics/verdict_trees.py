@@ -67,7 +67,7 @@ def steps_tree(
 
 
 def drawn_tree(wide: float, *, leap: float = 0.0, num_draws: int = 1000, frames: int = 51) -> xr.DataTree:
-    """Means of draws of a posterior that is `wide` steps of the walk wide, which are a formula's; the knee's last step is larger."""
+    """Means of draws of a closed form's posterior, `wide` steps of the walk wide; the knee's last step is larger by a leap."""
     rng = np.random.default_rng(5)
     walk = rng.uniform(0.1, 3.0, len(DOFS))
     mean = walk * wide * rng.standard_normal((frames, len(DOFS))) / np.sqrt(num_draws)
