@@ -84,9 +84,8 @@ def watch(data: Path, name: str, num_frames: int, seed: int) -> Scene[Any]:
     return scene.first_frames(num_frames)
 
 
-def look(folder: Path, num_frames: int, noise: float) -> Scene[Any]:
+def look(folder: Path, num_frames: int, settings: SilhouetteSettings | None) -> Scene[Any]:
     """The silhouettes of a scene's first frames in one camera."""
-    settings = SilhouetteSettings(noise=noise)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", VideoWarning)
         return see_silhouettes(sources_of_scene(folder, ("camera_1",)), settings=settings, stop=num_frames)
@@ -112,7 +111,10 @@ def run(data: Path, output: Path, key: tuple[str, str, str], num_frames: int, sc
     body = SILHOUETTES if scenes else POINTS
     prior = None if case == "default" else str(learn(data, output, name.partition("_")[0], body))
     settings = TrackSettings(model=body, prior=prior, seed=int(seed), **CASES[case])
-    seen = look(Path(scenes) / name, num_frames, noise) if scenes else watch(data, name, num_frames, int(seed))
+    if scenes:
+        seen = look(Path(scenes) / name, num_frames, SilhouetteSettings(noise=noise) if prior else None)
+    else:
+        seen = watch(data, name, num_frames, int(seed))
     tree = track(seen, settings)
     told = [next((verdict.severity for verdict in overlap(tree)), "none")] if scenes else []
     return *(f"{value:.5g}" for value in judge(tree)), *told

@@ -60,11 +60,11 @@ def _limb(name: str, joint: str, length: float, base: float, tip: float, girth: 
 
 
 TOES = (0.0, 1.0, 0.36)
-"""Direction of a foot in the frame of its shank, y forward: 20 degrees up, near what recorded toes have on walks, 16 to 26."""
+"""Direction of a foot in the frame of its shank, y forward: 20 degrees up; recorded toes are 16 to 26 on three walks."""
 
 
 class FootSize(NamedTuple):
-    """Sizes of a foot, mm: its length from heel to toes, the ankle's height above the sole, radii at heel and toes."""
+    """Sizes of a foot, mm: its length from heel to toes, how far the heel is below the ankle, radii at both ends."""
 
     length: float
     height: float

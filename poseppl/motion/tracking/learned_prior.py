@@ -40,7 +40,7 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
 
     Args:
         problem: The problem of the scene.
-        scene: The scene.
+        scene: The scene; silhouettes should have a noise of :data:`SILHOUETTE_NOISE`.
         path: File of the activity.
         other_motion: Whether the motion may be another one, too.
 

@@ -10,6 +10,7 @@ import pytest
 from poseppl.cli import main
 from poseppl.diagnostics.verdicts import verdicts
 from poseppl.errors import InputError
+from poseppl.filters.suitability import suited_filters
 from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model, write_motion_model
 from poseppl.motion.tracking import TrackSettings, make_problem, observe_motion, recorded_subject, track
 from poseppl.motion.tracking.learned_prior import with_prior
@@ -129,6 +130,8 @@ def test_one_cameras_silhouettes_tell_a_walk_that_was_learned(data_dir, learned_
     states[:, 2] += body().rest[2] - states[:, 2].mean()
     masks = {"left": np.stack([masks_of(state)["left"] for state in states])}
     seen = silhouette_scene(body(), RECORDS[:1], masks)._replace(states=states, markers=body().places(states), rate=20.0)
+    model = with_prior(make_problem(seen), seen, learned_for_videos).model
+    assert suited_filters(model) == ("rao-blackwellised",)  # where a frame's pictures are one for all particles
     errors = []
     for settings in ({"filter": "switching", "prior": str(learned_for_videos)}, {"filter": "kalman"}):
         tree = track(seen, TrackSettings(model="poseppl_models.silhouettes:full_body", **settings))
