@@ -70,7 +70,12 @@ def with_lasting_errors(
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     inputs = DetectedInputs(
-        **{**own._asdict(), "noise": jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:]))},
+        own.cameras,
+        jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])),
+        own.start,
+        own.start_scale,
+        own.step_scale,
+        own.tree,
         shift_scale=Constant(jnp.asarray(SHIFT, float)),
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
         error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
