@@ -198,8 +198,9 @@ picture
 # One camera tells how far away a person is by little but the size of the silhouette; the others look across its line of
 # sight.
 #
-# The intervals hold less than the nine tenths that they promise: one Gaussian around one mode knows of no other mode, and limbs
-# in front of a body have several. They are what a sampler is for.
+# The intervals of four cameras hold less than the nine tenths that they promise, those of one camera, which are wider, about
+# as much. One Gaussian around one mode knows of no other mode, and limbs in front of a body have several: they are what a
+# sampler is for.
 #
 # ## What was claimed
 
@@ -208,8 +209,8 @@ picture
 assert np.median(off) <= 1.0 and np.quantile(off, 0.9) < 3.0
 # four cameras follow the body, one does worse
 assert error < 100.0 and error < error_alone
-# intervals hold most of the truth, and less than they promise
-assert 0.6 < held < 0.9 and 0.6 < held_alone < 0.9
+# intervals of four cameras hold most of the truth, and less than they promise; those of one hold about as much
+assert 0.6 < held < 0.85 < held_alone < 0.95
 # one camera is unsure in depth; the others take most of it away
 assert np.median(rows["one camera, along its line of sight"]) > 1.5 * np.median(rows["one camera, across it"])
 assert np.median(rows["four cameras, along the same line"]) < 0.5 * np.median(rows["one camera, along its line of sight"])
