@@ -54,7 +54,8 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
         expected = "a scene of points or silhouettes"
         raise InputError("a learned prior is for a whole body", field="--prior", expected=expected)
     if model.coordinates != body.tree.coordinate_names:
-        expected = f"{model.body}, or an activity learned with this body (poseppl fit-motion --model)"
+        other = "an activity learned with this body's coordinates (poseppl fit-motion --model)"
+        expected = other if isinstance(own, SilhouetteInputs) else f"{model.body}, or {other}"
         raise InputError(f"it was learned with the body {model.body}", file=path, field="--model", expected=expected)
     if len(set(np.diff(scene.frames).tolist())) > 1:
         raise InputError("frames are missing between others", field="--prior", expected="frames at equal distances")

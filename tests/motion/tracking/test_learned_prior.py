@@ -22,22 +22,22 @@ BODY = "poseppl_models.darby:full_body"
 VIDEO_BODY = "poseppl_models.choo_fleet:full_body"
 
 
+def learn(data_dir, body, path):
+    """Write a file of five phases of one person's walk, at 20 frames a second."""
+    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), body, 20.0)
+    write_motion_model(train_motion_model([recording], body, TrainingSettings(num_states=5, num_rounds=5)), path)
+    return path
+
+
 @pytest.fixture(scope="module")
 def learned(data_dir, tmp_path_factory):
-    """A file of five phases of one person's walk, at 20 frames a second."""
-    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), BODY, 20.0)
-    path = tmp_path_factory.mktemp("learned") / "walk.nc"
-    write_motion_model(train_motion_model([recording], BODY, TrainingSettings(num_states=5, num_rounds=5)), path)
-    return path
+    return learn(data_dir, BODY, tmp_path_factory.mktemp("learned") / "walk.nc")
 
 
 @pytest.fixture(scope="module")
 def learned_for_videos(data_dir, tmp_path_factory):
-    """The same of the body that videos are tracked with."""
-    recording = pose_recording(read_recording(data_dir / "cmu_walks" / "16_15.amc"), VIDEO_BODY, 20.0)
-    path = tmp_path_factory.mktemp("learned") / "walk28.nc"
-    write_motion_model(train_motion_model([recording], VIDEO_BODY, TrainingSettings(num_states=5, num_rounds=5)), path)
-    return path
+    """Of the body that videos are tracked with."""
+    return learn(data_dir, VIDEO_BODY, tmp_path_factory.mktemp("learned") / "walk28.nc")
 
 
 def scene_of(data_dir, model=BODY, frames="0:36:12"):
