@@ -32,7 +32,7 @@ DEFAULT_FILTER = "switching"
 """Filter of a problem with a learned prior, unless another is asked for."""
 SILHOUETTE_NOISE = 200.0
 """Standard deviation (mm) of a silhouette's distances with a learned prior, more than without; chosen by how often intervals
-hold of five walks in one camera (benchmarks/learned_prior.py)."""
+hold of the walks of benchmarks/learned_prior.py in one camera."""
 
 
 def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, other_motion: bool = True) -> Problem:
