@@ -69,11 +69,6 @@ def is_constant(draws: Floats) -> Booleans:
     Returns:
         (...).
     """
-    spread = np.ptp(draws, axis=(0, 1)) if np.isfinite(draws).all() else _finite_spread(draws)
-    return ~(spread >= np.finfo(np.float64).resolution)
-
-
-def _finite_spread(draws: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
-        spread = draws.max(axis=(0, 1)) - draws.min(axis=(0, 1))
-    return np.where(np.isfinite(spread), spread, np.nan)
+        spread = np.ptp(draws, axis=(0, 1))
+    return ~(np.isfinite(spread) & (spread >= np.finfo(np.float64).resolution))

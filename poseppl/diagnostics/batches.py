@@ -50,10 +50,13 @@ def ratio_interval(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
     """Estimate a ratio of two means over the same frames.
 
     Args:
-        numerator: a, (frame,).
-        denominator: b, (frame,), of positive mean; else all is NaN.
+        numerator: a, (frame, ...), summed over what is behind the frames; entries that are not finite in both are left out.
+        denominator: b, (frame, ...), of positive mean; else all is NaN.
     """
-    a, b = np.asarray(numerator, np.float64), np.asarray(denominator, np.float64)
+    a, b = np.broadcast_arrays(np.asarray(numerator, np.float64), np.asarray(denominator, np.float64))
+    known = np.isfinite(a) & np.isfinite(b)
+    frames = known.reshape(len(a), -1).any(axis=1)
+    a, b = (np.where(known, part, 0.0).reshape(len(a), -1).sum(axis=1)[frames] for part in (a, b))
     if len(b) == 0 or b.sum() <= 0:
         return Interval(float("nan"), float("nan"), float("nan"))
     estimate = a.mean() / b.mean()

@@ -19,7 +19,8 @@ import numpy as np
 from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import Booleans, Floats, Integers
+from poseppl.arrays import Booleans, Floats
+from poseppl.diagnostics.batches import num_batches
 
 LEVELS = (0.5, 0.8, 0.9)
 
@@ -81,24 +82,20 @@ def coverage(inside: ArrayLike | Sequence[ArrayLike], level: float, *, valid: Ar
     Returns:
         The coverage; NaN where no trial counts.
     """
-    sequences = (
-        [np.asarray(part, float) for part in inside] if isinstance(inside, list | tuple) else [np.asarray(inside, float)]
-    )
+    sequences = [np.asarray(part, float) for part in (inside if isinstance(inside, list | tuple) else [inside])]
     if valid is not None:
         sequences = [np.where(np.asarray(valid), sequences[0], np.nan)]
-    hits = [np.nansum(part.reshape(len(part), -1), axis=1) for part in sequences]
-    trials = [np.isfinite(part.reshape(len(part), -1)).sum(axis=1) for part in sequences]
-    count = int(sum(part.sum() for part in trials))
+    batches = sequences if len(sequences) > 1 else np.array_split(sequences[0], num_batches(len(sequences[0])) or 1)
+    hits, trials = np.array([(np.nansum(part), np.isfinite(part).sum()) for part in batches]).T
+    count, number = int(trials.sum()), len(batches)
     if count == 0:
         return Coverage(level, float("nan"), float("nan"), 0)
-    estimate = float(sum(part.sum() for part in hits) / count)
-    if len(sequences) > 1:
-        batches = [(float(a.sum()), float(b.sum())) for a, b in zip(hits, trials, strict=True)]
-    else:
-        batches = _batches(hits[0], trials[0])
+    estimate = float(hits.sum() / count)
+    # of a ratio of sums over independent batches
+    error = np.sqrt(number / (number - 1) * np.square(hits - estimate * trials).sum()) / count if number > 1 else 0.0
     smoothed = (estimate * count + 1) / (count + 2)
-    least = float(np.sqrt(smoothed * (1 - smoothed) / count))
-    return Coverage(level, estimate, max(_ratio_error(batches, estimate), least), count)
+    least = np.sqrt(smoothed * (1 - smoothed) / count)
+    return Coverage(level, estimate, float(max(error, least)), count)
 
 
 def joint_error(mean: ArrayLike, truth: ArrayLike, root: int = 0) -> JointError:
@@ -129,24 +126,12 @@ def probability_transform(draws: ArrayLike, truth: ArrayLike) -> Floats:
     Returns:
         (frame, ...) in (0, 1).
     """
+    values = np.asarray(draws)
+    return randomised_ranks(values.reshape(-1, *values.shape[2:]), truth, 0.5)
+
+
+def randomised_ranks(draws: ArrayLike, truth: ArrayLike, ties: ArrayLike) -> Floats:
+    """Ranks (...) in (0, 1) of the truth (...) among draws (L, ...); `ties` (...) are uniform in (0, 1) if randomised."""
     values, true = np.asarray(draws), np.asarray(truth)
-    below = (values < true).sum(axis=(0, 1))
-    equal = (values == true).sum(axis=(0, 1))
-    return np.asarray((below + 0.5 * equal + 0.5) / (values.shape[0] * values.shape[1] + 1))
-
-
-def _batches(hits: Floats, trials: Integers) -> list[tuple[float, float]]:
-    """About sqrt(frames) batches of consecutive frames, so that both their number and their length grow."""
-    number = max(int(np.sqrt(len(hits))), min(2, len(hits)))
-    parts = zip(np.array_split(hits, number), np.array_split(trials, number), strict=True)
-    return [(float(a.sum()), float(b.sum())) for a, b in parts]
-
-
-def _ratio_error(batches: list[tuple[float, float]], estimate: float) -> float:
-    """Standard error of a ratio of sums over independent batches."""
-    if len(batches) < 2:
-        return 0.0
-    hits, trials = np.array(batches).T
-    residual = hits - estimate * trials
-    number = len(batches)
-    return float(np.sqrt(number / (number - 1) * np.square(residual).sum()) / trials.sum())
+    below, equal = (values < true).sum(axis=0), (values == true).sum(axis=0)
+    return np.asarray((below + np.asarray(ties) * (equal + 1)) / (len(values) + 1))

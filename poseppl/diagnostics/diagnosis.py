@@ -22,7 +22,7 @@ from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.runs.contents import draws_of, flat_draws, group_of, names_of
+from poseppl.runs.contents import draws_of, flat_draws, group_of, names_of, variable
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -45,8 +45,7 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
     stats = group_of(tree, "sample_stats")
     if "acceptance_rate" in stats and np.isfinite(stats["acceptance_rate"]).any():
         data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
-    if "truth" in tree.children:
-        data |= _against_truth(tree)
+    data |= _against_truth(tree)
     used = {dim for dims, _ in data.values() for dim in dims}
     known: Any = {**posterior.coords, **flat_draws(tree).coords}
     coords = {name: known[name].values for name in ("frame", "dof", "marker") if name in used and name in known}
@@ -107,39 +106,26 @@ def _weighted(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
-    truth, posterior, summary = (tree[name].dataset for name in ("truth", "posterior", "summary"))
+    mean, markers = variable(tree, "summary", "markers_mean"), variable(tree, "truth", "markers")
     data: dict[str, Any] = {}
-    if "markers" in truth and "markers_mean" in summary:
-        error = joint_error(summary["markers_mean"].values, truth["markers"].values, root_index(tree))
-        data["joint_error"] = (("frame", "marker"), error.absolute)
-        data["joint_error_relative"] = (("frame", "marker"), error.relative)
-    if "state" in truth:
-        true = truth["state"].values
-        inside = np.stack([_inside(tree, "state", true, level) for level in LEVELS])
-        data["inside"] = (("level", *_GRID), inside)
-        data["probability_transform"] = (_GRID, probability_transform(flat_draws(tree).values, true))
-        data |= _coverage("coverage", inside, _free(flat_draws(tree).values) & np.isfinite(true))
-    if "markers" in truth and "markers" in posterior:
-        true = truth["markers"].values
-        inside = np.stack([_inside(tree, "markers", true, level) for level in LEVELS])
-        data |= _coverage("coverage_markers", inside, _free(posterior["markers"].values) & np.isfinite(true))
+    if mean is not None and markers is not None:
+        errors = zip(("joint_error", "joint_error_relative"), joint_error(mean, markers, root_index(tree)), strict=True)
+        data |= {name: (("frame", "marker"), error) for name, error in errors}
+    for site, name in (("state", "coverage"), ("markers", "coverage_markers")):
+        draws, true = draws_of(tree, site), variable(tree, "truth", site)
+        if draws is None or true is None:
+            continue
+        inside = np.stack([_inside(tree, site, draws, true, level) for level in LEVELS])
+        valid = (draws.max(axis=(0, 1)) > draws.min(axis=(0, 1))) & np.isfinite(true)  # a clamped coordinate has no interval
+        found = [coverage(part, level, valid=valid)[1:3] for part, level in zip(inside, LEVELS, strict=True)]
+        data[name], data[f"{name}_se"] = ((("level",), column) for column in np.array(found).T)
+        if site == "state":
+            data["inside"] = (("level", *_GRID), inside)
+            data["probability_transform"] = (_GRID, probability_transform(draws, true))
     return data
 
 
-def _coverage(name: str, inside: Booleans, valid: Booleans) -> dict[str, Any]:
-    found = [coverage(part, level, valid=valid) for part, level in zip(inside, LEVELS, strict=True)]
-    return {
-        name: (("level",), np.array([part.estimate for part in found])),
-        f"{name}_se": (("level",), np.array([part.standard_error for part in found])),
-    }
-
-
-def _free(draws: NDArray[Any]) -> Booleans:
-    """Where the draws differ at all: a clamped coordinate has no interval."""
-    return np.asarray(draws.max(axis=(0, 1)) > draws.min(axis=(0, 1)))
-
-
-def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> Booleans:
+def _inside(tree: xr.DataTree, site: str, draws: NDArray[Any], truth: NDArray[Any], level: float) -> Booleans:
     """From the quantiles over all draws or particles where the summary has them, else from the stored draws."""
     summary = tree["summary"].dataset
     ends = ((1 - level) / 2, (1 + level) / 2)
@@ -148,4 +134,4 @@ def _inside(tree: xr.DataTree, site: str, truth: NDArray[Any], level: float) -> 
     if all(len(index) for index in near):
         lower, upper = (summary[f"{site}_quantile"].isel(quantile=int(index[0])).values for index in near)
         return between(lower, upper, truth)
-    return inside_interval(np.asarray(draws_of(tree, site)), truth, level)
+    return inside_interval(draws, truth, level)

@@ -82,9 +82,9 @@ def evidences(found: list[Evidence], figures: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(data, coords={"run": names, "other": names})
 
 
-def evidence_words(row: Evidence) -> str:
-    """Such as "-123.4 ± 0.6"; a dash without an evidence."""
-    if not np.isfinite(row.log_evidence):
+def evidence_words(row: xr.Dataset) -> str:
+    """One of :func:`evidences`, such as "-123.4 ± 0.6", a question mark for an unknown error; a dash without an evidence."""
+    total, error = row["log_evidence"].item(), row["standard_error"].item()
+    if not np.isfinite(total):
         return "–"
-    error = "?" if not np.isfinite(row.standard_error) else f"{row.standard_error:.2g}"
-    return f"{row.log_evidence:.1f}" + ("" if row.standard_error == 0 else f" ± {error}")
+    return f"{total:.1f}" + ("" if error == 0 else f" ± {error:.2g}" if np.isfinite(error) else " ± ?")

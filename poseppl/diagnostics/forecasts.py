@@ -121,9 +121,8 @@ def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, Hin
         parts, covered, all_inside, all_seen = [], [], [], []
         for lead in leads:
             draws, true = drawn.sel(lead=lead).values, observed[lead : lead + starts]
-            each = crps(draws.reshape(-1, *true.shape), true).reshape(starts, -1)
-            seen = np.isfinite(each)
-            parts.append(ratio_interval(np.where(seen, each, 0.0).sum(1), seen.sum(1)))
+            each = crps(draws.reshape(-1, *true.shape), true)
+            parts.append(ratio_interval(np.nan_to_num(each), np.isfinite(each)))
             all_inside.append(inside_interval(draws, true, HINDCAST_LEVEL))
             all_seen.append(np.isfinite(true))
             covered.append(coverage(all_inside[-1], HINDCAST_LEVEL, valid=all_seen[-1]))

@@ -1,17 +1,30 @@
-"""How far each camera's points are from where the posterior mean has them: noise and bias by camera, and over the frames."""
+"""How far each camera's points are from where the posterior mean has them: noise and bias by camera, and over the frames.
+
+Where model and posterior are right, the posterior expectation of a point's squared distance from its projection averages to the
+square of its noise s (law of total variance), so that for the posterior's mean m and variance v of the projection
+
+    E[(y - m)^2] = s^2 - v.
+
+The scale of a group of points is sqrt(sum (y - m)^2 / s^2 / sum (1 - v / s^2)): 1 when right, of filters and of smoothers, of
+linear models and others. Where v comes near s^2 the identity expects next to nothing, and a spread that is a little off, such
+as that of a Gaussian which the projection bends, says more of itself than of the noise: such points are left out, and counted.
+They are chosen by their spread, which in a linear Gaussian model no data change, so that the identity holds for the others.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import Array, mean_points
-from poseppl.runs.contents import names_of, variable
+from poseppl.runs.contents import draws_of, names_of, variable
 
 MAD = 1.4826
 """Standard deviation of a normal error over the median of its absolute value."""
+LEAST_SHARE = 0.25
+"""Share of the noise's variance below which a residual is left out: a tenth more spread would be a third less of it."""
 
 
 class ImageErrors(NamedTuple):
@@ -21,11 +34,13 @@ class ImageErrors(NamedTuple):
         cameras: C names.
         residual: (T, C, K, 2) seen less expected, image units; NaN where a marker was not seen.
         noise: (T, C, K) standard deviations that the model was given; NaN where the result does not tell.
+        deviation: (T, C, K, 2) posterior standard deviations of the projections.
     """
 
     cameras: list[str]
     residual: Array
     noise: Array
+    deviation: Array
 
     @property
     def distance(self) -> Array:
@@ -43,17 +58,51 @@ class ImageErrors(NamedTuple):
         beside = np.abs(self.residual - self.bias[:, None])
         return np.stack([MAD * _median(each.reshape(-1, 1))[0] for each in np.moveaxis(beside, 1, 0)])
 
+    @property
+    def _unit(self) -> Array:
+        return np.where(self.noise > 0, self.noise, np.nan)[..., None]
+
+    @property
+    def standardised(self) -> Array:
+        """(T, C, K, 2) residuals in units of the noise."""
+        return self.residual / self._unit
+
+    @property
+    def expected(self) -> Array:
+        """(T, C, K, 2) what their squares should be on average, 1 - v / s^2; NaN where that is below `LEAST_SHARE`, too."""
+        share = 1 - np.square(self.deviation / self._unit)
+        return np.where(np.isfinite(self.residual) & (share >= LEAST_SHARE), share, np.nan)
+
+    def scale(self, axes: tuple[int, ...] | None = None) -> Any:
+        """Scale over the axes; over all if None. NaN where all are left out."""
+        square, expected = self.sums(axes)
+        return np.sqrt(square / np.where(expected > 0, expected, np.nan))
+
+    def sums(self, axes: tuple[int, ...] | None = None) -> tuple[Any, Any]:
+        """Squares, and what they should be, summed over the axes."""
+        squares = np.where(np.isfinite(self.expected), self.standardised**2, 0.0)
+        return squares.sum(axis=axes), np.nansum(self.expected, axis=axes)
+
+    @property
+    def left_out(self) -> float:
+        """Share of the residuals of which the identity expects next to nothing."""
+        seen = np.isfinite(self.standardised)
+        return float(1 - np.isfinite(self.expected)[seen].mean()) if seen.any() else 0.0
+
 
 def image_errors(tree: xr.DataTree) -> ImageErrors | None:
     """The errors in the images of a result; None where it holds no points of markers that were seen."""
     seen, expected = variable(tree, "observed_data", "points"), mean_points(tree)
     if seen is None or expected is None or seen.shape != expected.shape or not np.isfinite(seen).any():
         return None
-    noise = variable(tree, "inputs", "noise")
-    shape = seen.shape[:3]
-    known = noise is not None and noise.ndim in (2, 3) and noise.shape[-2:] == shape[-2:] and len(noise) in (1, *shape[:2])
-    given = np.broadcast_to(noise, shape) if known and noise is not None else np.full(shape, np.nan)
-    return ImageErrors(names_of(tree, "camera", "observed_data"), np.asarray(seen - expected, np.float64), given)
+    noise, deviation = variable(tree, "inputs", "noise"), variable(tree, "summary", "points_sd")
+    if noise is None or noise.shape != seen.shape[3 - noise.ndim : 3]:
+        noise = np.full(1, np.nan)
+    if deviation is None:
+        draws = draws_of(tree, "points")
+        deviation = np.full(1, np.nan) if draws is None else draws.std(axis=(0, 1), dtype=np.float64)
+    residual, given = np.asarray(seen - expected, np.float64), np.broadcast_to(noise, seen.shape[:3])
+    return ImageErrors(names_of(tree, "camera", "observed_data"), residual, given, deviation)
 
 
 def _median(values: Array) -> Array:

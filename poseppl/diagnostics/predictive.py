@@ -25,9 +25,10 @@ Intervals of 90 % of a Gaussian posterior whose true variance is rho times the c
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
 from poseppl.arrays import Floats
@@ -75,16 +76,16 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
     transform, innovation, state, noise, chi_square, ranks = (np.asarray(leaf, np.float64) for leaf in prediction[:_OF_DATA])
     total = np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
-    squares = _ratio(white**2 - 1, gain)
+    squares = ratio_interval(white**2 - 1, gain)
     # a product belongs to the later frame; the gain is that of the earlier one, which should have taken the error away
-    products = _ratio(white[1:] * white[:-1], (gain * (1 - gain))[:-1])
+    products = ratio_interval(white[1:] * white[:-1], (gain * (1 - gain))[:-1])
     return PredictiveFigures(
         inflation=_one_more(_joined(squares, products)),
         by_squares=_one_more(squares),
         by_products=_one_more(products),
         outer=_mean(np.abs(transform - 0.5) > (1 - _OUTER) / 2, transform),
         high=_mean(transform > 0.5, transform),
-        chi_square=_mean(chi_square[:, None], chi_square[:, None]),
+        chi_square=_mean(chi_square, chi_square),
         chance=_chance(ranks[np.isfinite(ranks)]),
     )
 
@@ -101,9 +102,9 @@ def _chance(ranks: Floats) -> float:
     return float(chi2.sf(-2 * np.log(np.maximum(1 - ranks, _LEAST)).sum(), 2 * len(ranks)))
 
 
-def _mean(values: Any, known: Floats) -> Interval:
-    """Mean over (frame, entry) where something is known."""
-    return _ratio(np.asarray(values, np.float64), np.where(np.isfinite(known), 1.0, np.nan))
+def _mean(values: ArrayLike, known: Floats) -> Interval:
+    """Mean over (frame, ...) where something is known."""
+    return ratio_interval(values, np.where(np.isfinite(known), 1.0, np.nan))
 
 
 def _one_more(interval: Interval) -> Interval:
@@ -120,11 +121,3 @@ def _joined(first: Interval, second: Interval) -> Interval:
     reaches = np.array([found.half_width for found in known])
     error, reach = (float(np.sqrt(np.square(weights * part).sum())) for part in (errors, reaches))
     return Interval(float(weights @ [found.estimate for found in known]), error, reach)
-
-
-def _ratio(numerator: Floats, denominator: Floats) -> Interval:
-    """Sum over sum of (frame, entry), what is not finite left out."""
-    known = np.isfinite(numerator) & np.isfinite(denominator)
-    above, below = (np.where(known, values, 0.0).sum(axis=1) for values in (numerator, denominator))
-    frames = known.any(axis=1)
-    return ratio_interval(above[frames], below[frames])

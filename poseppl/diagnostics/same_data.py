@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,19 +64,22 @@ def difference(first: Data, second: Data) -> str | None:
     Returns:
         "THIS, but THAT", this of the second and that of the first; None if they are the same.
     """
+    return next(_differences(first, second), None)
+
+
+def _differences(first: Data, second: Data) -> Iterator[str]:
+    """Say in what they differ; what comes behind other frames is not to be read."""
     if second.dofs != first.dofs:
-        return _different_dofs(first.dofs, second.dofs)
+        yield _different_dofs(first.dofs, second.dofs)
     if not np.array_equal(first.frames, second.frames):
-        return f"{frame_ranges(second.frames.tolist())}, but {frame_ranges(first.frames.tolist())}"
+        yield f"{frame_ranges(second.frames.tolist())}, but {frame_ranges(first.frames.tolist())}"
     if not other_cameras(first, second):
-        problem = _different_observed(first, second)
-        if problem:
-            return problem
+        if set(first.observed) != set(second.observed):
+            yield f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
+        for name, values in first.observed.items():
+            yield from _different_values(f"observed {name}", values, second.observed[name], first.frames)
     for name in first.truth.keys() & second.truth.keys():
-        problem = _different_values(f"true {name}", first.truth[name], second.truth[name], first.frames)
-        if problem:
-            return problem
-    return None
+        yield from _different_values(f"true {name}", first.truth[name], second.truth[name], first.frames)
 
 
 def other_cameras(first: Data, second: Data) -> bool:
@@ -84,16 +88,6 @@ def other_cameras(first: Data, second: Data) -> bool:
         return False
     names = first.cameras.keys() & second.cameras.keys()
     return not all(np.array_equal(first.cameras[name], second.cameras[name]) for name in names)
-
-
-def _different_observed(first: Data, second: Data) -> str | None:
-    if set(first.observed) != set(second.observed):
-        return f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
-    for name, values in first.observed.items():
-        problem = _different_values(f"observed {name}", values, second.observed[name], first.frames)
-        if problem:
-            return problem
-    return None
 
 
 def _listed(names: dict[str, Any]) -> str:
@@ -107,15 +101,16 @@ def _different_dofs(first: tuple[str, ...], second: tuple[str, ...]) -> str:
     return f"coordinate {second[place]!r}, but {first[place]!r}"
 
 
-def _different_values(label: str, first: NDArray[Any], second: NDArray[Any], frames: Integers) -> str | None:
+def _different_values(label: str, first: NDArray[Any], second: NDArray[Any], frames: Integers) -> Iterator[str]:
     if first.shape != second.shape:
-        return f"{label} of shape {second.shape}, but {first.shape}"
-    if first.dtype.kind not in "fiub" or second.dtype.kind not in "fiub":
-        return None if np.array_equal(first, second) else f"other {label}, but the same name"
-    one, other = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    scale = np.abs(one[np.isfinite(one)]).max(initial=0.0)
-    same = np.isclose(other, one, rtol=0.0, atol=_TOLERANCE * scale, equal_nan=True)
-    if same.all():
-        return None
-    wrong = np.flatnonzero(~same.reshape(len(frames), -1).all(axis=1))
-    return f"other {label} in {frame_ranges(frames[wrong].tolist())}, but the same frames"
+        yield f"{label} of shape {second.shape}, but {first.shape}"
+    elif first.dtype.kind not in "fiub" or second.dtype.kind not in "fiub":
+        if not np.array_equal(first, second):
+            yield f"other {label}, but the same name"
+    else:
+        one, other = np.asarray(first, np.float64), np.asarray(second, np.float64)
+        scale = np.abs(one[np.isfinite(one)]).max(initial=0.0)
+        same = np.isclose(other, one, rtol=0.0, atol=_TOLERANCE * scale, equal_nan=True)
+        wrong = ~same.reshape(len(frames), -1).all(axis=1)
+        if wrong.any():
+            yield f"other {label} in {frame_ranges(frames[wrong].tolist())}, but the same frames"

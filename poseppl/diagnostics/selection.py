@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from poseppl.arrays import Integers
 from poseppl.runs.contents import draws_of, frame_numbers, variable
-from poseppl.runs.results import is_weighted
+from poseppl.runs.results import is_weighted, provenance
 
 Array = NDArray[Any]
 
@@ -41,6 +41,12 @@ def frame_index(tree: xr.DataTree, frame: int | None) -> int:
     if not len(found):
         raise ValueError(f"the result has no frame {frame}; expected {numbers[0]} to {numbers[-1]}")
     return int(found[0])
+
+
+def told(tree: xr.DataTree, name: str) -> dict[str, Any]:
+    """A table of a result's provenance, such as its settings, by name; empty where the result does not tell."""
+    found = provenance(tree).get(name)
+    return found if isinstance(found, dict) else {}
 
 
 def some_draws(tree: xr.DataTree, name: str, most: int) -> Array | None:

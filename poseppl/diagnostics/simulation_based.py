@@ -30,6 +30,7 @@ from scipy.stats import t as student
 
 from poseppl.arrays import Floats
 from poseppl.checks import check_at_least
+from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel
 from poseppl.runs.batch import infer_batch
@@ -112,10 +113,8 @@ def calibrate(
     collect = collect_draws(model, max_draws=num_draws, extras=_no_extras)
     observed = {name: np.asarray(values) for name, values in data.items()}
     found = infer_batch(model, observed, filter, key_infer, repeated, chunk=chunk, collect=collect, progress=progress)
-    draws = flat_draws(found).values
-    ranks = randomised_ranks(
-        draws.reshape(-1, *draws.shape[2:]), np.asarray(states), jax.random.uniform(key_ties, states.shape)
-    )
+    draws, ties = flat_draws(found).values, jax.random.uniform(key_ties, states.shape)
+    ranks = randomised_ranks(draws.reshape(-1, *draws.shape[2:]), states, ties)
     return calibration_of(ranks, model.coordinate_names)
 
 
@@ -169,13 +168,6 @@ def calibrate_parameters(
     sizes = {name: int(np.prod(values.shape[1:])) for name, values in truths.items()}
     names = [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
     return calibration_of(np.stack(rows_of_ranks)[:, None], tuple(names))
-
-
-def randomised_ranks(draws: ArrayLike, truth: ArrayLike, ties: ArrayLike) -> Floats:
-    """Ranks (...) in (0, 1) of the truth (...) among draws (L, ...); `ties` (...) are uniform in (0, 1)."""
-    values, true = np.asarray(draws), np.asarray(truth)
-    below, equal = (values < true).sum(0), (values == true).sum(0)
-    return np.asarray((below + np.asarray(ties) * (equal + 1)) / (len(values) + 1))
 
 
 def calibration_of(ranks: Floats, names: tuple[str, ...]) -> Calibration:

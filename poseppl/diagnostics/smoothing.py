@@ -63,10 +63,7 @@ def fits_model(tree: xr.DataTree) -> bool:
 
 def _data(tree: xr.DataTree) -> Interval:
     square, seen = (variable(tree, GROUP, name) for name in ("data_square", "data_seen"))
-    if square is None or seen is None:
-        return UNKNOWN
-    counts = seen > 0
-    return ratio_interval((square * seen)[counts], seen[counts])
+    return UNKNOWN if square is None or seen is None else ratio_interval(square * seen, np.where(seen > 0, seen, np.nan))
 
 
 def _steps(tree: xr.DataTree) -> Interval:
@@ -106,5 +103,4 @@ def _weighed(numerator: Floats, denominator: Floats, scale: Floats) -> Interval:
     if not free.any():
         return UNKNOWN
     above, below = ((part[:, free] / scale[free]).sum(axis=1) for part in (numerator, denominator))
-    known = np.isfinite(above) & np.isfinite(below)
-    return ratio_interval(above[known], below[known])
+    return ratio_interval(above, below)

@@ -73,7 +73,7 @@ def unreached_figures(
     errors = error**2 + variance / np.maximum(np.asarray(ess, np.float64), 1.0)[:, None]
     excess = (predicted - variance - told) + (np.square(np.asarray(mean, np.float64) - centre) - told - errors)
     kept = _kept(handed_on(prediction))
-    ratio = ratio_interval((kept * excess)[:, hardly].sum(axis=1), variance[:, hardly].sum(axis=1))
+    ratio = ratio_interval((kept * excess)[:, hardly], variance[:, hardly])
     whole = predicted[:, hardly].sum()
     return UnreachedFigures(
         hardly,

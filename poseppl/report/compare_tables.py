@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.evidence import Evidence, evidence_words
+from poseppl.diagnostics.evidence import evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
 from poseppl.report.page import DASH, Cell
 from poseppl.report.tables import Row, flatten
@@ -49,7 +49,7 @@ def runs_table(tree: xr.DataTree) -> list[Row]:
     figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "draws"]])
     for index, run in enumerate(shown_runs(tree)):
         row: Row = {str(name): each[index].item() for name, each in figures.data_vars.items() if each.dims == ("run",)}
-        row |= {"run": Cell(run.name, (run.dot,)), "evidence": log_evidence(tree, index)}
+        row |= {"run": Cell(run.name, (run.dot,)), "evidence": evidence_words(tree["evidence"].dataset.isel(run=index))}
         row |= {f"cover_{level}": covered(figures, index, level / 100) for level in (50, 90)}
         rows.append(row | {"bold": [_JUDGED[name] for name in QUANTITIES if winner.sel(quantity=name) == run.name]})
     return rows
@@ -102,12 +102,6 @@ def _outcome(row: xr.Dataset, dots: dict[str, tuple[str, str]]) -> Cell:
     others = row["ratio"].drop_sel(run=winner).values
     factor = f" {1 / np.nanmax(others):.2g} ×" if np.isfinite(others).any() else ""
     return Cell(f"{winner}{factor}", (dots[winner],))
-
-
-def log_evidence(tree: xr.DataTree, index: int) -> str:
-    """Log-evidence of a run and its standard error, a question mark where that is not known."""
-    data = tree["evidence"].dataset.isel(run=index)
-    return evidence_words(Evidence(*(data[name].item() for name in Evidence._fields)))
 
 
 def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage_all") -> str:

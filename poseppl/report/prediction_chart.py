@@ -45,9 +45,6 @@ def transform_shares(transform: Array) -> tuple[Array, Array]:
     Args:
         transform: (frame, entry), NaN where nothing was seen.
     """
-    known = np.isfinite(transform)
-    frames = known.any(axis=1)
-    places = np.minimum(np.floor(np.where(known, transform, -1.0) * BINS), BINS - 1)
-    seen = known.sum(axis=1)[frames].astype(float)
-    found = [ratio_interval(((places == number) & known).sum(axis=1)[frames], seen) for number in range(BINS)]
+    places = np.minimum(np.floor(transform * BINS), BINS - 1)
+    found = [ratio_interval(places == number, np.where(np.isfinite(transform), 1.0, np.nan)) for number in range(BINS)]
     return np.array([each.estimate for each in found]), np.array([each.standard_error for each in found])

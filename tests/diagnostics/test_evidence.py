@@ -14,10 +14,9 @@ from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.diagnostics import compare
-from poseppl.diagnostics.evidence import evidence_of_run
+from poseppl.diagnostics.evidence import evidence_of_run, evidence_words
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.filters import particle_filter
-from poseppl.report.compare_tables import log_evidence
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.results import Names, build_result
 from poseppl.runs.simulation import simulate
@@ -69,7 +68,7 @@ def test_differences_beyond_noise_are_told_from_others() -> None:
         "far": result(np.full(10, -2.0), ess, filter="particle"),
     }
     tree = compare(runs(**others))
-    assert log_evidence(tree, 0) == f"-10.0 ± {error:.2g}"
+    assert evidence_words(tree["evidence"].dataset.isel(run=0)) == f"-10.0 ± {error:.2g}"
     assert tree["evidence/beyond_noise"].values.tolist() == [[False, False, True], [False, False, True], [True, True, False]]
     texts = [found.text for found in findings(tree)]
     assert f"Log evidence: good -10.0 ± {error:.2g}; near -10.3 ± {error:.2g}; far -20.0 ± {error:.2g}." in texts
@@ -88,7 +87,7 @@ def test_seeds_tell_the_error_of_what_does_not_know_its_own() -> None:
         for seed in range(3)
     }
     alone = compare(runs(a=seeds["seed 0"], b=seeds["seed 1"]))
-    assert log_evidence(alone, 1).endswith("± ?")
+    assert evidence_words(alone["evidence"].dataset.isel(run=1)).endswith("± ?")
     assert any("a and b not known" in found.text for found in findings(alone))
     together = compare(seeds)
     totals = together["evidence/log_evidence"].values
@@ -98,5 +97,5 @@ def test_seeds_tell_the_error_of_what_does_not_know_its_own() -> None:
 
 def test_seekers_of_modes_have_none() -> None:
     tree = compare(runs(seeker=result(np.full(10, -0.5), np.full(10, 9.0), filter="annealed")))
-    assert log_evidence(tree, 1) == "–"
+    assert evidence_words(tree["evidence"].dataset.isel(run=1)) == "–"
     assert any(found.text.startswith("No evidence from seeker") for found in findings(tree))

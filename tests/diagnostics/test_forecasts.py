@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from poseppl.diagnostics import verdicts
 from poseppl.diagnostics.forecasts import add_hindcasts, crps, score_forecast, score_hindcasts
-from poseppl.diagnostics.verdicts.forecasts import forecasts
+from poseppl.diagnostics.verdicts.coverage import forecasts
 from poseppl.errors import InputError
 from poseppl.runs.results import Names, build_result
 
@@ -110,7 +110,7 @@ def test_right_forecasts_are_let_be(frames, horizon):
                 {"y": (("chain", "draw", "start", "lead"), draws)}, {"start": range(starts), "lead": range(1, horizon + 1)}
             )
             result = xr.DataTree.from_dict({"observed_data": xr.Dataset({"y": ("frame", walks[:, run])})})
-            found += bool(forecasts(add_hindcasts(result, predicted)))
+            found += any(forecasts(add_hindcasts(result, predicted)))
         return found / runs
 
     assert warned(1.0) <= 0.05 and warned(0.3) > 0.5

@@ -10,7 +10,8 @@ import pytest
 from poseppl_models.linear_gaussian import linear_gaussian
 
 import poseppl
-from poseppl.diagnostics.simulation_based import calibration_of, randomised_ranks
+from poseppl.diagnostics.calibration import randomised_ranks
+from poseppl.diagnostics.simulation_based import calibration_of
 from poseppl.report import plot_ranks
 
 MODEL = linear_gaussian(2, num_observed=1).compile()

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from verdict_trees import drawn_tree, kalman_tree, points_tree, silhouettes_tree, steps_tree, texts
 
+from poseppl.diagnostics.image_errors import LEAST_SHARE, image_errors
 from poseppl.diagnostics.verdicts import residuals, silhouettes, steps
-from poseppl.diagnostics.verdicts.residuals import residuals_of
 from poseppl.diagnostics.verdicts.steps import steps_of
 
 
 def test_scales_of_an_exact_filter_are_one_and_wrong_noise_and_walk_show():
     right = kalman_tree()
-    scale, walked = residuals_of(right).scale(), steps_of(right)
+    scale, walked = image_errors(right).scale(), steps_of(right)
     expected = np.sqrt(np.sum(walked.standardised**2) / np.sum(walked.expected))
     # 400 frames of 16 residuals and of 5 steps: standard errors of 0.01 and 0.016
     assert scale == pytest.approx(1, abs=0.04) and expected == pytest.approx(1, abs=0.06)
     assert "Image points" not in texts(right) and "walk" not in texts(right)
     # without the posterior's share of the variance, the right run would look wrong
-    assert np.sqrt(np.nanmean(residuals_of(right).standardised ** 2)) < 0.95
+    assert np.sqrt(np.nanmean(image_errors(right).standardised ** 2)) < 0.95
     assert "error: Image points" in texts(kalman_tree(noise=6.0))
     assert "warning: Image points" in texts(kalman_tree(noise=1.5))
     assert "error: Angles" in texts(kalman_tree(told_walk=0.05))
@@ -45,16 +45,16 @@ def test_with_a_learned_prior_no_option_of_the_walk_is_advised(wrong):
 )
 def test_residuals_of_all_points(scale, words):
     found = texts(points_tree(scale))
-    assert residuals_of(points_tree(scale)).scale() == pytest.approx(scale, rel=1e-6)
+    assert image_errors(points_tree(scale)).scale() == pytest.approx(scale, rel=1e-6)
     assert words in found and "--noise" in found if words else "Image points" not in found
 
 
 def test_points_whose_spread_hides_their_noise_are_left_out_of_an_exact_filter():
     """Precise points keep little of their residuals; of the others the identity holds as well as of all."""
     tree = kalman_tree(**dict.fromkeys(("noise", "told"), np.tile([9.0, 0.5, 0.2, 5.0], (2, 1))))
-    found = residuals_of(tree)
+    found = image_errors(tree)
     share = 1 - np.square(tree["summary/points_sd"].values / tree["inputs/noise"].values[..., None])
-    assert 0.1 < found.left_out == np.mean(share < residuals.LEAST_SHARE) < 0.9
+    assert 0.1 < found.left_out == np.mean(share < LEAST_SHARE) < 0.9
     assert found.scale() == pytest.approx(1, abs=0.05) and "Image points" not in texts(tree)
 
 
@@ -62,7 +62,7 @@ def test_a_spread_that_the_projection_bends_is_no_fault_of_the_points():
     """Half of the points are spread more than their noise, and are as far away as that: nothing in them tells of the noise."""
     bent = points_tree(1.0)
     bent["summary"]["points_sd"][:, :, :2] *= 3.0
-    found = residuals_of(bent)
+    found = image_errors(bent)
     assert found.left_out == 0.5 and found.scale() == pytest.approx(1, abs=1e-6) and "Image points" not in texts(bent)
     # as they would count if a twentieth were expected of each
     expected = np.where(np.isfinite(found.expected), found.expected, 0.05)
@@ -71,7 +71,7 @@ def test_a_spread_that_the_projection_bends_is_no_fault_of_the_points():
     far["summary"]["points_sd"][:, :, :2] *= 3.0
     assert "error: Image points are 1.50 times" in texts(far) and "50 % of them left out" in texts(far)
     bent["summary"]["points_sd"][:] = 1e3
-    assert residuals_of(bent).left_out == 1.0 and "Image points" not in texts(bent)
+    assert image_errors(bent).left_out == 1.0 and "Image points" not in texts(bent)
 
 
 def test_residuals_of_few_frames_are_no_evidence():
@@ -106,12 +106,12 @@ def test_a_camera_that_is_off_on_average_is_told_by_how_much(factor):
 def test_missing_points_and_points_of_changing_noise_count_as_they_should():
     tree = points_tree(1.01 * residuals.SCALE_HIGH)
     tree["observed_data"]["points"][3:9, 1] = np.nan
-    assert residuals_of(tree).scale() == pytest.approx(1.01 * residuals.SCALE_HIGH, rel=0.05)
+    assert image_errors(tree).scale() == pytest.approx(1.01 * residuals.SCALE_HIGH, rel=0.05)
     noise = tree["inputs/noise"].values
     tree["inputs"] = tree["inputs"].to_dataset().drop_vars("noise").assign(noise=(("t", "c", "k"), np.tile(noise, (30, 1, 1))))
     assert "Image points are 1.1" in texts(tree)
     tree["inputs"] = tree["inputs"].to_dataset().drop_vars("noise")
-    assert residuals_of(tree) is None
+    assert "Image points" not in texts(tree)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ those that :func:`verdicts` makes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import xarray as xr
 
@@ -19,17 +19,19 @@ from poseppl.diagnostics.verdicts.chains import (
     mixing,
     rejection,
 )
-from poseppl.diagnostics.verdicts.coverage import coverage
-from poseppl.diagnostics.verdicts.few_points import few_points
-from poseppl.diagnostics.verdicts.forecasts import forecasts
+from poseppl.diagnostics.verdicts.coverage import coverage, forecasts
 from poseppl.diagnostics.verdicts.particles import degeneracy, mode_seeking
-from poseppl.diagnostics.verdicts.predictive import check_predictions as check_predictions, prediction
-from poseppl.diagnostics.verdicts.prior import learned_prior
+from poseppl.diagnostics.verdicts.predictive import (
+    check_predictions as check_predictions,
+    check_unreached as check_unreached,
+    few_points,
+    prediction,
+    unreached,
+)
 from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
-from poseppl.diagnostics.verdicts.steps import estimated_steps
-from poseppl.diagnostics.verdicts.unreached import check_unreached as check_unreached, unreached
+from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
 from poseppl.diagnostics.verdicts.validity import failures, missing
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,
@@ -40,7 +42,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     frame_ranges as frame_ranges,
 )
 
-CHECKS: tuple[Callable[[xr.DataTree], list[Verdict]], ...] = (
+CHECKS: tuple[Callable[[xr.DataTree], Iterable[Verdict]], ...] = (
     failures,
     mode_seeking,
     degeneracy,

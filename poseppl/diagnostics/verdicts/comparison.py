@@ -7,24 +7,22 @@ import json
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.evidence import NONE, Evidence, evidence_words
+from poseppl.arrays import Booleans
+from poseppl.diagnostics.evidence import NONE, evidence_words
 from poseppl.diagnostics.paired_comparison import TIE
 from poseppl.diagnostics.run_figures import FORMULA
 from poseppl.diagnostics.verdicts import ERROR, INFO, RHAT_HIGH, RHAT_SHARE, WARNING, Verdict
 from poseppl.diagnostics.verdicts.coverage import calibration
+from poseppl.diagnostics.verdicts.verdict import Findings
 
 LEVEL = 0.9
 MAX_NAMED = 8
-_WRONG = Verdict(ERROR, "A wrong posterior, left out where effective draws are counted; 90 % intervals cover so little")
-_NARROW = Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth")
-_WIDE = Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth")
-_CALIBRATED = Verdict(INFO, "90 % intervals are calibrated")
-_UNDECIDED = Verdict(INFO, "90 % intervals may be calibrated, but the sequence is too short to tell")
 _KINDS = {
-    "over-confident": _NARROW,
-    "under-confident": _WIDE,
-    "calibrated": _CALIBRATED,
-    "undecided": _UNDECIDED,
+    "wrong": Verdict(ERROR, "A wrong posterior, left out where effective draws are counted; 90 % intervals cover so little"),
+    "over-confident": Verdict(WARNING, "Over-confident, 90 % intervals cover less of the truth"),
+    "under-confident": Verdict(WARNING, "Under-confident, 90 % intervals cover more of the truth"),
+    "calibrated": Verdict(INFO, "90 % intervals are calibrated"),
+    "undecided": Verdict(INFO, "90 % intervals may be calibrated, but the sequence is too short to tell"),
 }
 _TITLES = {
     "ess_per_second": "Effective draws a second",
@@ -50,32 +48,30 @@ def findings(tree: xr.DataTree) -> list[Verdict]:
     return [*_winners(tree), *_other_cameras(tree), *_evidence(tree), *_coverage(tree), *_agreement(tree), *_closed_form(tree)]
 
 
-def _evidence(tree: xr.DataTree) -> list[Verdict]:
+def _evidence(tree: xr.DataTree) -> Findings:
     """Who explains the data best, and whom that is beyond Monte Carlo noise."""
     data = tree["evidence"].dataset
     names, total = data["run"].values.tolist(), data["log_evidence"].values
     known = np.isfinite(total) & np.isfinite(data["standard_error"].values)
-    told = (
-        f"{name} {evidence_words(Evidence(*(data[part].values[index].item() for part in Evidence._fields)))}"
-        for index, name in enumerate(names)
-        if np.isfinite(total[index])
-    )
-    found = [Verdict(INFO, f"Log evidence: {text}.") for text in ["; ".join(told)] if text]
-    if known.sum() > 1 and not _other_cameras(tree):  # evidences of other data are not held against each other
+
+    def words_of(mask: Booleans) -> str:
+        return words([names[index] for index in np.flatnonzero(mask)])
+
+    told = [f"{names[index]} {evidence_words(data.isel(run=index))}" for index in np.flatnonzero(np.isfinite(total))]
+    if told:
+        yield Verdict(INFO, f"Log evidence: {'; '.join(told)}.")
+    if known.sum() > 1 and not any(_other_cameras(tree)):  # evidences of other data are not held against each other
         best = int(np.argmax(np.where(known, total, -np.inf)))
         beyond = data["beyond_noise"].values[best] & known
-        behind = words([names[index] for index in np.flatnonzero(beyond)])
-        level = words([names[index] for index in np.flatnonzero(known & ~beyond) if index != best])
+        behind, level = words_of(beyond), words_of(known & ~beyond & (np.arange(len(names)) != best))
         parts = [f"above {behind} beyond Monte Carlo noise"] if behind else []
         parts += [f"no further from {level} than noise allows"] if level else []
-        found.append(Verdict(INFO, f"The log evidence of {names[best]} is the largest, {', '.join(parts)}."))
-    unknown = words([names[index] for index in np.flatnonzero(np.isfinite(total) & ~known)])
+        yield Verdict(INFO, f"The log evidence of {names[best]} is the largest, {', '.join(parts)}.")
+    unknown, seekers = words_of(np.isfinite(total) & ~known), words_of(data["source"].values == NONE)
     if unknown:
-        found.append(Verdict(INFO, f"Monte Carlo error of the log evidence of {unknown} not known: run three seeds or more."))
-    seekers = words([names[index] for index in np.flatnonzero(data["source"].values == NONE)])
+        yield Verdict(INFO, f"Monte Carlo error of the log evidence of {unknown} not known: run three seeds or more.")
     if seekers:
-        found.append(Verdict(INFO, f"No evidence from {seekers}: a smoother or a filter that seeks a mode has none."))
-    return found
+        yield Verdict(INFO, f"No evidence from {seekers}: a smoother or a filter that seeks a mode has none.")
 
 
 def words(names: list[str]) -> str:
@@ -93,8 +89,7 @@ def wins(tree: xr.DataTree, quantity: str) -> dict[str, int]:
 
 
 def _winners(tree: xr.DataTree) -> list[Verdict]:
-    data = tree["winner"].dataset
-    texts = []
+    data, texts = tree["winner"].dataset, []
     for quantity, best in _BEST.items():
         row = data.sel(quantity=quantity)
         winner, leaders = str(row["winner"].item()), row["run"].values[row["not_worse"].values].tolist()
@@ -104,19 +99,17 @@ def _winners(tree: xr.DataTree) -> list[Verdict]:
             texts.append(f"{_TITLES[quantity]}: {words(leaders)} tie, to within the Monte Carlo error.{_where(tree, quantity)}")
         else:
             texts.append(f"{winner} {best}{_margin(row, winner, quantity)}.{_where(tree, quantity)}")
-    if not texts:
-        texts.append("Nobody wins: fewer than two runs have figures that can be held against each other.")
-    return [Verdict(INFO, text) for text in texts]
+    nobody = "Nobody wins: fewer than two runs have figures that can be held against each other."
+    return [Verdict(INFO, text) for text in texts or [nobody]]
 
 
-def _other_cameras(tree: xr.DataTree) -> list[Verdict]:
+def _other_cameras(tree: xr.DataTree) -> Findings:
     """The runs that had other data of the same truth."""
     names = json.loads(tree.attrs.get("other_cameras", "[]"))
-    if not names:
-        return []
-    first = tree["figures"].dataset["run"].values[0]
-    text = f"Other cameras than those of {first} saw the same motion: {words(names)}."
-    return [Verdict(INFO, f"{text} Errors and coverage compare; effective draws are of different posteriors.")]
+    if names:
+        first = tree["figures"].dataset["run"].values[0]
+        text = f"Other cameras than those of {first} saw the same motion: {words(names)}."
+        yield Verdict(INFO, f"{text} Errors and coverage compare; effective draws are of different posteriors.")
 
 
 def _margin(row: xr.Dataset, winner: str, quantity: str) -> str:
@@ -149,18 +142,15 @@ def _where(tree: xr.DataTree, quantity: str) -> str:
 def _coverage(tree: xr.DataTree) -> list[Verdict]:
     """The runs by what their 90 % intervals are worth, one finding a kind."""
     summary = tree["summary"].dataset.sel(level=LEVEL, method="nearest")
-    kinds: dict[Verdict, list[str]] = {kind: [] for kind in (_WRONG, *_KINDS.values())}
+    kinds: dict[str, list[str]] = {kind: [] for kind in _KINDS}
     columns = (summary[name].values for name in ("run", "coverage_all", "coverage_se_all", "miscalibrated"))
     for name, share, error, out in zip(*columns, strict=True):
-        text = f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)"
-        if out:
-            kinds[_WRONG].append(text)
-        elif np.isfinite(share):
-            kinds[_KINDS[calibration(share, error)]].append(text)
-    return [Verdict(kind.severity, f"{kind.text}: {words(names)}.") for kind, names in kinds.items() if names]
+        if np.isfinite(share):
+            kinds["wrong" if out else calibration(share, error)].append(f"{name} ({100 * share:.0f} ± {100 * error:.0f} %)")
+    return [Verdict(_KINDS[kind].severity, f"{_KINDS[kind].text}: {words(found)}.") for kind, found in kinds.items() if found]
 
 
-def _agreement(tree: xr.DataTree) -> list[Verdict]:
+def _agreement(tree: xr.DataTree) -> Findings:
     """The runs whose chains disagree."""
     figures = tree["figures"].dataset
     found = []
@@ -170,13 +160,13 @@ def _agreement(tree: xr.DataTree) -> list[Verdict]:
         if share > RHAT_SHARE:
             found.append(f"{name} ({100 * share:.0f} %, largest {known.max():.2f})")
     start = f"Chains disagree and ESS is rough, R-hat above {RHAT_HIGH} in so many frames and coordinates"
-    return [Verdict(WARNING, f"{start}: {words(found)}.")] if found else []
+    if found:
+        yield Verdict(WARNING, f"{start}: {words(found)}.")
 
 
-def _closed_form(tree: xr.DataTree) -> list[Verdict]:
+def _closed_form(tree: xr.DataTree) -> Findings:
     figures = tree["figures"].dataset
-    names = [str(name) for name, kind in zip(figures["run"].values, figures["kind"].values, strict=True) if kind == FORMULA]
-    if not names:
-        return []
-    form = "are closed forms" if len(names) > 1 else "is a closed form"
-    return [Verdict(INFO, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")]
+    names = figures["run"].values[figures["kind"].values == FORMULA].tolist()
+    if names:
+        form = "are closed forms" if len(names) > 1 else "is a closed form"
+        yield Verdict(INFO, f"{words(names)} {form}, without Monte Carlo error: no τ and no ESS, only error and coverage.")

@@ -1,4 +1,4 @@
-"""Whether intervals cover the truth as often as they say, where it is known.
+"""Whether intervals cover the truth as often as they say, where it is known, and forecasts the data that came.
 
 The share of a sequence has a standard error, which is large where the sequence is short. A run is over- or under-confident if
 two standard errors do not reach from its share to 90 %, and the two differ by more than two points: quantiles of some hundred
@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, of_walk, settings_among
-from poseppl.runs.contents import variable
-from poseppl.runs.results import provenance
+from poseppl.diagnostics.selection import told
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, of_walk, settings_among
+from poseppl.runs.contents import group_of, variable
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -41,24 +41,23 @@ def calibration(share: float, standard_error: float) -> Calibration:
     return "calibrated" if reach <= PRECISE else "undecided"
 
 
-def coverage(tree: xr.DataTree) -> list[Verdict]:
+def coverage(tree: xr.DataTree) -> Findings:
     """Coverage of the 90 % intervals of coordinates and joints."""
     data = tree["diagnostics"].dataset
-    found, more = [], settings_among(tree, "num_updates", "num_draws", "num_particles")
     for name, what in _SITES.items():
         if name in data:
             share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
             if np.isfinite(share):
-                found.append(_verdict(tree, what, share, error, more))
-    return found
+                yield _verdict(tree, what, share, error)
 
 
-def _verdict(tree: xr.DataTree, what: str, share: float, error: float, more: str) -> Verdict:
+def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdict:
     kind = calibration(share, error)
     text = f"90 % intervals of {what} cover {100 * share:.0f} % (± {100 * error:.0f}) of the truth"
     if kind == "over-confident":
         wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
         places = "take --markers learned, " if _markers_may_be_learned(tree) else ""
+        more = settings_among(tree, "num_updates", "num_draws", "num_particles")
         advice = f"over-confident, intervals are too narrow: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident":
@@ -70,7 +69,29 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float, more: str
 
 def _markers_may_be_learned(tree: xr.DataTree) -> bool:
     """Whether two cameras or more saw markers that were taken for where the body has them."""
-    settings = provenance(tree).get("settings")
-    fixed = isinstance(settings, dict) and settings.get("markers") == "fixed"
+    fixed = told(tree, "settings").get("markers") == "fixed"
     points = variable(tree, "observed_data", "points")
     return fixed and points is not None and points.shape[1] > 1 and bool(np.isfinite(points).any())
+
+
+def forecasts(tree: xr.DataTree) -> Findings:
+    """Coverage of forecasts; nothing where the result has none of `poseppl.diagnostics.add_hindcasts`."""
+    data = group_of(tree, "hindcasts")
+    for site in data["site"].values.tolist() if data else ():
+        here = data.sel(site=site)
+        share, error = float(here["overall"]), float(here["overall_se"])
+        reach = float(here.get("overall_reach", 2 * error))
+        kind = calibration(share, reach / 2) if np.isfinite(share) else "undecided"
+        if kind in ("calibrated", "undecided"):
+            continue
+        by_lead, leads = here["coverage"].values, here["lead"].values
+        worst = int(np.nanargmax(np.abs(by_lead - LEVEL)))
+        text = (
+            f"90 % intervals of forecasts of {site}, {leads[0]} to {leads[-1]} frames ahead, hold {100 * share:.0f} % "
+            f"(± {100 * error:.0f}) of the data that came ({100 * by_lead[worst]:.0f} % {leads[worst]} ahead)"
+        )
+        if kind == "over-confident":
+            severity = ERROR if share < COVERAGE_ERROR else WARNING
+            yield Verdict(severity, f"{text}: the filter or the model's transition claims to know too much.")
+        else:
+            yield Verdict(WARNING, f"{text}: the model's transition or noise is wider than the data need.")

@@ -5,48 +5,43 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Verdict, settings_among, statistic, where
+from poseppl.diagnostics.selection import told
+from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Findings, Verdict, settings_among, statistic, where
 from poseppl.runs.results import is_weighted, provenance
 
 LOW_SHARE = 0.1
 """Of the frames with few effective particles, above which they are an error: a filter finds back from single ones."""
 
 
-def mode_seeking(tree: xr.DataTree) -> list[Verdict]:
+def mode_seeking(tree: xr.DataTree) -> Findings:
     """Particles that a seeker of modes has gathered, whose spread tells nothing, whatever the data."""
     if not _seeks_mode(tree):
-        return []
-    settings = provenance(tree).get("settings")
-    others = ["--set target=posterior"] if isinstance(settings, dict) and "target" in settings else suited_filter(tree)
+        return
+    others = ["--set target=posterior"] if "target" in told(tree, "settings") else suited_filter(tree)
     advice = f": for these, use {others[0]}" if others else ""
     text = "The filter seeks a mode and does not sample the posterior, so that intervals and standard deviations mean nothing"
-    return [Verdict(ERROR, f"{text}{advice}.")]
+    yield Verdict(ERROR, f"{text}{advice}.")
 
 
-def degeneracy(tree: xr.DataTree) -> list[Verdict]:
+def degeneracy(tree: xr.DataTree) -> Findings:
     """Degeneracy of weighted particles."""
     exact = provenance(tree).get("closed form")  # whose weights are so, however few there are
     if not is_weighted(tree) or exact or _seeks_mode(tree):
-        return []
+        return
     number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")
-    found = []
-    effective = statistic(tree, "ess")
-    if effective is not None:
-        low = effective < ESS_LOW
-        if low.any():
-            worst = f"{np.nanmin(effective):.1f}"
-            text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {worst})"
-            others = [f"use {other}" for other in suited_filter(tree)]
-            advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
-            found.append(Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}."))
-    unique = statistic(tree, "unique_ancestors")
+    effective, unique = statistic(tree, "ess"), statistic(tree, "unique_ancestors")
+    if effective is not None and (effective < ESS_LOW).any():
+        low, least = effective < ESS_LOW, f"{np.nanmin(effective):.1f}"
+        text = f"Effective number of particles below {ESS_LOW:.0f} of {number} in {where(tree, low)} (least {least})"
+        others = [f"use {other}" for other in suited_filter(tree)]
+        advice = f"the particles miss the posterior; {', or '.join([f'raise {more}', *others])}"
+        yield Verdict(ERROR if low.mean() > LOW_SHARE else WARNING, f"{text}: {advice}.")
     if unique is not None:
         few = unique < min(ESS_LOW, number)
         few[0] = False  # no resampling comes before the first frame
         if few.any():
             text = f"Fewer than {ESS_LOW:.0f} particles have descendants in {where(tree, few)} (least {unique[few].min():.0f})"
-            found.append(Verdict(WARNING, f"{text}: the sample is impoverished; raise {more}."))
-    return found
+            yield Verdict(WARNING, f"{text}: the sample is impoverished; raise {more}.")
 
 
 def _seeks_mode(tree: xr.DataTree) -> bool:

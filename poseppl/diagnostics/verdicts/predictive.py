@@ -1,14 +1,20 @@
-"""Whether the data come as the filter expected them, which needs no truth."""
+"""Whether the data come as the filter expected them, and what its predictions tell of its own errors, which needs no truth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
+from poseppl.diagnostics.few_points import few_points_inflation
 from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
 from poseppl.diagnostics.smoothing import fits_model
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict
-from poseppl.runs.contents import group_of
+from poseppl.diagnostics.unreached import unreached_figures
+from poseppl.diagnostics.verdicts.particles import suited_filter
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, settings_among, statistic
+from poseppl.runs.contents import group_of, names_of
 from poseppl.runs.predictive import Prediction
 from poseppl.runs.results import provenance
 
@@ -20,20 +26,20 @@ INFLATION_LOW = 0.5
 OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter, or widen the model's noise or transition."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
+MAX_NAMED = 4
 
 
-def prediction(tree: xr.DataTree) -> list[Verdict]:
+def prediction(tree: xr.DataTree) -> Findings:
     """One-step-ahead predictions against the data that came; nothing where the result has none."""
-    told = provenance(tree).get("predictive checks")
-    if told is not None:
-        return [Verdict(INFO, f"Predictive checks are {told}.")]
-    checks = prediction_of(tree)
-    found = [] if checks is None else check_predictions(checks)
-    if "smoother" not in provenance(tree):
-        return found
-    # a smoother that is not bound to the filter's particles may be right where the filter is not
-    let_be = fits_model(tree)
-    return [Verdict(WARNING if let_be else each.severity, f"Of the filter that was smoothed: {each.text}") for each in found]
+    known, checks = provenance(tree), prediction_of(tree)
+    if known.get("predictive checks") is not None:
+        yield Verdict(INFO, f"Predictive checks are {known['predictive checks']}.")
+    elif checks is not None and "smoother" not in known:
+        yield from check_predictions(checks)
+    elif checks is not None:
+        # a smoother that is not bound to the filter's particles may be right where the filter is not
+        for each in check_predictions(checks):
+            yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
@@ -56,29 +62,19 @@ def check_predictions(prediction: Prediction) -> list[Verdict]:
     if not np.isfinite(reach):
         return []
     beyond_chance = found - reach > 1 or figures.chance < CHANCE_LOW
-    if found > INFLATION_HIGH and beyond_chance and _may_exceed(figures):
+    squares = figures.by_squares  # the innovations' sizes may not allow it: smooth motion alone makes neighbours alike, too
+    if found > INFLATION_HIGH and beyond_chance and not squares.estimate + squares.half_width < INFLATION_HIGH:
         share = implied_coverage(found)
         return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
-    biased = abs(figures.high.estimate - 0.5) > BIAS_HIGH + figures.high.half_width
-    if biased:
-        side = "above" if figures.high.estimate > 0.5 else "below"
-        share = max(figures.high.estimate, 1 - figures.high.estimate)
-        return [
-            Verdict(WARNING, f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased.")
-        ]
+    high = figures.high
+    if abs(high.estimate - 0.5) > BIAS_HIGH + high.half_width:
+        side, share = ("above", high.estimate) if high.estimate > 0.5 else ("below", 1 - high.estimate)
+        text = f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased."
+        return [Verdict(WARNING, text)]
     if found + reach < INFLATION_LOW:
-        return [
-            Verdict(
-                WARNING, f"{_words(figures)}. Under-confident: the model's noise or transition is wider than the data need."
-            )
-        ]
+        text = "Under-confident: the model's noise or transition is wider than the data need."
+        return [Verdict(WARNING, f"{_words(figures)}. {text}")]
     return []
-
-
-def _may_exceed(figures: PredictiveFigures) -> bool:
-    """Whether the innovations' sizes allow what their products say: smooth motion alone makes neighbours alike, too."""
-    found, _, reach = figures.by_squares
-    return not found + reach < INFLATION_HIGH
 
 
 def _words(figures: PredictiveFigures) -> str:
@@ -88,3 +84,63 @@ def _words(figures: PredictiveFigures) -> str:
         f"The data say that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance that the filter "
         f"claims ({outer:.0f} % of the data in the outer 10 % of their predictions)"
     )
+
+
+def few_points(tree: xr.DataTree) -> Findings:
+    """Errors that the number of points alone explains, of filters that tell it; none without predictive checks of the state."""
+    known, prediction = provenance(tree), prediction_of(tree)
+    points = known.get("points of the past")
+    if points is None or prediction is None or prediction.explained is None or "smoother" in known:
+        return
+    found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points)
+    shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
+    if shares and np.mean(shares) < implied_coverage(INFLATION_HIGH):
+        ways = [f"raise {settings_among(tree, 'num_chains')}", *(f"use {other}" for other in suited_filter(tree))]
+        yield Verdict(
+            ERROR,
+            f"{points} points carry the past from frame to frame: by their Monte Carlo error alone, 90 % intervals cover at "
+            f"most about {100 * np.mean(shares):.0f} %; {', or '.join(ways)}.",
+        )
+
+
+def unreached(tree: xr.DataTree) -> Findings:
+    """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
+    prediction, ess = prediction_of(tree), statistic(tree, "ess")
+    if prediction is None or prediction.explained is None or ess is None or "smoother" in provenance(tree):
+        return  # a smoother's posterior knows more than the prediction's data
+    mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
+    yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "dof"))
+
+
+def check_unreached(
+    prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, names: Sequence[str]
+) -> list[Verdict]:
+    """Judge a filter where its data hardly reach.
+
+    Args:
+        prediction: With a leading T.
+        mean: The posterior's mean (T, d).
+        standard_deviation: Its standard deviation (T, d).
+        ess: The filter's effective number of draws (T,).
+        names: Of the coordinates (d,).
+
+    Returns:
+        A finding; none where the posterior is what the prediction allows, or where there are too few frames to tell.
+    """
+    figures = unreached_figures(prediction, mean, standard_deviation, ess)
+    if figures is None:
+        return []
+    found, error, reach = figures.inflation
+    if not (np.isfinite(reach) and found > INFLATION_HIGH and found - reach > 1):
+        return []
+    which = np.flatnonzero(figures.coordinates)
+    more = f" and {len(which) - MAX_NAMED} more" if len(which) > MAX_NAMED else ""
+    return [
+        Verdict(
+            ERROR,
+            f"In coordinates that the data hardly reach ({', '.join(names[i] for i in which[:MAX_NAMED])}{more}), errors have "
+            f"{found:.2g} ± {error:.1g} times the variance that the filter claims: it gives {100 * figures.lost:.0f} % of the "
+            f"predicted variance away in a frame, and data can tell {max(0.0, 100 * figures.explained):.0f} %; 90 % intervals "
+            f"cover about {100 * implied_coverage(found):.0f} %. {OVER_CONFIDENT}",
+        )
+    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, statistic, where
 from poseppl.runs.contents import names_of
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
@@ -21,11 +21,11 @@ SWELLING = 1.6
 """Factor by which a silhouette's area grows or shrinks from a frame to the next before it is told."""
 
 
-def overlap(tree: xr.DataTree) -> list[Verdict]:
+def overlap(tree: xr.DataTree) -> Findings:
     """A body that does not fill the silhouettes it was tracked in, by camera and frame."""
     share = statistic(tree, "overlap")
     if share is None or not np.isfinite(share).any():
-        return []
+        return
     cameras = names_of(tree, "camera")
     means = np.array([float(np.nanmean(column)) if np.isfinite(column).any() else np.nan for column in share.T])
     low = np.flatnonzero(means < OVERLAP_LOW)
@@ -33,7 +33,7 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
     frames = np.zeros(len(share), bool)
     frames[seen] = np.nanmean(share[seen], axis=1) < OVERLAP_FRAME
     if not len(low) and not frames.any():
-        return []
+        return
     named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on the whole"
     worst = f", and below {OVERLAP_FRAME:g} in {where(tree, frames)}" if frames.any() else ""
     text = f"Body and silhouettes overlap too little ({named}; 1 is perfect{worst})"
@@ -41,22 +41,21 @@ def overlap(tree: xr.DataTree) -> list[Verdict]:
         "others or furniture in the masks (--masks, --occlusion, --background), a wrong start (--facing) or size (--stature)"
     )
     severity = ERROR if np.nanmin(means) < OVERLAP_ERROR or frames.mean() > 0.1 else WARNING
-    return [Verdict(severity, f"{text}: {advice}.")]
+    yield Verdict(severity, f"{text}: {advice}.")
 
 
-def silhouette_jumps(tree: xr.DataTree) -> list[Verdict]:
+def silhouette_jumps(tree: xr.DataTree) -> Findings:
     """Silhouettes that leap or swell from a frame to the next, as when they change to another person; by camera."""
     area, centre = (array_of(tree, "observed_data", f"silhouette_{part}") for part in ("area", "centre"))
     if area is None or centre is None or len(area) < 2:
-        return []
+        return
     rate = float(tree.attrs.get("rate", np.inf))
     far = np.linalg.norm(np.diff(centre, axis=0), axis=-1) / np.sqrt(area[:-1])
     growth = np.abs(np.diff(np.log(area), axis=0))
     jumps = np.vstack([np.zeros(area.shape[1], bool), (far > max(JUMP, PACE / rate)) | (growth > np.log(SWELLING))])
     cameras = names_of(tree, "camera")
     found = [f"{cameras[i]} ({where(tree, jumps[:, i])})" for i in np.flatnonzero(jumps.any(axis=0))]
-    if not found:
-        return []
-    text = f"Silhouettes leap or change size at once in {', '.join(found)}"
-    advice = "they may have changed to another person; look at the overlay, and give --masks of one person"
-    return [Verdict(WARNING, f"{text}: {advice}.")]
+    if found:
+        text = f"Silhouettes leap or change size at once in {', '.join(found)}"
+        advice = "they may have changed to another person; look at the overlay, and give --masks of one person"
+        yield Verdict(WARNING, f"{text}: {advice}.")

@@ -8,7 +8,7 @@ import xarray as xr
 from poseppl.diagnostics.batches import Interval
 from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.smoothing import RESIDUAL_HIGH, STEPS_HIGH, exceeds, smoothing_figures
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict
 from poseppl.runs.results import provenance
 
 STEPS_LOW = 0.5
@@ -18,30 +18,22 @@ FAR = 1.0
 """From where smoothed means that lie too far are an error; nearer ones may be the filter's, or of wide intervals."""
 
 
-def smoothing(tree: xr.DataTree) -> list[Verdict]:
+def smoothing(tree: xr.DataTree) -> Findings:
     """Draws against the model, and moments against the filter's; nothing where the result is a filter's."""
     if "smoother" not in provenance(tree):
-        return []
-    figures, found = smoothing_figures(tree), []
+        return
+    figures = smoothing_figures(tree)
     wrong = "the model is wrong, or the smoother missed the posterior"
     if exceeds(figures.data, RESIDUAL_HIGH):
-        found.append(
-            Verdict(ERROR, f"Data lie {_times(figures.data)} as far from the smoothed states as their noise allows: {wrong}.")
-        )
+        yield Verdict(ERROR, f"Data lie {_times(figures.data)} as far from the smoothed states as their noise allows: {wrong}.")
     if exceeds(figures.steps, STEPS_HIGH):
-        found.append(Verdict(ERROR, f"Smoothed states step {_times(figures.steps)} as far as the transition does: {wrong}."))
+        yield Verdict(ERROR, f"Smoothed states step {_times(figures.steps)} as far as the transition does: {wrong}.")
     elif figures.steps.estimate + figures.steps.half_width < STEPS_LOW:
-        found.append(
-            Verdict(
-                WARNING,
-                f"Smoothed states step only {_times(figures.steps)} as far as the transition does: draws that are too alike, "
-                "or a transition that is wider than the data need.",
-            )
-        )
+        text = f"Smoothed states step only {_times(figures.steps)} as far as the transition does"
+        yield Verdict(WARNING, f"{text}: draws that are too alike, or a transition that is wider than the data need.")
     apart, reach = figures.distance.estimate, figures.distance.half_width
     if np.isfinite(reach) and abs(apart) > max(APART_HIGH, reach):
-        found.append(Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart)))
-    return found
+        yield Verdict(WARNING if 0 < apart < FAR else ERROR, _disagreement(apart))
 
 
 def _disagreement(apart: float) -> str:

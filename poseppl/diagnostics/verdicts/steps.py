@@ -1,4 +1,4 @@
-"""Steps of the posterior mean in units of the random walk.
+"""Steps of the posterior mean in units of the random walk, and whether the motion is what a prior has learned.
 
 Where the state walks at random with standard deviation q a frame, a filter's means m and variances P obey
 
@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict, array_of, of_walk, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, array_of, of_walk, statistic, where
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -30,6 +30,10 @@ LEAP_SHARE = 0.01
 """Share of larger ones that is a warning."""
 LEAP_ERROR = 10.0
 """A single one that is an error."""
+HOLDS = 0.5
+"""Probability of the learned activity below which a frame is of other motion."""
+OTHER_SHARE = 0.1
+"""Share of such frames above which there is a warning."""
 _LEAST_SHARE = 0.25
 _OPTIONS = {"Translations": "--sigma-position", "Angles": "--sigma-angle"}
 
@@ -67,46 +71,58 @@ def _error_of_means(tree: xr.DataTree, variance: Floats) -> Floats:
     return np.asarray(variance / draws[:, None])
 
 
-def estimated_steps(tree: xr.DataTree) -> list[Verdict]:
+def estimated_steps(tree: xr.DataTree) -> Findings:
     """Steps that are too large for the random walk, all or some, or far smaller than it; by group of coordinates."""
     steps = steps_of(tree)
     if steps is None:
-        return []
+        return
     names = np.array(names_of(tree, "dof"))
     moves = np.array([name.rpartition(".")[2] in ("tx", "ty", "tz") for name in names])
-    found = []
     for group, members in (("Translations", moves), ("Angles", ~moves)):
         chosen = Steps(*(part[:, members] for part in steps))
         if np.isfinite(chosen.standardised).any():
-            found += [*_scale(tree, chosen, group), *_leaps(tree, chosen, group, names[members])]
-    return found
+            yield from _scale(tree, chosen, group)
+            yield from _leaps(tree, chosen, group, names[members])
 
 
-def _scale(tree: xr.DataTree, steps: Steps, group: str) -> list[Verdict]:
+def _scale(tree: xr.DataTree, steps: Steps, group: str) -> Findings:
     known = np.isfinite(steps.standardised)
     scale = float(np.sqrt(np.sum(steps.standardised[known] ** 2) / np.sum(steps.expected[known])))
     text = f"{group} step {scale:.2f} times as far as their random walk"
     if scale > STEPS_HIGH:
         severity = ERROR if scale > STEPS_ERROR else WARNING
         wider = of_walk(tree, f"raise {_OPTIONS[group]}")
-        return [Verdict(severity, f"{text}: it cannot follow; {wider}, or check the frame rate.")]
+        yield Verdict(severity, f"{text}: it cannot follow; {wider}, or check the frame rate.")
     if scale < STEPS_LOW and "smoother" not in provenance(tree):
         lower = of_walk(tree, f"lower {_OPTIONS[group]}")
-        advice = f"intervals are wide and means jitter; {lower}, or check the frame rate"
-        return [Verdict(WARNING, f"{text}: {advice}.")]
-    return []
+        yield Verdict(WARNING, f"{text}: intervals are wide and means jitter; {lower}, or check the frame rate.")
 
 
-def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_]) -> list[Verdict]:
+def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_]) -> Findings:
     """Single steps that the walk hardly ever makes."""
     sizes = np.nan_to_num(np.abs(steps.standardised) / np.sqrt(steps.expected))
     far = sizes > LEAP
     if far.mean() <= LEAP_SHARE and sizes.max() <= LEAP_ERROR:
-        return []
+        return
     frame, dof = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
     number = int(tree["posterior"].dataset["frame"].values[1:][frame])
     text = f"{group} leap, beyond {LEAP:.0f} times their random walk, in {where(tree, np.append(False, far.any(axis=1)))}"
     wider = of_walk(tree, f"raise {_OPTIONS[group]}")
     advice = f"another person or side, or motion too quick: check the data there, or {wider}"
     severity = ERROR if sizes.max() > LEAP_ERROR else WARNING
-    return [Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")]
+    yield Verdict(severity, f"{text} (largest {sizes.max():.1f}, {names[dof]} in frame {number}): {advice}.")
+
+
+def learned_prior(tree: xr.DataTree) -> Findings:
+    """Frames in which something else than the learned activity happens, by the posterior probability of the two."""
+    probability = array_of(tree, "summary", "prior_mean")
+    if probability is None or not (probability < HOLDS).any():
+        return
+    other = probability < HOLDS
+    share = float(np.mean(other))
+    text = f"What was learned does not hold in {share:.0%} of the frames ({where(tree, other)}): there angles move at random"
+    if share <= OTHER_SHARE:
+        yield Verdict(INFO, f"{text}.")
+    else:
+        advice = "learn from motion of this kind (poseppl fit-motion), or track without --prior"
+        yield Verdict(WARNING, f"{text}. Better: {advice}.")

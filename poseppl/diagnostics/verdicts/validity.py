@@ -5,43 +5,36 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, statistic, where
 from poseppl.runs.contents import flat_draws, group_of
 
 MISSING_HIGH = 0.2
 
 
-def failures(tree: xr.DataTree) -> list[Verdict]:
+def failures(tree: xr.DataTree) -> Findings:
     """Frames of impossible data, of zero evidence, and of draws that are not finite."""
     failed, evidence = statistic(tree, "failed"), statistic(tree, "log_evidence")
-    found = []
-    broken = np.zeros(tree["posterior"].sizes["frame"], bool)
-    if failed is not None and failed.any():
-        broken = failed > 0
-        found.append(
-            Verdict(
-                ERROR,
-                f"Impossible data in {where(tree, broken)}: no draw explains them, and the posterior there is the prior.",
-            )
-        )
+    broken = np.zeros(tree["posterior"].sizes["frame"], bool) if failed is None else failed > 0
+    if broken.any():
+        text = f"Impossible data in {where(tree, broken)}"
+        yield Verdict(ERROR, f"{text}: no draw explains them, and the posterior there is the prior.")
     if evidence is not None and (np.isneginf(evidence) & ~broken).any():
-        found.append(Verdict(ERROR, f"The evidence is zero in {where(tree, np.isneginf(evidence) & ~broken)}."))
+        yield Verdict(ERROR, f"The evidence is zero in {where(tree, np.isneginf(evidence) & ~broken)}.")
     empty = ~np.isfinite(flat_draws(tree).values).all(axis=(0, 1, 3))
     if empty.any():
-        found.append(Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}."))
-    return found
+        yield Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}.")
 
 
-def missing(tree: xr.DataTree) -> list[Verdict]:
+def missing(tree: xr.DataTree) -> Findings:
     """Frames in which nothing was observed; of silhouettes, those that show nobody, for their points are always missing."""
     observed = group_of(tree, "observed_data")
     name = next((name for name in ("silhouette_area", "points") if name in observed), None)
     if name is None:
-        return []
+        return
     values = observed[name].values
     blind = ~np.isfinite(values).reshape(len(values), -1).any(axis=1)
     if not blind.any():
-        return []
+        return
     text = f"Nothing was observed in {where(tree, blind)}: the posterior there is the prediction"
     severity = WARNING if blind.mean() > MISSING_HIGH else INFO
-    return [Verdict(severity, f"{text}; --frames chooses others.")]
+    yield Verdict(severity, f"{text}; --frames chooses others.")

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats, Integers
+from poseppl.diagnostics.selection import told
 from poseppl.runs.contents import variable
 from poseppl.runs.results import provenance
 
@@ -30,6 +31,10 @@ class Verdict(NamedTuple):
 
     severity: str
     text: str
+
+
+Findings = Iterator[Verdict]
+"""What a check yields."""
 
 
 def frame_ranges(frames: Iterable[int], limit: int = MAX_RANGES) -> str:
@@ -79,8 +84,7 @@ def statistic(tree: xr.DataTree, name: str) -> Floats | None:
 
 def settings_among(tree: xr.DataTree, *names: str) -> str:
     """Those of some settings that the run's algorithm has, as its command takes them; all of them where it does not tell."""
-    known = provenance(tree)
-    told = known.get("smoother settings" if "smoother" in known else "settings")
-    there = [f"--set {name}" for name in names if isinstance(told, dict) and name in told]
+    settings = told(tree, "smoother settings" if "smoother" in provenance(tree) else "settings")
+    there = [f"--set {name}" for name in names if name in settings]
     *others, last = there or names
     return f"{', '.join(others)} or {last}" if others else last
