@@ -9,6 +9,7 @@ from poseppl.diagnostics.calibration import (
     inside_interval as inside_interval,
     joint_error as joint_error,
     probability_transform as probability_transform,
+    reference_coverage as reference_coverage,
 )
 from poseppl.diagnostics.comparison import compare as compare, comparison_table as comparison_table
 from poseppl.diagnostics.diagnosis import diagnose as diagnose, root_index as root_index
@@ -37,7 +38,6 @@ from poseppl.diagnostics.marker_errors import (
 )
 from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
-from poseppl.diagnostics.reference import reference_coverage as reference_coverage
 from poseppl.diagnostics.simulation_based import (
     Calibration as Calibration,
     calibrate as calibrate,

@@ -71,4 +71,4 @@ def is_constant(draws: Floats) -> Booleans:
     """
     with np.errstate(invalid="ignore"):
         spread = np.ptp(draws, axis=(0, 1))
-    return ~(np.isfinite(spread) & (spread >= np.finfo(np.float64).resolution))
+    return np.asarray(~(np.isfinite(spread) & (spread >= np.finfo(np.float64).resolution)))

@@ -39,11 +39,9 @@ def mean_interval(values: ArrayLike) -> Interval:
     """Estimate a mean over frames.
 
     Args:
-        values: (frame,), all finite.
+        values: (frame, ...); those that are not finite are left out.
     """
-    series = np.asarray(values, np.float64)
-    error, reach = _error(series - series.mean())
-    return Interval(float(series.mean()), error, reach)
+    return ratio_interval(values, np.ones(np.shape(values)))
 
 
 def ratio_interval(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
@@ -54,9 +52,8 @@ def ratio_interval(numerator: ArrayLike, denominator: ArrayLike) -> Interval:
         denominator: b, (frame, ...), of positive mean; else all is NaN.
     """
     a, b = np.broadcast_arrays(np.asarray(numerator, np.float64), np.asarray(denominator, np.float64))
-    known = np.isfinite(a) & np.isfinite(b)
-    frames = known.reshape(len(a), -1).any(axis=1)
-    a, b = (np.where(known, part, 0.0).reshape(len(a), -1).sum(axis=1)[frames] for part in (a, b))
+    known, behind = np.isfinite(a) & np.isfinite(b), tuple(range(1, a.ndim))
+    a, b = (np.where(known, part, 0.0).sum(axis=behind)[known.any(axis=behind)] for part in (a, b))
     if len(b) == 0 or b.sum() <= 0:
         return Interval(float("nan"), float("nan"), float("nan"))
     estimate = a.mean() / b.mean()

@@ -7,6 +7,8 @@ width.
 
 from __future__ import annotations
 
+from itertools import groupby
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -68,9 +70,8 @@ def doubts_of(tree: xr.DataTree) -> Doubts | None:
     names, errors = names_of(tree, "marker", "summary"), image_errors(tree)
     found = [] if errors is None else _of_images(errors)
     found.append((f"known to more than {WIDE:g} mm", spread > WIDE))
-    reasons = np.full(spread.shape, -1, np.int64)
-    for index, (_, where) in reversed(list(enumerate(found))):
-        reasons[where] = index
+    holds = np.stack([where for _, where in found])
+    reasons = np.where(holds.any(axis=0), holds.argmax(axis=0), -1)
     never = [] if errors is None else np.flatnonzero(np.isnan(errors.distance).all((0, 1))).tolist()
     return Doubts(reasons, [words for words, _ in found], spread, [names[k] for k in never])
 
@@ -92,11 +93,9 @@ def doubts_in_a_row(tree: xr.DataTree, doubts: Doubts) -> list[Doubt]:
     frames, names = frame_numbers(tree), names_of(tree, "marker", "summary")
     found = []
     for k, name in enumerate(names):
-        reasons = doubts.reasons[:, k]
-        starts = np.flatnonzero(np.diff(reasons, prepend=-2))
-        for first, end in zip(starts, [*starts[1:], len(reasons)], strict=True):
-            if reasons[first] >= 0:
-                largest = float(doubts.spread[first:end, k].max())
-                words = doubts.words[reasons[first]]
-                found.append(Doubt(name, int(frames[first]), int(frames[end - 1]), int(end - first), words, largest))
+        for reason, stretch in groupby(enumerate(doubts.reasons[:, k].tolist()), itemgetter(1)):
+            rows = [row for row, _ in stretch]
+            if reason >= 0:
+                first, last = int(frames[rows[0]]), int(frames[rows[-1]])
+                found.append(Doubt(name, first, last, len(rows), doubts.words[reason], float(doubts.spread[rows, k].max())))
     return sorted(found, key=lambda each: -each.num_frames * each.spread)

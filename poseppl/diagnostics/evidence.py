@@ -13,7 +13,7 @@ neither have smoothers. Which it is, the filter says of itself (:class:`poseppl.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -69,17 +69,12 @@ def evidences(found: list[Evidence], figures: xr.Dataset) -> xr.Dataset:
         if len(group) >= _LEAST_SEEDS and np.isfinite(values).all() and found[group[0]].source != FORMULA:
             for index in group:
                 runs[index] = found[index]._replace(standard_error=float(values.std(ddof=1)), source=REPLICATES)
-    total, error = (np.array([getattr(run, name) for run in runs], np.float64) for name in Evidence._fields[:2])
+    total, error, source = map(np.array, zip(*runs, strict=True))
     with np.errstate(invalid="ignore"):
         apart = np.abs(total[:, None] - total) > _SURE * np.hypot(error[:, None], error)
-    data: dict[str, Any] = {
-        "log_evidence": ("run", total),
-        "standard_error": ("run", error),
-        "source": ("run", [run.source for run in runs]),
-        "beyond_noise": (("run", "other"), apart),
-    }
+    data = {"log_evidence": ("run", total), "standard_error": ("run", error), "source": ("run", source)}
     names = figures["run"].values
-    return xr.Dataset(data, coords={"run": names, "other": names})
+    return xr.Dataset(data, coords={"run": names, "other": names}).assign(beyond_noise=(("run", "other"), apart))
 
 
 def evidence_words(row: xr.Dataset) -> str:

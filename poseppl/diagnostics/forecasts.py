@@ -13,14 +13,14 @@ True
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.stats import norm
 
-from poseppl.arrays import Booleans, Floats
+from poseppl.arrays import Booleans, Floats, Integers
 from poseppl.diagnostics.batches import CONFIDENCE, ratio_interval
 from poseppl.diagnostics.calibration import LEVELS, Coverage, coverage, inside_interval, probability_transform
 from poseppl.errors import InputError
@@ -118,18 +118,14 @@ def score_hindcasts(predicted: xr.Dataset, result: xr.DataTree) -> dict[str, Hin
     scores = {}
     for name, drawn in predicted.data_vars.items():
         observed = np.asarray(result["observed_data"].dataset[name].values, float)
-        parts, covered, all_inside, all_seen = [], [], [], []
-        for lead in leads:
-            draws, true = drawn.sel(lead=lead).values, observed[lead : lead + starts]
-            each = crps(draws.reshape(-1, *true.shape), true)
-            parts.append(ratio_interval(np.nan_to_num(each), np.isfinite(each)))
-            all_inside.append(inside_interval(draws, true, HINDCAST_LEVEL))
-            all_seen.append(np.isfinite(true))
-            covered.append(coverage(all_inside[-1], HINDCAST_LEVEL, valid=all_seen[-1]))
-        inside, known = np.stack(all_inside, 1), np.stack(all_seen, 1)
-        overall = coverage(inside, HINDCAST_LEVEL, valid=known)
-        means, errors = (np.array([part[column] for part in parts]) for column in range(2))
-        scores[str(name)] = HindcastScore(means, errors, tuple(covered), overall, _reach(inside, known))
+        true = observed[np.arange(starts)[:, None] + leads]
+        draws, seen = drawn.transpose("chain", "draw", "start", "lead", ...).values, np.isfinite(true)
+        inside, each = inside_interval(draws, true, HINDCAST_LEVEL), crps(draws.reshape(-1, *true.shape), true)
+        parts = [ratio_interval(np.nan_to_num(each[:, lead]), seen[:, lead]) for lead in range(len(leads))]
+        covered = tuple(coverage(inside[:, lead], HINDCAST_LEVEL, valid=seen[:, lead]) for lead in range(len(leads)))
+        overall = coverage(inside, HINDCAST_LEVEL, valid=seen)
+        means, errors, _ = np.array(parts).T
+        scores[str(name)] = HindcastScore(means, errors, covered, overall, _reach(inside, seen))
     return scores
 
 
@@ -160,24 +156,17 @@ def add_hindcasts(result: xr.DataTree, predicted: xr.Dataset) -> xr.DataTree:
         (site, lead), ``overall``, ``overall_se`` and ``overall_reach`` (site,), those of all leads.
     """
     scores = score_hindcasts(predicted, result)
-    shares = [[each.estimate for each in score.coverage] for score in scores.values()]
-    errors = [[each.standard_error for each in score.coverage] for score in scores.values()]
-    by_lead = {
-        "crps": [score.crps for score in scores.values()],
-        "crps_error": [score.crps_error for score in scores.values()],
-        "coverage": shares,
-        "coverage_se": errors,
-    }
-    by_site = {
-        "overall": [score.overall.estimate for score in scores.values()],
-        "overall_se": [score.overall.standard_error for score in scores.values()],
-        "overall_reach": [score.reach for score in scores.values()],
-    }
-    data: dict[str, Any] = {name: (("site", "lead"), np.array(values)) for name, values in by_lead.items()}
-    data |= {name: (("site",), np.array(values)) for name, values in by_site.items()}
+    figures = xr.concat([_figures(score, predicted["lead"].values) for score in scores.values()], dim="site")
     added = result.copy()
-    added["hindcasts"] = xr.DataTree(xr.Dataset(data, {"site": list(scores), "lead": predicted["lead"].values}))
+    added["hindcasts"] = xr.DataTree(figures.assign_coords(site=list(scores)))
     return added
+
+
+def _figures(score: HindcastScore, leads: Integers) -> xr.Dataset:
+    shares, errors = np.array([each[1:3] for each in score.coverage]).T
+    by_lead = {"crps": score.crps, "crps_error": score.crps_error, "coverage": shares, "coverage_se": errors}
+    overall = {"overall": score.overall.estimate, "overall_se": score.overall.standard_error, "overall_reach": score.reach}
+    return xr.Dataset({name: ("lead", values) for name, values in by_lead.items()} | overall, {"lead": leads})
 
 
 def forecasts_of_runs(scores: Mapping[str, xr.Dataset]) -> xr.Dataset:

@@ -23,18 +23,64 @@ without these.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NamedTuple, Protocol, overload
 
 import numpy as np
+import xarray as xr
 from arviz_stats.base import array_stats
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.diagnostics.autocorrelation import autocorrelation, is_constant
-from poseppl.diagnostics.labelled_draws import over_draws
 
 MIN_DRAWS = 4
 WINDOW = 5.0
+
+
+class OverDraws(Protocol):
+    """A function of draws: of an array (chain, draw, ...), or of xarray's data by the names of the dimensions."""
+
+    @overload
+    def __call__(self, draws: xr.DataTree | xr.Dataset) -> xr.Dataset: ...
+    @overload
+    def __call__(self, draws: xr.DataArray) -> xr.DataArray: ...
+    @overload
+    def __call__(self, draws: ArrayLike) -> Floats: ...
+
+
+def over_draws(function: Callable[[Floats], Floats]) -> OverDraws:
+    """Let a function of an array (chain, draw, ...) take ArviZ's data.
+
+    >>> @over_draws
+    ... def mean(draws):
+    ...     return draws.mean(axis=(0, 1))
+    >>> mean(xr.DataArray(np.ones((3, 2, 5)), dims=("frame", "chain", "draw"))).dims
+    ('frame',)
+
+    Args:
+        function: From (chain, draw, ...) to (...).
+
+    Returns:
+        The function, NaN of fewer than four draws; of a DataTree it takes the group ``posterior``, of a Dataset the variables
+        that have draws.
+    """
+
+    @wraps(function)
+    def labelled(draws: Any) -> Any:
+        if isinstance(draws, xr.DataTree):
+            return labelled(draws["posterior"].dataset)
+        if isinstance(draws, xr.Dataset):
+            return xr.Dataset({name: labelled(each) for name, each in draws.items() if {"chain", "draw"} <= set(each.dims)})
+        if isinstance(draws, xr.DataArray):
+            return xr.apply_ufunc(
+                lambda values: labelled(np.moveaxis(values, (-2, -1), (0, 1))), draws, input_core_dims=[["chain", "draw"]]
+            )
+        values = np.asarray(draws, np.float64)
+        return function(values) if values.shape[1] >= MIN_DRAWS else np.full(values.shape[2:], np.nan)
+
+    return labelled
 
 
 class Mixing(NamedTuple):
@@ -64,7 +110,7 @@ def mixing(draws: ArrayLike) -> Mixing:
 
 
 @over_draws
-def inefficiency(draws: ArrayLike) -> Floats:
+def inefficiency(draws: Floats) -> Floats:
     """Inefficiency factor for the mean, one over ArviZ's relative effective sample size.
 
     Args:
@@ -73,18 +119,15 @@ def inefficiency(draws: ArrayLike) -> Floats:
     Returns:
         (...), NaN where there are fewer than 4 draws, where all draws are equal, and where one is not finite.
     """
-    values = np.asarray(draws, np.float64)
-    if values.shape[1] < MIN_DRAWS:
-        return np.full(values.shape[2:], np.nan)
-    halves = _split(values)
-    constant = is_constant(values) | is_constant(halves)
+    halves = _split(draws)
+    constant = is_constant(draws) | is_constant(halves)
     rho = _geyer_autocorrelation(np.where(constant, 0.0, halves))
     floor = 1 / np.log10(halves.shape[0] * halves.shape[1])
     return np.where(constant, np.nan, np.maximum(_monotone_sum(rho), floor))
 
 
 @over_draws
-def windowed_inefficiency(draws: ArrayLike) -> Floats:
+def windowed_inefficiency(draws: Floats) -> Floats:
     """Inefficiency factor by Sokal's window.
 
     Args:
@@ -93,11 +136,7 @@ def windowed_inefficiency(draws: ArrayLike) -> Floats:
     Returns:
         (...), NaN as in :func:`inefficiency`.
     """
-    values = np.asarray(draws, np.float64)
-    length = values.shape[1]
-    if length < MIN_DRAWS:
-        return np.full(values.shape[2:], np.nan)
-    rho = autocorrelation(values)
+    length, rho = draws.shape[1], autocorrelation(draws)
     partial = 2 * np.cumsum(rho, axis=0) - 1
     lags = np.arange(length).reshape(-1, *[1] * (rho.ndim - 1))
     wide = _first(lags >= WINDOW * np.maximum(partial, 0))
@@ -108,7 +147,7 @@ def windowed_inefficiency(draws: ArrayLike) -> Floats:
 
 
 @over_draws
-def split_rhat(draws: ArrayLike) -> Floats:
+def split_rhat(draws: Floats) -> Floats:
     """Gelman and Rubin's R-hat of halved chains, as ArviZ's method "split".
 
     Args:
@@ -117,12 +156,11 @@ def split_rhat(draws: ArrayLike) -> Floats:
     Returns:
         (...), NaN as in :func:`inefficiency` and for a single chain; inf where chains are stuck in different places.
     """
-    values = np.asarray(draws, np.float64)
-    if values.shape[0] < 2 or values.shape[1] < MIN_DRAWS:
-        return np.full(values.shape[2:], np.nan)
-    halves = _split(values)
+    if draws.shape[0] < 2:
+        return np.full(draws.shape[2:], np.nan)
+    halves = _split(draws)
     length = halves.shape[1]
-    constant = is_constant(values) | is_constant(halves)
+    constant = is_constant(draws) | is_constant(halves)
     halves = np.where(constant, 0.0, halves)
     between = length * halves.mean(axis=1).var(axis=0, ddof=1)
     within = halves.var(axis=1, ddof=1).mean(axis=0)

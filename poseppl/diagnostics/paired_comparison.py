@@ -67,16 +67,14 @@ def compare_losses(losses: Floats, noise: float = 0.0) -> PairedComparison:
     finite = np.isfinite(losses) & (losses > 0)
     takes_part = finite.sum(axis=1) >= _LEAST_SHARE * frames
     common = finite[takes_part].all(axis=0)
-    outcome = PairedComparison(np.zeros(count, bool), *(np.full(count, np.nan) for _ in range(3)))
+    outcome = PairedComparison(np.zeros(count, bool), *np.full((3, count), np.nan))
     if takes_part.sum() < 2 or not common.any():
         return outcome
     usable = losses[:, common]
     best = int(np.argmin(np.where(takes_part, usable.mean(axis=1), np.inf)))
     for run in np.flatnonzero(takes_part):
         found = log_ratio(usable[best], usable[run])
-        reach = (np.inf if np.isnan(found.half_width) else found.half_width) + np.log1p(noise)
-        if run == best:
-            reach = 0.0
+        reach = 0.0 if run == best else np.nan_to_num(found.half_width, nan=np.inf) + np.log1p(noise)
         ends = np.exp([found.estimate, found.estimate - reach, min(found.estimate + reach, 700.0)])
         outcome.ratio[run], outcome.low[run], outcome.high[run] = ends
         outcome.not_worse[run] = found.estimate + reach >= 0

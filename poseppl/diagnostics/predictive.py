@@ -28,11 +28,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.stats import chi2, norm
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.batches import Interval, ratio_interval
+from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
 from poseppl.runs.predictive import Prediction
 
 _CUT = 4.0
@@ -74,7 +73,7 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
         prediction: With a leading T.
     """
     transform, innovation, state, noise, chi_square, ranks = (np.asarray(leaf, np.float64) for leaf in prediction[:_OF_DATA])
-    total = np.where(state + noise > 0, state + noise, np.nan)
+    known, total = np.isfinite(transform), np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
     squares = ratio_interval(white**2 - 1, gain)
     # a product belongs to the later frame; the gain is that of the earlier one, which should have taken the error away
@@ -83,9 +82,9 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
         inflation=_one_more(_joined(squares, products)),
         by_squares=_one_more(squares),
         by_products=_one_more(products),
-        outer=_mean(np.abs(transform - 0.5) > (1 - _OUTER) / 2, transform),
-        high=_mean(transform > 0.5, transform),
-        chi_square=_mean(chi_square, chi_square),
+        outer=mean_interval(np.where(known, np.abs(transform - 0.5) > (1 - _OUTER) / 2, np.nan)),
+        high=mean_interval(np.where(known, transform > 0.5, np.nan)),
+        chi_square=mean_interval(chi_square),
         chance=_chance(ranks[np.isfinite(ranks)]),
     )
 
@@ -100,11 +99,6 @@ def _chance(ranks: Floats) -> float:
     if not len(ranks):
         return float("nan")
     return float(chi2.sf(-2 * np.log(np.maximum(1 - ranks, _LEAST)).sum(), 2 * len(ranks)))
-
-
-def _mean(values: ArrayLike, known: Floats) -> Interval:
-    """Mean over (frame, ...) where something is known."""
-    return ratio_interval(values, np.where(np.isfinite(known), 1.0, np.nan))
 
 
 def _one_more(interval: Interval) -> Interval:

@@ -38,21 +38,24 @@ def variance_against_time(figures: xr.Dataset) -> xr.Dataset:
     """
     reference = (figures["sd"] ** 2).median("run", skipna=False)
     groups = settings_of_runs(figures)
-    spreads = [_spread(figures.isel(run=group), reference.where(reference > 0)) for group in groups]
-    seconds = [figures["seconds"].values[group] for group in groups]
-    by_dof = ("setting", "dof")
+    points = [_point(figures.isel(run=group), reference.where(reference > 0)) for group in groups]
+    return xr.concat(points, dim="setting").assign_coords(setting=[figures["run"].values[group[0]] for group in groups])
+
+
+def _point(runs: xr.Dataset, reference: xr.DataArray) -> xr.Dataset:
+    (total, total_error), (each, each_error) = _spread(runs, reference)
+    seconds = runs["seconds"].values
     data = {
-        "method": ("setting", [str(figures["method"].values[group[0]]) for group in groups]),
-        "replicates": ("setting", [len(group) for group in groups]),
-        "seconds": ("setting", [float(values.mean()) for values in seconds]),
-        "seconds_se": ("setting", [_error_of_mean(values) for values in seconds]),
-        "variance": ("setting", [float(total.variance) for total, _ in spreads]),
-        "variance_se": ("setting", [float(total.standard_error) for total, _ in spreads]),
-        "variance_by_dof": (by_dof, np.array([each.variance for _, each in spreads])),
-        "variance_by_dof_se": (by_dof, np.array([each.standard_error for _, each in spreads])),
+        "method": runs["method"].values[0],
+        "replicates": len(seconds),
+        "seconds": seconds.mean(),
+        "seconds_se": seconds.std(ddof=1) / np.sqrt(len(seconds)) if len(seconds) > 1 else np.nan,
+        "variance": total,
+        "variance_se": total_error,
+        "variance_by_dof": ("dof", each),
+        "variance_by_dof_se": ("dof", each_error),
     }
-    names = [str(figures["run"].values[group[0]]) for group in groups]
-    return xr.Dataset(data, coords={"setting": names, "dof": figures["dof"].values})
+    return xr.Dataset(data, coords={"dof": runs["dof"].values})
 
 
 def settings_of_runs(figures: xr.Dataset) -> list[list[int]]:
@@ -70,8 +73,8 @@ def _spread(runs: xr.Dataset, reference: xr.DataArray) -> tuple[Spread, Spread]:
         squares = (runs["mean"] - runs["mean"].mean("run", skipna=False)) ** 2 / reference
         return _between(squares.mean(("frame", "dof")).values), _between(squares.mean("frame").values)
     inverse = 1 / runs["ess"].isel(run=0)
-    each = Spread(*np.array([_within(inverse.isel(dof=dof).values) for dof in range(inverse.sizes["dof"])]).T)
-    return Spread(*np.array(_within(inverse.mean("dof").values))), each
+    each = np.array([mean_interval(inverse.isel(dof=dof))[:2] for dof in range(inverse.sizes["dof"])]).T
+    return Spread(*np.array(mean_interval(inverse.mean("dof"))[:2])), Spread(*each)
 
 
 def _between(squares: Floats) -> Spread:
@@ -85,12 +88,3 @@ def _between(squares: Floats) -> Spread:
         return Spread(variance, np.sqrt(2.0) * variance)
     left = (squares.sum(axis=0) - squares * count / (count - 1)) / (count - 2)
     return Spread(variance, np.sqrt((count - 1) / count * np.square(left - left.mean(axis=0)).sum(axis=0)))
-
-
-def _within(inverse: Floats) -> tuple[float, float]:
-    finite = inverse[np.isfinite(inverse)]
-    return mean_interval(finite)[:2] if len(finite) else (float("nan"), float("nan"))
-
-
-def _error_of_mean(values: Floats) -> float:
-    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")

@@ -11,10 +11,10 @@ from poseppl.report.figures import (
     plot_inefficiency as plot_inefficiency,
     plot_overlay as plot_overlay,
     plot_pose3d as plot_pose3d,
+    plot_ranks as plot_ranks,
     plot_state as plot_state,
     plot_trace as plot_trace,
     plot_track as plot_track,
 )
 from poseppl.report.picture import new_picture as new_picture, save_picture as save_picture
-from poseppl.report.rank_chart import plot_ranks as plot_ranks
 from poseppl.report.run_page import report_html as report_html, write_report as write_report

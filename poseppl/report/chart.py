@@ -12,11 +12,12 @@ import numpy as np
 from plotly import graph_objects as go
 from plotly.subplots import make_subplots
 
-from poseppl.diagnostics.selection import Array
+from poseppl.diagnostics.selection import Array, evenly
 from poseppl.report.picture import BAND, MUTED
 
 Traces = list[go.Scatter]
-DOTTED = {"line_width": 1, "line_dash": "dot", "hoverinfo": "skip"}
+MAX_POINTS = 600
+DOTTED: dict[str, Any] = {"line_width": 1, "line_dash": "dot", "hoverinfo": "skip"}
 
 
 class Panel(NamedTuple):
@@ -32,22 +33,29 @@ class Panel(NamedTuple):
     """Why it is empty."""
 
 
-def line(x: Any, y: Array, name: str, color: str, **more: Any) -> go.Scatter:
-    """Draw a line; a single point as a marker."""
-    drawn = {"mode": "lines" if len(x) > 1 else "markers", "line_color": color, "line_width": 2, "marker_color": color}
+def scatter(x: Any, y: Array, name: str, color: str, **more: Any) -> go.Scatter:
+    """Draw points."""
+    drawn = {"mode": "markers", "line_color": color, "line_width": 2, "marker_color": color}
     return go.Scatter(x=np.asarray(x), y=np.asarray(y, float), name=name, **drawn | more)
 
 
-def band(x: Any, low: Array, high: Array, name: str, color: str = BAND) -> Traces:
+def line(x: Any, y: Array, name: str, color: str, most: int = MAX_POINTS, **more: Any) -> go.Scatter:
+    """Draw a line through at most so many points, evenly chosen; a single point as a marker."""
+    chosen = evenly(len(x), most)
+    mode = {"mode": "lines" if len(x) > 1 else "markers"}
+    return scatter(np.asarray(x)[chosen], np.asarray(y)[chosen], name, color, **mode | more)
+
+
+def band(x: Any, low: Array, high: Array, name: str, color: str = BAND, most: int = MAX_POINTS) -> Traces:
     """Fill what lies between two lines."""
-    ends = {"line_width": 0, "mode": "lines", "hoverinfo": "skip"}
+    ends: dict[str, Any] = {"line_width": 0, "mode": "lines", "hoverinfo": "skip", "most": most}
     upper = line(x, high, name, color, fill="tonexty", fillcolor=color, **ends)
     return [line(x, low, name, color, showlegend=False, **ends), upper]
 
 
 def points(x: Any, y: Array, name: str, color: str, error: Array) -> go.Scatter:
     """Draw points with bars of two standard errors."""
-    return line(x, y, name, color, mode="markers", marker_size=9, error_y=bars(2 * np.asarray(error), color=color))
+    return scatter(x, y, name, color, marker_size=9, error_y=bars(2 * np.asarray(error), color=color))
 
 
 def bars(above: Array, below: Array | None = None, **style: Any) -> dict[str, Any]:
@@ -56,11 +64,12 @@ def bars(above: Array, below: Array | None = None, **style: Any) -> dict[str, An
 
 
 def heat(x: Any, names: Sequence[str], values: Array, label: str, run: str = "", *, logarithmic: bool) -> go.Heatmap:
-    """Colour a grid (name, x); the page takes the logarithm, ``meta`` says so."""
+    """Colour a grid (name, x), at evenly chosen x of many; the page takes the logarithm, ``meta`` says so."""
+    chosen = evenly(len(x), MAX_POINTS)
     told = f"%{{y}}, frame %{{x}}<br>{label} %{{customdata:.3g}}<extra>%{{fullData.name}}</extra>"
-    shown = {"meta": "log10"} if logarithmic else {"z": values}
+    shown = {"meta": "log10"} if logarithmic else {"z": values[:, chosen]}
     drawn = {"name": run, "coloraxis": "coloraxis", "showlegend": False, "hovertemplate": told}
-    return go.Heatmap(x=np.asarray(x), y=list(names), customdata=values, **shown, **drawn)
+    return go.Heatmap(x=np.asarray(x)[chosen], y=list(names), customdata=values[:, chosen], **shown, **drawn)
 
 
 def color_axis(low: float, high: float, label: str, *, logarithmic: bool = False, dark_is_bad: bool = True) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-"""The charts of a result: error, coverage, mixing, evidence, autocorrelation, traces, and every coordinate."""
+"""The charts of a result: error, coverage, mixing, evidence, predictions, autocorrelation, traces, and every coordinate."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,32 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 from plotly import graph_objects as go
 
+from poseppl.diagnostics.batches import mean_interval
+from poseppl.diagnostics.image_errors import ImageErrors
+from poseppl.diagnostics.modes import Modes
 from poseppl.diagnostics.selection import Array, evenly, expected_error, frame_index, has_chains, worst_pairs
-from poseppl.report.chart import Panel, Traces, band, chart, color_axis, coverage_chart, grid, heat, line, points, stack
-from poseppl.report.picture import GRID, MUTED, OBSERVED, POSTERIOR, TRUTH
-from poseppl.report.prediction_chart import prediction_chart
+from poseppl.report.chart import (
+    DOTTED,
+    Panel,
+    Traces,
+    band,
+    bars,
+    chart,
+    color_axis,
+    coverage_chart,
+    grid,
+    heat,
+    line,
+    points,
+    stack,
+)
+from poseppl.report.picture import GRID, MODES, MUTED, OBSERVED, POSTERIOR, SAMPLE, TRUTH
 from poseppl.runs.contents import flat_draws, frame_numbers, names_of, variable
 from poseppl.runs.results import is_weighted
 
-MAX_POINTS = 600
 MAX_CHAINS = 40
+BINS = 10
+FEW_POINTS = 300
 Pairs = Sequence[tuple[int, str]]
 
 
@@ -52,24 +70,24 @@ def error_traces(tree: xr.DataTree) -> Traces:
     relative = variable(tree, "diagnostics", "joint_error_relative")
     if expected is None:
         return []
-    x, chosen = _frames(tree)
-    traces = band(x, expected[0][chosen], expected[2][chosen], "posterior expects (90 %)")
-    traces.append(line(x, expected[1][chosen], "posterior expects (median)", POSTERIOR, line_width=1.2))
+    x, (low, middle, high) = frame_numbers(tree), expected
+    traces = band(x, low, high, "posterior expects (90 %)")
+    traces.append(line(x, middle, "posterior expects (median)", POSTERIOR, line_width=1.2))
     if error is not None and relative is not None:
-        traces.append(line(x, error.mean(axis=1)[chosen], "error against the truth", TRUTH))
-        traces.append(line(x, relative.mean(axis=1)[chosen], "error relative to the root", OBSERVED))
+        traces.append(line(x, error.mean(axis=1), "error against the truth", TRUTH))
+        traces.append(line(x, relative.mean(axis=1), "error relative to the root", OBSERVED))
     return traces
 
 
 def state_traces(tree: xr.DataTree, dof: int) -> Traces:
     """Filtered mean of a coordinate over the frames, on its central 90 % interval, with the truth."""
-    (x, chosen), summary, truth = _frames(tree), tree["summary"].dataset, variable(tree, "truth", "state")
+    x, summary, truth = frame_numbers(tree), tree["summary"].dataset, variable(tree, "truth", "state")
     traces: Traces = []
     if "state_quantile" in summary:
-        ends = summary["state_quantile"].values[chosen, :, dof]
+        ends = summary["state_quantile"].values[:, :, dof]
         traces += band(x, ends[:, 0], ends[:, -1], "central 90 %")
-    traces.append(line(x, summary["state_mean"].values[chosen, dof], "posterior mean", POSTERIOR))
-    return traces if truth is None else [*traces, line(x, truth[chosen, dof], "truth", TRUTH)]
+    traces.append(line(x, summary["state_mean"].values[:, dof], "posterior mean", POSTERIOR))
+    return traces if truth is None else [*traces, line(x, truth[:, dof], "truth", TRUTH)]
 
 
 def inefficiency_heat(tree: xr.DataTree) -> tuple[go.Heatmap, float] | None:
@@ -77,8 +95,7 @@ def inefficiency_heat(tree: xr.DataTree) -> tuple[go.Heatmap, float] | None:
     tau = variable(tree, "diagnostics", "tau")
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
         return None
-    x, chosen = _frames(tree)
-    drawn = heat(x, names_of(tree, "dof"), tau[chosen].T, "τ =", logarithmic=True)
+    drawn = heat(frame_numbers(tree), names_of(tree, "dof"), tau.T, "τ =", logarithmic=True)
     return drawn, max(float(np.nanmax(tau)), 10.0)
 
 
@@ -101,13 +118,11 @@ def autocorrelation_traces(tree: xr.DataTree, pairs: Pairs | None = None) -> Tra
 def trace_panels(tree: xr.DataTree, pairs: Pairs | None = None) -> list[Panel]:
     """Traces of the chains where they mix worst, with the truth where there is one; every k-th draw and chain of many."""
     state, truth = flat_draws(tree).values, variable(tree, "truth", "state")
-    chains, draws = evenly(state.shape[0], MAX_CHAINS), evenly(state.shape[1], MAX_POINTS)
-    panels = []
+    chains, draws, panels = evenly(state.shape[0], MAX_CHAINS), np.arange(state.shape[1]), []
     for frame, dof in _places(tree, pairs) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
-        kept = state[:, :, frame, dof][np.ix_(chains, draws)]
         traces = [
-            line(draws, values, f"chain {chain}", color, line_width=0.9)
-            for values, chain, color in zip(kept, chains, _viridis(len(chains)), strict=True)
+            line(draws, state[chain, :, frame, dof], f"chain {chain}", color, line_width=0.9)
+            for chain, color in zip(chains, _viridis(len(chains)), strict=True)
         ]
         if truth is not None:
             level = np.full(2, truth[frame, dof])
@@ -136,7 +151,7 @@ def _inefficiency(tree: xr.DataTree) -> go.Figure | None:
 
 def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Evidence, effective size and rejection over the frames, one panel below the other."""
-    (x, chosen), weighted = _frames(tree), is_weighted(tree)
+    x, weighted = frame_numbers(tree), is_weighted(tree)
     ess, rejection = variable(tree, "diagnostics", "ess"), variable(tree, "diagnostics", "rejection_rate")
     step = variable(tree, "sample_stats", "step_size")
     found = {
@@ -147,19 +162,86 @@ def _progress(tree: xr.DataTree) -> go.Figure | None:
         "rejection (%)": None if rejection is None or weighted else 100 * rejection,
     }
     panels = [
-        Panel(
-            [line(x, values[chosen], label, POSTERIOR)], label, {"rangemode": "tozero" if label != "log evidence" else "normal"}
-        )
+        Panel([line(x, values, label, POSTERIOR)], label, {"rangemode": "normal" if label == "log evidence" else "tozero"})
         for label, values in found.items()
         if values is not None and np.isfinite(values).any()
     ]
     return stack(panels, height=130, showlegend=False)
 
 
-def _frames(tree: xr.DataTree) -> tuple[Array, Array]:
-    """Numbers and indices of the frames that are drawn."""
-    chosen = evenly(tree["posterior"].sizes["frame"], MAX_POINTS)
-    return frame_numbers(tree)[chosen], chosen
+def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
+    """Histogram of the probability integral transforms of a run's predictive checks, which is flat where its predictions hold.
+
+    Bars high at both ends say that predictions are too narrow, a hump that they are too wide, a slope that they are biased
+    (Diebold, Gunther and Tay 1998, doi:10.2307/2527342). A bar's standard error is that of the share of a frame's data in its
+    bin, by batches of consecutive frames; none where the result has no predictive checks.
+    """
+    transform = variable(tree, "predictive", "transform")
+    if transform is None or not np.isfinite(transform).any():
+        return None
+    share, error = transform_shares(np.asarray(transform, np.float64))
+    drawn = go.Bar(
+        x=(np.arange(BINS) + 0.5) / BINS,
+        y=100 * share,
+        width=1 / BINS,
+        name="share of the data (± 2 standard errors)",
+        marker={"color": SAMPLE, "line": {"color": "white", "width": 1}},
+        error_y=bars(200 * error, color=POSTERIOR),
+    )
+    ideal = line([0, 1], np.full(2, 100 / BINS), "predictions that hold", MUTED, **DOTTED)
+    label = "place among the predicted data"
+    return chart([drawn, ideal], "data (%)", xlabel=label, height=260, xaxis_range=[0, 1], hovermode="closest")
+
+
+def transform_shares(transform: Array) -> tuple[Array, Array]:
+    """Share of the data in each bin, and its standard error (NaN where there are too few frames).
+
+    Args:
+        transform: (frame, entry), NaN where nothing was seen.
+    """
+    places = np.minimum(np.floor(transform * BINS), BINS - 1)
+    found = [mean_interval(np.where(np.isfinite(transform), places == number, np.nan)) for number in range(BINS)]
+    return np.array([each.estimate for each in found]), np.array([each.standard_error for each in found])
+
+
+def residual_chart(tree: xr.DataTree, errors: ImageErrors | None) -> go.Figure | None:
+    """Median distance of each camera's points from where they are expected, over the frames."""
+    if errors is None:
+        return None
+    x, middle = frame_numbers(tree), xr.DataArray(errors.distance, dims=("frame", "camera", "marker")).median("marker").values
+    rows = zip(middle.T, errors.cameras, cycle(MODES), strict=False)
+    traces = [line(x, *row, FEW_POINTS, line_width=1.4) for row in rows]
+    return chart(traces, "image units", height=260, showlegend=True)
+
+
+def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
+    """x, y and z of each joint over the frames on its interval, and how wide that is, by name."""
+    mean, ends = variable(tree, "summary", "markers_mean"), variable(tree, "summary", "markers_quantile")
+    truth = variable(tree, "truth", "markers")
+    if mean is None or ends is None:
+        return {}
+    x, low, high, made = frame_numbers(tree), ends[:, 0], ends[:, -1], {}
+    for k, name in enumerate(names_of(tree, "marker", "summary")):
+        panels, widths = [], []
+        for axis, label in enumerate("xyz"):
+            at = (slice(None), k, axis)
+            traces = band(x, low[at], high[at], "central 90 %", most=FEW_POINTS)
+            traces.append(line(x, mean[at], "posterior mean", POSTERIOR, FEW_POINTS, line_width=1.4))
+            if truth is not None:
+                traces.append(line(x, truth[at], "truth", TRUTH, FEW_POINTS, line_width=1.2))
+            panels.append(Panel(traces, f"{label}, mm"))
+            widths.append(line(x, (high[at] - low[at]) / 2, f"of {label}", MODES[axis], FEW_POINTS, line_width=1.2))
+        made[name] = stack([*panels, Panel(widths, "±, mm", {"rangemode": "tozero"})], height=120)
+    return made
+
+
+def mode_chart(modes: Modes) -> go.Figure | None:
+    """Probability of each mode over the frames, one upon the other; none where all frames have a single mode."""
+    traces = [
+        line(modes.frames, 100 * mass, f"mode {number}", color, stackgroup="modes", fillcolor=color, line_width=0)
+        for number, (mass, color) in enumerate(zip(modes.masses.T, MODES, strict=False), 1)
+    ]
+    return chart(traces, "probability (%)", height=220, yaxis_range=[0, 100]) if len(traces) > 1 else None
 
 
 def _viridis(count: int) -> list[str]:

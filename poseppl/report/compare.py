@@ -8,9 +8,15 @@ from poseppl.diagnostics import comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, wins, words
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically, write_rows
-from poseppl.report.compare_charts import comparison_charts
-from poseppl.report.compare_forecasts import forecast_charts, forecasts_table
-from poseppl.report.compare_tables import coordinates_table, runs_table, settings_table, winners_legend, winners_table
+from poseppl.report.compare_charts import comparison_charts, forecast_charts
+from poseppl.report.compare_tables import (
+    coordinates_table,
+    forecasts_table,
+    runs_table,
+    settings_table,
+    winners_legend,
+    winners_table,
+)
 from poseppl.report.page import DASH, page_html
 
 _CARDS = {"ess_per_second": "most ESS a second", "ess_per_evaluation": "most ESS an evaluation", "error": "least error"}

@@ -25,14 +25,15 @@ from poseppl.report.chart import (
     heat,
     line,
     log_axis,
+    log_ticks,
     points,
+    scatter,
     stack,
 )
-from poseppl.report.compare_tables import shown_runs
+from poseppl.report.compare_tables import foretold, shown_runs
 from poseppl.report.picture import GRID
-from poseppl.report.variance_charts import variance_charts
 
-MAX_FRAMES, MAX_CELLS, MAX_POINTS = 300, 60_000, 600
+MAX_FRAMES, MAX_CELLS = 300, 60_000
 HEATS = (
     ("tau", "inefficiency factor τ", True, False, (1.0, 300.0)),
     ("ess", "ESS", True, True, (None, None)),
@@ -101,7 +102,7 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
     taking_part = np.isfinite(summary["ess"].values).any(axis=1)
     slot = 0.8 * (np.cumsum(taking_part) - 0.5) / max(taking_part.sum(), 1) - 0.4
     told = "%{text}: %{x:.3g}<extra>%{fullData.name}</extra>"
-    style = {"mode": "markers", "marker_size": 7, "text": dofs, "hovertemplate": told}
+    style = {"marker_size": 7, "text": dofs, "hovertemplate": told}
     panels: list[Panel] = []
     for column, title in COSTS.items():
         traces: Traces = []
@@ -109,7 +110,7 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
             if np.isfinite(value).any():
                 low, high = _middle(figures[column].values[index])
                 ends = bars(high - value, value - low, color=run.color, thickness=1, width=0)
-                traces.append(line(value, np.arange(len(dofs)) + slot[index], run.label, run.color, error_x=ends, **style))
+                traces.append(scatter(value, np.arange(len(dofs)) + slot[index], run.label, run.color, error_x=ends, **style))
         if traces:
             yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont_size": 10, "automargin": True}
             yaxis |= {"range": [len(dofs) - 0.5, -0.5], "showgrid": False, "showticklabels": not panels}
@@ -130,10 +131,8 @@ def _middle(values: Array) -> tuple[Array, Array]:
 
 def _lines(tree: xr.DataTree, values: Array) -> Traces:
     """One line a run with values (run, frame)."""
-    chosen = evenly(values.shape[1], MAX_POINTS)
-    frames = tree["figures"].dataset["frame"].values[chosen]
-    rows = zip(values, shown_runs(tree), strict=True)
-    return [line(frames, row[chosen], run.name, run.color) for row, run in rows if np.isfinite(row).any()]
+    frames, rows = tree["figures"].dataset["frame"].values, zip(values, shown_runs(tree), strict=True)
+    return [line(frames, row, run.name, run.color) for row, run in rows if np.isfinite(row).any()]
 
 
 def _error(tree: xr.DataTree) -> go.Figure | None:
@@ -156,13 +155,98 @@ def _coverage(tree: xr.DataTree) -> go.Figure | None:
 def _progress(tree: xr.DataTree) -> go.Figure | None:
     """Mean tau over the coordinates, largest R-hat and rejection over the frames, one panel below the other."""
     figures = tree["figures"].dataset
-    tau, rhat = figures["tau"].values, figures["rhat"].values
-    count = np.isfinite(tau).sum(axis=2)
-    means = np.where(count > 0, np.nansum(tau, axis=2) / np.maximum(count, 1), np.nan)
-    found = {"mean τ": means, "largest R-hat": np.fmax.reduce(rhat, axis=2), "rejected (%)": 100 * figures["rejection"].values}
+    found = {
+        "mean τ": figures["tau"].mean("dof").values,
+        "largest R-hat": figures["rhat"].max("dof").values,
+        "rejected (%)": 100 * figures["rejection"].values,
+    }
     panels = [
         Panel(_lines(tree, values), label, log_axis(values) if label == "mean τ" else {})
         for label, values in found.items()
         if np.isfinite(values).any()
     ]
     return stack(panels, height=150)
+
+
+def forecast_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
+    """The score over the frames ahead, with bars of two standard errors, by data site."""
+    made = {}
+    for site, runs in foretold(tree):
+        traces = []
+        for run, at in runs:
+            ends = bars(2 * at["crps_error"].values, color=run.color)
+            traces.append(scatter(at["lead"], at["crps"].values, run.name, run.color, mode="lines+markers", error_y=ends))
+        made[site] = chart(traces, f"CRPS of {site}", xlabel="frames ahead", height=300, showlegend=True)
+    return made
+
+
+def variance_charts(tree: xr.DataTree) -> dict[str, go.Figure]:
+    """Draw the variance of the mean against time, one point a setting: of all coordinates together, and of each."""
+    data = tree["variance"].dataset
+    values, errors = (np.column_stack([data[name + end] for name in ("variance", "variance_by_dof")]) for end in ("", "_se"))
+    seconds = data["seconds"].values[:, None]
+    values = np.where(np.isfinite(seconds) & (seconds > 0) & (np.nan_to_num(values) > 0), values, np.nan)
+    if np.isnan(values).all():
+        return {}
+    places = ["all coordinates", *data["dof"].values.tolist()]
+    return {place: _variance(tree, values[:, k], errors[:, k]) for k, place in enumerate(places)}
+
+
+def _variance(tree: xr.DataTree, variance: Array, error: Array) -> go.Figure:
+    """One line a method through its settings, and through its best the line along which variance times time is the same."""
+    data, runs = tree["variance"].dataset, {run.name: run for run in shown_runs(tree)}
+    first = [runs[name] for name in data["setting"].values.tolist()]
+    seconds, seconds_error, seeds = (data[name].values for name in ("seconds", "seconds_se", "replicates"))
+    methods = [str(name) or run.label for name, run in zip(data["method"].values, first, strict=True)]
+    traces: Traces = []
+    for method in dict.fromkeys(methods):
+        members = [i for i in np.argsort(seconds, kind="stable") if methods[i] == method and np.isfinite(variance[i])]
+        if not members:
+            continue
+        color = first[members[0]].color
+        style: dict[str, Any] = {
+            "mode": "lines+markers" if len(members) > 1 else "markers",
+            "line_width": 1,
+            "marker": {"size": 11, "line": {"width": 2, "color": color}, "color": color},
+            "marker_symbol": ["circle" if seeds[i] > 1 else "circle-open" for i in members],
+            "text": [f"{first[i].label}, {f'{seeds[i]} seeds' if seeds[i] > 1 else 'one seed'}" for i in members],
+            "hovertemplate": "%{text}<br>%{x:.3g} s a frame, variance %{y:.3g}<extra></extra>",
+            "error_x": _bars(seconds[members], seconds_error[members]),
+            "error_y": _bars(variance[members], error[members]),
+            "showlegend": True,
+        }
+        name = f"{method} (miscalibrated)" if all(first[i].label != first[i].name for i in members) else method
+        traces.append(scatter(seconds[members], variance[members], name, color, **style))
+    return go.Figure(traces, _variance_layout(traces))
+
+
+def _variance_layout(traces: Traces) -> dict[str, Any]:
+    if not traces:
+        return {"height": 430}
+    x = np.concatenate([trace.x for trace in traces])
+    ends = [end for trace in traces for end in (trace.y + trace.error_y.array, trace.y - trace.error_y.arrayminus)]
+    low, high = x.min() / 2, 2 * x.max()
+    shared = {"type": "line", "x0": low, "x1": high, "layer": "below", "opacity": 0.5, "line_width": 1, "line_dash": "dot"}
+    costs = [(float(np.min(trace.x * trace.y)), trace.line.color) for trace in traces]
+    return {
+        "height": 430,
+        "hovermode": "closest",
+        "margin": {"l": 70, "r": 16, "t": 12, "b": 48},
+        "shapes": [shared | {"y0": cost / low, "y1": cost / high, "line_color": color} for cost, color in costs],
+        "xaxis": _ticked("seconds a frame", x),
+        "yaxis": _ticked("variance of the mean / posterior variance", np.concatenate(ends)),
+    }
+
+
+def _ticked(title: str, values: Array) -> dict[str, Any]:
+    """A logarithmic axis around values, with ticks at 1, 3, 10, ..."""
+    low, high = values.min() / 2, 2 * values.max()
+    ticks = log_ticks(low, high)
+    labels = {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    return {"type": "log", "title_text": title, "range": np.log10([low, high])} | labels
+
+
+def _bars(values: Array, errors: Array) -> dict[str, Any]:
+    """Both ends of a bar of two standard errors of the logarithm; none where the error is not known."""
+    factor = np.exp(np.minimum(np.nan_to_num(2 * errors / values), 12))
+    return bars(values * (factor - 1), values - values / factor, thickness=1.2, width=3)

@@ -1,8 +1,9 @@
-"""The tables of a comparison as rows by column: the runs, who wins in which coordinate, every coordinate, and what was run."""
+"""The tables of a comparison: the runs, who wins in which coordinate, every coordinate, forecasts, and what was run."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from itertools import cycle
 from typing import NamedTuple
 
@@ -11,14 +12,17 @@ import xarray as xr
 
 from poseppl.diagnostics.evidence import evidence_words
 from poseppl.diagnostics.paired_comparison import QUANTITIES, TIE
+from poseppl.diagnostics.selection import evenly
 from poseppl.report.page import DASH, Cell
 from poseppl.report.tables import Row, flatten
+from poseppl.runs.contents import group_of
 
 COLORS = (
     *("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896"),
     *("#8c5a3c", "#5b8def", "#f08fc0", "#a3b18a", "#7f1d1d", "#14213d", "#c9ada7", "#84cc16"),
 )
 _TIE = ("#dfe3e8", TIE)
+MAX_LEADS, MAX_SITES = 4, 12
 _BY_COORDINATE = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
 _JUDGED = {"ess_per_second": "ess_per_second_all", "ess_per_evaluation": "ess_per_evaluation_all", "error": "joint_error_all"}
 
@@ -67,6 +71,26 @@ def coordinates_table(tree: xr.DataTree) -> list[Row]:
     return rows
 
 
+def foretold(tree: xr.DataTree) -> Iterator[tuple[str, list[tuple[ShownRun, xr.Dataset]]]]:
+    """Of each data site of forecasts, the runs that foretold it and their scores by lead; not too many sites."""
+    data = group_of(tree, "forecasts")
+    for site in data["site"].values[:MAX_SITES].tolist() if data else ():
+        yield site, [(run, data.sel(site=site, run=run.name)) for run in shown_runs(tree) if run.name in data["run"].values]
+
+
+def forecasts_table(tree: xr.DataTree) -> list[Row]:
+    """Score and coverage of each site and run at some leads, and coverage at all of them."""
+    rows = []
+    for site, runs in foretold(tree):
+        for lead in evenly(runs[0][1].sizes["lead"], MAX_LEADS):
+            for run, scores in runs:
+                at = scores.isel(lead=lead)
+                row: Row = {"site": site, "lead": at["lead"].item(), "run": Cell(run.name, (run.dot,))}
+                row |= {"crps": _told(at, "crps", "_error")}
+                rows.append(row | {name: _told(100 * at, name, "_se") for name in ("coverage", "overall")})
+    return rows
+
+
 def winners_table(tree: xr.DataTree) -> list[Row]:
     """List who wins in which coordinate, and how far ahead of the next; and a colour for each quantity."""
     data, dots = tree["winner_by_dof"].dataset, {run.name: run.dot for run in shown_runs(tree)}
@@ -109,3 +133,12 @@ def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage
     at = summary.isel(run=index).sel(level=level, method="nearest")
     share, error = (100 * float(at[column]) for column in (name, name.replace("coverage", "coverage_se")))
     return f"{share:.0f} ± {error:.0f}" if np.isfinite(share) else DASH
+
+
+def _told(at: xr.Dataset, name: str, ending: str) -> str:
+    """A figure and its standard error, to two digits of this."""
+    value, spread = float(at[name]), float(at[name + ending])
+    if not np.isfinite(value):
+        return DASH
+    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if np.isfinite(spread) and spread > 0 else 2
+    return f"{value:.{digits}f} ± {spread:.{digits}f}"

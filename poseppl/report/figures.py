@@ -15,15 +15,39 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.diagnostics.selection import evenly, frame_index, mean_points
-from poseppl.report.charts import Pairs, autocorrelation_traces, error_traces, inefficiency_heat, state_traces, trace_panels
-from poseppl.report.picture import MUTED, POSTERIOR, TEXT, draw, draw_heat, draw_legend, new_picture, tidy
-from poseppl.report.pose import draw_overlay, draw_pose3d
+from poseppl.diagnostics.selection import evenly, frame_index, mean_points, segments
+from poseppl.diagnostics.simulation_based import Calibration
+from poseppl.report.charts import (
+    BINS,
+    Pairs,
+    autocorrelation_traces,
+    error_traces,
+    inefficiency_heat,
+    state_traces,
+    trace_panels,
+)
+from poseppl.report.picture import (
+    GRID,
+    MUTED,
+    OBSERVED,
+    POSTERIOR,
+    SAMPLE,
+    TEXT,
+    TRUTH,
+    draw,
+    draw_heat,
+    draw_legend,
+    new_picture,
+    tidy,
+)
 from poseppl.report.pose_data import pose_data
 from poseppl.runs.contents import frame_numbers, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
 NUM_OVERLAYS = 5
+_COLUMNS, _MOST = 4, 24
+_WIDTH = 2.6
+"""Standard errors of a bar of ranks: 99 %."""
 
 
 def plot_track(tree: xr.DataTree) -> Figure:
@@ -57,7 +81,7 @@ def plot_track(tree: xr.DataTree) -> Figure:
 
 
 def plot_overlay(tree: xr.DataTree, frame: int | None = None, camera: int = 0) -> Figure:
-    """Draw a frame, the middle one if None, in the image of a camera; see :func:`poseppl.report.pose.draw_overlay`."""
+    """Draw a frame, the middle one if None, in the image of a camera; see :func:`draw_overlay`."""
     picture = new_picture(4.2, 5.0)
     axes = picture.add_subplot()
     draw_overlay(axes, pose_data(tree, np.array([frame_index(tree, frame)])), camera=camera)
@@ -66,7 +90,7 @@ def plot_overlay(tree: xr.DataTree, frame: int | None = None, camera: int = 0) -
 
 
 def plot_pose3d(tree: xr.DataTree, frame: int | None = None) -> Figure:
-    """Draw a frame, the middle one if None, in space; see :func:`poseppl.report.pose.draw_pose3d`."""
+    """Draw a frame, the middle one if None, in space; see :func:`draw_pose3d`."""
     picture = new_picture(5.5, 5.5)
     draw_pose3d(picture.add_subplot(projection="3d"), pose_data(tree, np.array([frame_index(tree, frame)])))
     return picture
@@ -123,6 +147,89 @@ def plot_state(tree: xr.DataTree, dofs: Sequence[str] | None = None) -> Figure:
     picture = new_picture(8.0, 1.9 * len(chosen))
     _states(picture, tree, chosen, columns=1)
     return picture
+
+
+def plot_ranks(calibration: Calibration) -> Figure:
+    """Draw the ranks' histograms of the first 24 coordinates, each bar with an interval of 99 % from the simulations' spread.
+
+    Heaped at both ends the posterior is too narrow, in the middle too wide, at one end off to the other side.
+    """
+    number = min(len(calibration.names), _MOST)
+    columns = min(number, _COLUMNS)
+    rows = -(-number // columns)
+    picture = new_picture(3.2 * columns, 2.4 * rows)
+    picture.set_layout_engine("constrained")
+    edges = np.linspace(0, 1, BINS + 1)
+    for index in range(number):
+        axes = picture.add_subplot(rows, columns, index + 1)
+        each = np.array([np.histogram(ranks, edges)[0] for ranks in calibration.ranks[..., index]])
+        shares = each / each.sum(1, keepdims=True)
+        error = _WIDTH * shares.std(0, ddof=1) / np.sqrt(len(shares))
+        axes.bar(edges[:-1], shares.mean(0), 1 / BINS, align="edge", color=POSTERIOR, alpha=0.55, yerr=error, ecolor=MUTED)
+        axes.axhline(1 / BINS, color=MUTED, linewidth=1.0)
+        tidy(axes, calibration.names[index], "rank of the truth")
+    return picture
+
+
+def draw_overlay(axes: Axes, poses: dict[str, Any] | None, number: int = 0, camera: int = 0) -> None:
+    """Draw observed markers, the mean of the predicted ones and sampled skeletons in the image.
+
+    Args:
+        axes: The axes.
+        poses: Of :func:`poseppl.report.pose_data.pose_data`.
+        number: Index among its frames.
+        camera: Index of the camera.
+
+    Raises:
+        ValueError: The result has no ``points``.
+    """
+    if poses is None or poses["image"] is None:
+        raise ValueError("the result has no points: run with a model whose observation program declares them")
+    image = poses["image"]
+    _skeletons(axes, poses, image["draws"][number, :, camera], image["mean"][number, camera])
+    axes.plot(*image["mean"][number, camera].T, ".", color=POSTERIOR, markersize=4)
+    if image["observed"] is not None:
+        seen = image["observed"][number, camera].T
+        axes.plot(*seen, "o", color=OBSERVED, markerfacecolor="none", markersize=6, markeredgewidth=1.4, label="observed")
+    (x, y), reach = image["centre"][number, camera], image["reach"][camera]
+    ends = (y + reach, y - reach) if image["down"][camera] else (y - reach, y + reach)
+    axes.set(xlim=(x - 0.8 * reach, x + 0.8 * reach), ylim=ends, aspect="equal", xticks=[], yticks=[])
+    axes.set_title(f"frame {poses['frames'][number]}", loc="left", fontsize=9.5, color=TEXT)
+    for spine in axes.spines.values():
+        spine.set_color(GRID)
+
+
+def draw_pose3d(axes: Any, poses: dict[str, Any] | None, number: int = 0) -> None:
+    """Draw sampled poses in space, their mean, and the truth where there is one, into 3-D axes; see :func:`draw_overlay`.
+
+    Raises:
+        ValueError: The result has no ``markers``.
+    """
+    if poses is None or poses["space"] is None:
+        raise ValueError("the result has no markers: run with a model whose observation program declares them")
+    space = poses["space"]
+    _skeletons(axes, poses, space["draws"][number], space["mean"][number])
+    axes.scatter(*space["mean"][number].T, color=POSTERIOR, s=9, depthshade=False)
+    if space["truth"] is not None:
+        axes.plot(*segments(space["truth"][number], poses["edges"]).T, color=TRUTH, linewidth=1.4, label="truth")
+    x, y, z = space["centre"][number][:, None] + space["reach"] * np.array([-1, 1])
+    axes.set(xlim=x, ylim=y, zlim=z)
+    axes.set_box_aspect((1, 1, 1), zoom=1.15)
+    axes.view_init(elev=14, azim=-58)
+    title = f"in space, frame {poses['frames'][number]} (mm)"
+    axes.set_title(title, loc="left", fontsize=10.5, color=TEXT, fontweight="bold")
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((1, 1, 1, 1))
+        axis._axinfo["grid"].update(color=GRID, linewidth=0.7)
+    axes.tick_params(labelsize=7, colors=MUTED, pad=-2)
+    axes.locator_params(nbins=4)
+    draw_legend(axes, loc="upper right")
+
+
+def _skeletons(axes: Any, poses: dict[str, Any], draws: Any, mean: Any) -> None:
+    samples = np.concatenate([segments(sample, poses["edges"]) for sample in draws])
+    axes.plot(*samples.T, color=SAMPLE, linewidth=0.7, alpha=0.5, label="posterior draws")
+    axes.plot(*segments(mean, poses["edges"]).T, color=POSTERIOR, linewidth=2.1, label="posterior mean")
 
 
 def _states(figure: FigureBase, tree: xr.DataTree, dofs: Sequence[int], columns: int) -> None:

@@ -16,13 +16,20 @@ from poseppl.diagnostics.image_errors import image_errors
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.errors import FilePath
 from poseppl.files.atomic_writing import write_atomically
-from poseppl.report.camera_tables import camera_table, doubt_table, doubts_shown, joint_charts, residual_chart
-from poseppl.report.charts import charts
-from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
+from poseppl.report.charts import charts, joint_charts, mode_chart, residual_chart
 from poseppl.report.page import page_html
-from poseppl.report.pose_data import pose_data
+from poseppl.report.pose_data import doubts_shown, ghosts, pose_data
 from poseppl.report.site_charts import data_charts, site_charts
-from poseppl.report.tables import cards, error_table, inefficiency_table, settings_table, worst_frames_table
+from poseppl.report.tables import (
+    ambiguity_table,
+    camera_table,
+    cards,
+    doubt_table,
+    error_table,
+    inefficiency_table,
+    settings_table,
+    worst_frames_table,
+)
 from poseppl.runs.results import is_weighted, provenance
 
 

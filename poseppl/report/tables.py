@@ -1,4 +1,4 @@
-"""The tables of the report as rows by column: coordinates, worst frames, errors, settings; and its headline numbers."""
+"""The tables of the report: coordinates, worst frames, errors, cameras, doubts, modes, settings; and its headline numbers."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from poseppl.diagnostics.doubts import Doubts, doubts_in_a_row
+from poseppl.diagnostics.image_errors import ImageErrors
+from poseppl.diagnostics.modes import Modes, ambiguities
+from poseppl.diagnostics.selection import told
 from poseppl.report.page import DASH
 from poseppl.runs.contents import FLAT, group_of, names_of, variable
 from poseppl.runs.results import is_weighted, provenance
 
-MAX_WORST = 10
+MAX_ROWS, MAX_DOUBTS = 10, 15
 Row = dict[str, Any]
 
 
@@ -63,7 +67,7 @@ def worst_frames_table(tree: xr.DataTree) -> list[Row]:
     means = {name: values.mean(set(values.dims) - {"frame"}) for name, values in found.items() if values is not None}
     figures = xr.Dataset({"tau": tau.max("dof"), "ess": data["ess"].min("dof")} | means)
     figures["coordinate"] = tau.fillna(-1).idxmax("dof") if not is_weighted(tree) else xr.full_like(tau[:, 0], "all", object)
-    return records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_WORST)))
+    return records(figures.sortby(-figures["tau"]).isel(frame=slice(MAX_ROWS)))
 
 
 def error_table(tree: xr.DataTree) -> list[Row]:
@@ -75,6 +79,43 @@ def error_table(tree: xr.DataTree) -> list[Row]:
     return [
         {"marker": name, "mean": each.mean(), "high": np.quantile(each, 0.95), "relative": beside.mean()}
         for name, each, beside in parts
+    ]
+
+
+def camera_table(tree: xr.DataTree, errors: ImageErrors | None) -> list[Row]:
+    """A row a camera: what it saw, how far off, and how much its calibration was mended, where the result tells."""
+    if errors is None:
+        return []
+    found, seen = told(tree, "cameras found"), np.isfinite(errors.distance)
+    wrong_person, swaps = (variable(tree, "faults", part) for part in ("wrong_person", "swaps"))
+    rows = []
+    for c, (name, (right, down), spread) in enumerate(zip(errors.cameras, errors.bias, errors.spread, strict=True)):
+        mine, noise = found.get(name), errors.noise[:, c][seen[:, c]]
+        row: Row = {"camera": name, "points": seen[:, c].sum(), "noise": np.median(noise) if noise.size else np.nan}
+        row |= {"spread": spread, "right": right, "down": down}
+        if isinstance(mine, dict):
+            row |= {key: _number(mine.get(key)) for key in ("turned", "moved", "agreement")}
+        if swaps is not None and swaps.size:
+            row["exchanged"] = (swaps[:, c] > 0.5).any(-1).sum()
+        if wrong_person is not None and np.isfinite(wrong_person[:, c]).any():
+            row["identity"] = 1 - np.nanmax(wrong_person[:, c])
+        rows.append(row)
+    columns = {key for row in rows for key in row}
+    return [dict.fromkeys(columns, np.nan) | row for row in rows]
+
+
+def doubt_table(tree: xr.DataTree, doubts: Doubts | None) -> list[Row]:
+    """The doubts that weigh most."""
+    rows = [] if doubts is None else doubts_in_a_row(tree, doubts)[:MAX_DOUBTS]
+    return [each._asdict() | {"frames": f"{each.first}" + (f" to {each.last}" if each.num_frames > 1 else "")} for each in rows]
+
+
+def ambiguity_table(modes: Modes) -> list[Row]:
+    """The stretches of frames that have several modes, the longest first."""
+    end = int(modes.frames[-1]) + 1
+    found = sorted(ambiguities(modes), key=lambda each: each.arose - (end if each.resolved is None else each.resolved))
+    return [
+        each._asdict() | {"resolved": "never" if each.resolved is None else str(each.resolved)} for each in found[:MAX_ROWS]
     ]
 
 
@@ -114,3 +155,7 @@ def flatten(value: Any, name: str = "") -> dict[str, str]:
     if isinstance(value, float):
         return {name: f"{value:.6g}"}
     return {name: ", ".join(map(str, value)) if isinstance(value, list) else DASH if value is None else str(value)}
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")

@@ -10,9 +10,10 @@ from poseppl import report
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.modes import modes_over_time
 from poseppl.report.chart import Panel, band, grid, line, log_ticks, stack
-from poseppl.report.charts import charts
-from poseppl.report.mode_chart import ambiguity_table, ghosts, mode_chart
-from poseppl.report.page_data import to_json
+from poseppl.report.charts import charts, mode_chart
+from poseppl.report.page import to_json
+from poseppl.report.pose_data import ghosts
+from poseppl.report.tables import ambiguity_table
 
 X = np.arange(3)
 

@@ -15,10 +15,8 @@ from same_data import run_on, scene
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.verdicts.comparison import findings, words
 from poseppl.report import comparison_html, write_comparison, write_comparison_table
-from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps
-from poseppl.report.page import shown
-from poseppl.report.page_data import to_json
-from poseppl.report.variance_charts import variance_charts
+from poseppl.report.compare_charts import HEATS, MAX_CELLS, comparison_charts, heat_maps, variance_charts
+from poseppl.report.page import shown, to_json
 
 DATA = scene(num_frames=20)
 

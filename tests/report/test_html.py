@@ -9,7 +9,7 @@ from page_reading import data_of, decoded
 from synthetic import synthetic_result
 
 from poseppl.report import report_html, write_report
-from poseppl.report.page_data import to_json
+from poseppl.report.page import to_json
 from poseppl.report.pose_data import pose_data
 from poseppl.runs.results import Names, build_result
 

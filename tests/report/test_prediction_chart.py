@@ -8,7 +8,7 @@ from page_reading import data_of
 from synthetic import predicted_result, synthetic_result
 
 from poseppl.report import report_html
-from poseppl.report.prediction_chart import prediction_chart, transform_shares
+from poseppl.report.charts import prediction_chart, transform_shares
 
 
 def test_shares_and_what_was_not_seen() -> None:

@@ -8,9 +8,8 @@ from rooms import CENTRES, FOCAL, PRINCIPAL, ROTATIONS, projected, room_result
 from synthetic import synthetic_result
 
 from poseppl.report import report_html
-from poseppl.report.page_data import to_json
-from poseppl.report.pose_data import MAX_SAMPLES, pose_data
-from poseppl.report.room import room_data
+from poseppl.report.page import to_json
+from poseppl.report.pose_data import MAX_SAMPLES, pose_data, room_data
 
 TREE = room_result()
 

@@ -18,7 +18,7 @@ const page = (function () {
     return Array.from({ length: shape[0] }, (_, row) => nested(flat.slice(row * size, (row + 1) * size), shape.slice(1)));
   }
 
-  // The inverse of to_json in page_data.py.
+  // The inverse of to_json in page.py.
   function decoded({ codes, shape, low, step }) {
     const bytes = Uint8Array.from(atob(codes), (letter) => letter.charCodeAt(0));
     const digits = 10 ** Math.max(0, Math.min(12, 1 - Math.floor(Math.log10(step))));
