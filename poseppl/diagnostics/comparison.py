@@ -81,7 +81,7 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         foretold[name] = group_of(tree, "hindcasts")
     figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
     summary = summarise(figures)
-    overall, each = compare_quantities(figures, summary["miscalibrated"].values)
+    overall, each = compare_quantities(figures, summary["miscalibrated"])
     groups = {
         "figures": figures,
         "summary": summary,

@@ -47,10 +47,8 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
         data["rejection_rate"] = (("frame",), 1 - stats["acceptance_rate"].values)
     data |= _against_truth(tree)
     used = {dim for dims, _ in data.values() for dim in dims}
-    known: Any = {**posterior.coords, **flat_draws(tree).coords}
-    coords = {name: known[name].values for name in ("frame", "dof", "marker") if name in used and name in known}
-    if "level" in used:
-        coords["level"] = np.array(LEVELS)
+    known: Any = {**posterior.coords, **flat_draws(tree).coords, "level": LEVELS}
+    coords = {name: np.asarray(values) for name, values in known.items() if name in used}
     result = tree.copy()
     result["diagnostics"] = xr.DataTree(xr.Dataset(data, coords=coords))
     return result

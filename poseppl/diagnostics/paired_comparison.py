@@ -17,7 +17,6 @@ of ESS: draws of a wrong posterior are worth nothing, however many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -86,7 +85,7 @@ def is_miscalibrated(coverage: Floats, standard_error: Floats) -> Booleans:
     return np.asarray(coverage + 2 * standard_error < LEAST_COVERAGE)
 
 
-def compare_quantities(figures: xr.Dataset, miscalibrated: Booleans) -> tuple[xr.Dataset, xr.Dataset]:
+def compare_quantities(figures: xr.Dataset, miscalibrated: xr.DataArray) -> tuple[xr.Dataset, xr.Dataset]:
     """Compare the runs by every quantity.
 
     Args:
@@ -98,44 +97,37 @@ def compare_quantities(figures: xr.Dataset, miscalibrated: Booleans) -> tuple[xr
         (the name of a run, "tie", or empty without a comparison), and ``not_worse``, ``ratio``, ``ratio_low`` and
         ``ratio_high`` (quantity, ..., run) of :class:`PairedComparison`.
     """
-    names = [str(name) for name in figures["run"].values]
-    together, each = [], []
-    for quantity in QUANTITIES:
-        losses = _losses(figures, quantity)
-        if quantity != "error":
-            losses = np.where(miscalibrated[:, None, None], np.nan, losses)
-        noise = TIMING_NOISE if quantity == "ess_per_second" else 0.0
-        together.append(compare_losses(_of_all(figures, quantity, losses), noise))
-        each.append([compare_losses(losses[:, :, dof], noise) for dof in range(losses.shape[2])])
-    coords = {"quantity": list(QUANTITIES), "run": names}
-    overall = _dataset(np.array(together, float), names, ("quantity",), coords)
-    return overall, _dataset(np.array(each, float), names, ("quantity", "dof"), coords | {"dof": figures["dof"].values})
+    each = [_losses(figures, quantity).where(~miscalibrated | (quantity == "error")) for quantity in QUANTITIES]
+    together = [_of_all(figures, quantity, losses) for quantity, losses in zip(QUANTITIES, each, strict=True)]
+    return _outcomes(xr.concat(together, dim="quantity")), _outcomes(xr.concat(each, dim="quantity"))
 
 
-def _losses(figures: xr.Dataset, quantity: str) -> Floats:
-    values = np.asarray(figures[quantity].transpose("run", "frame", "dof").values, np.float64)
+def _losses(figures: xr.Dataset, quantity: str) -> xr.DataArray:
+    values = figures[quantity].astype(np.float64)
     with np.errstate(divide="ignore"):
         return values if quantity == "error" else 1 / values
 
 
-def _of_all(figures: xr.Dataset, quantity: str, losses: Floats) -> Floats:
+def _of_all(figures: xr.Dataset, quantity: str, losses: xr.DataArray) -> xr.DataArray:
     """Mean over the degrees of freedom that anyone has a figure for; the joint error in mm."""
-    joint = np.asarray(figures["joint_error"].values, np.float64)
+    joint, free = figures["joint_error"].astype(np.float64), (abs(losses) < np.inf).any(("run", "frame"))
     if quantity == "error" and np.isfinite(joint).any():
         return joint
-    free = np.isfinite(losses).any(axis=(0, 1))
+    if not free.any():
+        return xr.full_like(joint, np.nan)
     if quantity == "error":
-        losses = losses / np.nanmean(np.where(free, losses, 1.0), axis=(0, 1))
-    return np.asarray(losses[:, :, free].mean(axis=2)) if free.any() else np.full(losses.shape[:2], np.nan)
+        losses = losses / losses.mean(("run", "frame"))
+    return losses.isel(dof=free.values).mean("dof", skipna=False)
 
 
-def _dataset(outcomes: Floats, names: list[str], dims: tuple[str, ...], coords: Mapping[str, object]) -> xr.Dataset:
-    """Lay (..., field, run) out by field."""
-    stacked = np.moveaxis(outcomes, -2, 0)
-    not_worse = stacked[0] > 0
-    number = not_worse.sum(axis=-1)
-    single = np.array(names, dtype=object)[not_worse.argmax(axis=-1)]
-    winner = np.where(number == 1, single, np.where(number > 1, TIE, "")).astype(str)
-    data = {"winner": (dims, winner), "not_worse": ((*dims, "run"), not_worse)}
-    fields = zip(("ratio", "ratio_low", "ratio_high"), stacked[1:], strict=True)
-    return xr.Dataset(data | {name: ((*dims, "run"), values) for name, values in fields}, coords=coords)
+def _outcomes(losses: xr.DataArray) -> xr.Dataset:
+    """Outcomes of losses (quantity, run, frame, ...) by field."""
+    noise = xr.DataArray([TIMING_NOISE if quantity == "ess_per_second" else 0.0 for quantity in QUANTITIES], dims="quantity")
+    cores: list[list[str]] = [["run", "frame"], []]
+    fields = xr.apply_ufunc(
+        compare_losses, losses, noise, input_core_dims=cores, output_core_dims=[["run"]] * 4, vectorize=True
+    )
+    data = xr.Dataset(dict(zip(("not_worse", "ratio", "ratio_low", "ratio_high"), fields, strict=True)))
+    number, single = data["not_worse"].sum("run"), data["run"][data["not_worse"].argmax("run")].drop_vars("run")
+    winner = single.where(number == 1, "").where(number <= 1, TIE).astype(str)
+    return data.assign(winner=winner).assign_coords(quantity=list(QUANTITIES))

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from poseppl.checks import check_at_least
 from poseppl.diagnostics.inefficiency import mixing
 from poseppl.diagnostics.verdicts.predictive import check_predictions
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Verdict
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import prepend, split_first
 from poseppl.program import CompiledModel, Observation
@@ -113,15 +113,12 @@ def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Pred
     return sorted(found, key=lambda verdict: verdict.severity != ERROR)
 
 
-def _mixing(name: str, draws: Any) -> list[Verdict]:
+def _mixing(name: str, draws: Any) -> Findings:
     """Agreement and effective number of the chains of one parameter."""
     figures = mixing(draws.reshape(*draws.shape[:2], 1, -1))
     rhat, ess = float(np.nanmax(figures.rhat)), float(np.nanmin(figures.ess))
     if rhat > RHAT_WARNING:
         severity = ERROR if rhat > RHAT_ERROR else WARNING
-        return [
-            Verdict(severity, f"Chains of {name} do not agree (R-hat {rhat:.2f}): more draws, more warm-up or another start.")
-        ]
-    if ess < ESS_WARNING:
-        return [Verdict(WARNING, f"Only {ess:.0f} effective draws of {name}: its intervals are rough; take more draws.")]
-    return []
+        yield Verdict(severity, f"Chains of {name} do not agree (R-hat {rhat:.2f}): more draws, more warm-up or another start.")
+    elif ess < ESS_WARNING:
+        yield Verdict(WARNING, f"Only {ess:.0f} effective draws of {name}: its intervals are rough; take more draws.")

@@ -85,9 +85,9 @@ def _interval(errors: ImageErrors) -> tuple[float, float, float]:
     seen = (expected > 0) & (square > 0)
     if seen.sum() < 2:
         return float(errors.scale()), -np.inf, np.inf
-    ratio = log_ratio(square[seen], expected[seen])
-    centre, reach = ratio.estimate / 2, ratio.half_width / 2
-    return float(np.exp(centre)), float(np.exp(centre - reach)), float(np.exp(centre + reach))
+    centre, _, reach = log_ratio(square[seen], expected[seen])
+    scale, low, high = np.exp(np.array([centre, centre - reach, centre + reach]) / 2).tolist()
+    return scale, low, high
 
 
 def _without(errors: ImageErrors) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, statistic, where
-from poseppl.runs.contents import names_of
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, where
+from poseppl.runs.contents import group_of, names_of
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
 """Intersection over union of body and silhouettes, mean over a camera's frames: below it there is a warning, an error."""
@@ -23,15 +23,12 @@ SWELLING = 1.6
 
 def overlap(tree: xr.DataTree) -> Findings:
     """A body that does not fill the silhouettes it was tracked in, by camera and frame."""
-    share = statistic(tree, "overlap")
+    share, cameras = group_of(tree, "sample_stats").get("overlap"), names_of(tree, "camera")
     if share is None or not np.isfinite(share).any():
         return
-    cameras = names_of(tree, "camera")
-    means = np.array([float(np.nanmean(column)) if np.isfinite(column).any() else np.nan for column in share.T])
+    means = share.mean("frame", dtype=np.float64).values
+    frames = share.mean(set(share.dims) - {"frame"}, dtype=np.float64).values < OVERLAP_FRAME
     low = np.flatnonzero(means < OVERLAP_LOW)
-    seen = np.isfinite(share).any(axis=1)
-    frames = np.zeros(len(share), bool)
-    frames[seen] = np.nanmean(share[seen], axis=1) < OVERLAP_FRAME
     if not len(low) and not frames.any():
         return
     named = ", ".join(f"{cameras[i]} {means[i]:.2f}" for i in low) or "every camera well on the whole"
