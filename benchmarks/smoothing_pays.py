@@ -33,7 +33,7 @@ from poseppl.motion.io import VideoWarning
 from poseppl.motion.tracking import Scene, SmoothSettings, TrackSettings, observe_motion, recorded_subject, smooth, track
 from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.silhouette_frame import SilhouetteSettings
-from poseppl.motion.tracking.video_sources import see_silhouettes, sources_of_scene
+from poseppl.motion.tracking.video_sources import DEFAULT_MODEL, see_silhouettes, sources_of_scene
 from poseppl.report.picture import Picture, new_picture, save_picture
 
 WALKS, RADIUS, NOISE = ("05_01", "06_01", "16_16", "08_04"), 1200.0, 0.003
@@ -82,13 +82,13 @@ def judge(tree: xr.DataTree) -> tuple[float, float, float]:
 def runs_of(data: Path, key: tuple[str, str, str, str], methods: list[str], num_frames: int) -> list[tuple[Any, ...]]:
     """Rows of a walk, what is seen of it, cameras and a seed: the filter's and those of smoothers."""
     name, seen, cameras, seed = key
-    walk = {"sigma_position": 40.0 * 30.0**0.5} if seen == SILHOUETTES else {}
+    other: dict[str, Any] = {"sigma_position": 40.0 * 30.0**0.5, "model": DEFAULT_MODEL} if seen == SILHOUETTES else {}
     scene = watch(data, name, seen, int(cameras), num_frames, int(seed))
-    filtered = track(scene, TrackSettings(seed=int(seed), **walk))
+    filtered = track(scene, TrackSettings(seed=int(seed), **other))
     rows = [(*key, FILTER, *judge(filtered), float(filtered.attrs["wall_seconds"]) / num_frames)]
     for method in methods:
         began = time.perf_counter()
-        smoothed = smooth(filtered, SmoothSettings(method, SMOOTHERS[method], seed=int(seed)))
+        smoothed = smooth(filtered, SmoothSettings(method, SMOOTHERS[method], seed=int(seed)), scene)
         rows.append((*key, method, *judge(smoothed), (time.perf_counter() - began) / num_frames))
     return rows
 

@@ -74,7 +74,8 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
 
     RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
     particles a smoother sees. For genealogy and fixed-lag, which follow all particles back through their ancestors, the filter
-    of RESULT is run again with its seed; it has to be a particle filter. Which smoother for what: see "Which filter, which
+    of RESULT is run again with its seed; it has to be a particle filter. A result of videos holds no pictures: there it is
+    poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which
     smoother?" in the documentation.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax

@@ -16,12 +16,12 @@ from poseppl.cli.track_keypoints import (
     exported_targets,
     keypoint_options,
     keypoint_scene,
-    smoothed_target,
     wants_points,
     words_of_keypoints,
-    write_beside,
+    write_exported,
 )
 from poseppl.cli.track_live import live_table, tell_lines_left, track_live
+from poseppl.cli.track_smooth import check_smooth_usage, smooth_option, smoothed, smoothed_target
 from poseppl.cli.track_video import (
     ManyFiles,
     check_video_usage,
@@ -52,6 +52,8 @@ Examples:
       The same while the detector is at work, frame by frame.
   poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
+  poseppl track --video scene/ --smooth trajectory
+      The silhouettes of a scene that poseppl simulate --video rendered, each frame given all.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
       Saved as it goes; the same command with --resume continues it after a crash.
 
@@ -59,7 +61,8 @@ Examples:
 Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
-  poseppl-NAME-laplace.nc  of keypoints, unless --online: smoothed, each frame given all; and its picture
+  poseppl-NAME-METHOD.nc  smoothed, each frame given all, and its picture: with --smooth, and of
+                    keypoints by laplace, unless --online
   poseppl-NAME-laplace.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
                     poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
   poseppl-NAME_live.csv  of --live: a line a frame as it comes: joints in mm with 90 % intervals
@@ -95,6 +98,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     help="Which algorithm; poseppl filters lists them.",
 )
 @settings_option
+@smooth_option
 @click.option(
     "--sigma-position",
     metavar="MM",
@@ -189,10 +193,10 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     inputs = [recording, observations, *tables, *words]
     sources = open_sources(options) if options["video"] else None
     overlays = overlay_paths(sources.videos, target) if sources else []
-    smoothed = None if wants_points(options) else smoothed_target(options, target)
-    beside = [] if smoothed is None else [smoothed, smoothed.with_suffix(".png")]
+    later = None if wants_points(options) else smoothed_target(options, target)
+    beside = [] if later is None else [later, later.with_suffix(".png")]
     beside += live_table(options, target)
-    check_writable([target, picture, *overlays, *beside, *exported_targets(options, target)], inputs)
+    check_writable([target, picture, *overlays, *beside, *exported_targets(options, later or target)], inputs)
     progress = ConsoleProgress(options["quiet"])
     start_jax(options["devices"])
     if wants_points(options):
@@ -203,14 +207,17 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         return
     try:
         with progress.running():
-            tree, problem = _run(recording, observations, sources, options, target, progress)
+            tree, problem, scene = _run(recording, observations, sources, options, target, progress)
             progress.stage("drawing")
             files = write_outputs(tree, target, progress.note)
             files += [("frame by frame", path) for path in live_table(options, target)]
             if sources:
                 files += write_overlays(tree, sources, target, progress)
-            if options["keypoints"]:
-                files += write_beside(tree, target, options, progress)
+            shown, place = tree, target
+            if later and (best := smoothed(tree, scene, options, progress)) is not None:
+                files += [(f"smoothed {name}", path) for name, path in write_outputs(best, later, progress.note)]
+                shown, place = best, later
+            files += write_exported(shown, place, options, progress)
     except (KeyboardInterrupt, OSError) as error:
         tell_lines_left(options, target, progress)
         if options["checkpoint"] and isinstance(error, KeyboardInterrupt):
@@ -229,6 +236,7 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
     points = recording is not None or observations is not None
     check_video_usage(options, points or bool(options["keypoints"]))
     check_keypoint_usage(options, points)
+    check_smooth_usage(options)
     if options["resume"] and options["checkpoint"] is None:
         raise click.UsageError("--resume needs --checkpoint DIR")
     if observations is not None:
@@ -243,8 +251,8 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
 
 def _run(
     recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], target: Path, progress: Any
-) -> tuple[Any, str | None]:
-    """The result, and why it ends before its scene does, if it does."""
+) -> tuple[Any, str | None, Any]:
+    """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
     from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
@@ -268,7 +276,7 @@ def _run(
     )
     FILTERS[settings.filter].check(settings.options)
     if options["live"]:
-        return track_live(options, settings, target, progress)
+        return *track_live(options, settings, target, progress), None
     progress.stage("reading")
     scene: Any
     if sources:
@@ -292,10 +300,11 @@ def _run(
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
     progress.stage("compiling", total=len(scene.frames))
     try:
-        return track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"]), None
+        tree = track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])
+        return tree, None, scene
     except TrackStopped as stopped:
         done = stopped.result["posterior"].sizes["frame"]
-        return stopped.result, f"{stopped}; the frames before it, {done} of {len(scene.frames)}, are"
+        return stopped.result, f"{stopped}; the frames before it, {done} of {len(scene.frames)}, are", scene
 
 
 def _choose_for_prior(options: dict[str, Any]) -> None:

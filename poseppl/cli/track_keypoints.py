@@ -257,57 +257,30 @@ def errors_of_detector(options: dict[str, Any]) -> Any:
     return None if known is None else read_detector_errors(known)
 
 
-def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
-    """The file of the smoothed result; None if there is to be none."""
-    smooths = options["keypoints"] and not (options["online"] or options.get("live"))
-    return target.with_name(f"{target.stem}-laplace.nc") if smooths else None
-
-
 def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:
-    """The files for other programs: of the smoothed result, where there is to be one."""
+    """The files for other programs of a result."""
     from poseppl.cli.export import BY_DEFAULT
     from poseppl.motion.io.exchange_formats import files_of
 
     if not options["keypoints"] or options["no_export"]:
         return []
-    place = smoothed_target(options, target) or target
-    return [path for paths in files_of(place.parent, place.stem, BY_DEFAULT).values() for path in paths]
+    return [path for paths in files_of(target.parent, target.stem, BY_DEFAULT).values() for path in paths]
 
 
-def write_beside(tree: Any, target: Path, options: dict[str, Any], progress: Any) -> list[tuple[str, Path]]:
-    """Write the smoothed result, and the files for other programs of the best one; what fails is told, and costs no result.
+def write_exported(tree: Any, target: Path, options: dict[str, Any], progress: Any) -> list[tuple[str, Path]]:
+    """Write a result's files for other programs; what fails is told, and costs no result.
 
     Returns:
         What was written, and where.
     """
     from poseppl.cli.export import write_exports
-    from poseppl.cli.outputs import write_outputs
 
-    files: list[tuple[str, Path]] = []
-    place = smoothed_target(options, target)
-    smoothed = None if place is None else _smoothed(tree, progress)
-    if place is not None and smoothed is not None:
-        files += [(f"smoothed {name}", path) for name, path in write_outputs(smoothed, place, progress.note)]
-        tree, target = smoothed, place
-    if options["no_export"]:
-        return files
+    if not options["keypoints"] or options["no_export"]:
+        return []
     progress.stage("exporting")
     try:
         found = write_exports(tree, target, progress.note, model=options["model"])
     except PosepplError as error:
         progress.note(f"not exported for other programs, but the result is written (--no-export leaves it out): {error}")
-        return files
-    return [*files, *(("for OpenSim", path) for path in found)]
-
-
-def _smoothed(tree: Any, progress: Any) -> Any:
-    """A result smoothed with a detector's lasting errors; None where it could not be, which is told."""
-    from poseppl.motion.tracking import SmoothSettings, smooth
-    from poseppl.runs.smoothing import SmoothingError
-
-    progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
-    try:
-        return smooth(tree, SmoothSettings("laplace", errors="lasting"))
-    except (InputError, SmoothingError) as error:
-        progress.note(f"not smoothed (--online leaves it out): {error}")
-        return None
+        return []
+    return [("for OpenSim", path) for path in found]

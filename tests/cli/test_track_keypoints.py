@@ -14,6 +14,7 @@ from balancing_options import words
 
 from poseppl.cli import main
 from poseppl.cli.track_keypoints import exported_targets
+from poseppl.cli.track_smooth import smoothed_target
 from poseppl.motion.io import open_video
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
@@ -71,8 +72,9 @@ def test_without_export(data_dir: Path) -> None:
     ],
 )
 def test_where_exports_go(options: dict[str, object], expected: list[str]) -> None:
-    asked = {"keypoints": ("cam=pose",), "online": None, "no_export": None} | options
-    assert exported_targets(asked, Path("out/a.nc")) == [Path("out") / name for name in expected]
+    asked = {"keypoints": ("cam=pose",), "online": None, "no_export": None, "smooth_method": None} | options
+    best = smoothed_target(asked, Path("out/a.nc")) or Path("out/a.nc")
+    assert exported_targets(asked, best) == [Path("out") / name for name in expected]
 
 
 @pytest.mark.slow

@@ -84,6 +84,28 @@ def test_two_videos_are_tracked_and_drawn_over(room, tracked):
     assert np.abs(overlay[0].astype(int) - plain).max() > 100  # something is drawn
 
 
+def test_videos_are_smoothed_while_they_are_at_hand(room, tracked, tmp_path, capsys):
+    words = [*videos(room), *empty(room), *FEW, "--smooth", "backward-simulation", "-o", tmp_path / "seen.nc"]
+    assert run(capsys, *words)[0] == 0
+    assert {path.name for path in tmp_path.glob("*.nc")} == {"seen.nc", "seen-backward-simulation.nc"}
+    smoothed = load_result(tmp_path / "seen-backward-simulation.nc")
+    assert provenance(smoothed)["smoother"] == "backward-simulation" and smoothed["posterior"].sizes["frame"] == 3
+    status, told = main(["smooth", str(tracked / "seen.nc")]), " ".join(capsys.readouterr().err.split())
+    assert status == 1 and "track --smooth" in told
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (["--smooth", "nuts"], "nuts.*trajectory"),
+        (["--smooth", "laplace", "--prior", "walk.nc"], "--smooth does not go with --prior"),
+    ],
+)
+def test_smoothing_that_cannot_be_is_told_before(room, capsys, change, words):
+    status, told = run(capsys, *videos(room), *empty(room), *change)
+    assert status in (1, 2) and re.search(words, told), told
+
+
 def test_the_result_tells_how_silhouettes_were_found(tracked):
     found = provenance(load_result(tracked / "seen.nc"))["silhouettes"]
     assert found["noise"] == 80.0 and found["edges"] is False and found["background"]["refine"] is False

@@ -18,6 +18,8 @@ Tree = Any
 
 _LANES = 8
 """Batches are filled up to a multiple of this: left-over particles run one by one, so that 30 take longer than 32."""
+_PICTURE = 2**11
+"""Numbers of an argument from which on it is a picture, of which no particle gets a copy."""
 
 
 def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Callable[..., Tree]:
@@ -31,7 +33,7 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
 
     Returns:
         A function of the same pytrees without the last axis. Any nesting of ``jax.vmap`` around it becomes one call of
-        ``function`` with one flattened batch axis.
+        ``function`` with one flattened batch axis; over pictures, as of the frames of a recording, with one call for each.
     """
     compiled = jax.jit(function)  # traced once for each shape, however often a model's programs run
 
@@ -46,6 +48,9 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
     def _rule(size: int, is_batched: Any, *args: Tree) -> tuple[Tree, Tree]:
         leaves, treedef = jax.tree.flatten(args)
         flags = jax.tree.leaves(tuple(is_batched))
+        if any(flag and leaf[0, 0].size >= _PICTURE for leaf, flag in zip(leaves, flags, strict=True)):
+            out = _in_turn(lambda row: batched(*jax.tree.unflatten(treedef, row)), leaves, flags)
+            return out, jax.tree.map(lambda _: True, out)
         inner = max(leaf.shape[int(flag)] for leaf, flag in zip(leaves, flags, strict=True))
         merged = [_merge(leaf, flag, size, inner) for leaf, flag in zip(leaves, flags, strict=True)]
         out = batched(*jax.tree.unflatten(treedef, merged))
@@ -59,16 +64,26 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
     return single
 
 
-def _in_chunks(function: Callable[..., Tree], args: Tree, chunk: int) -> Tree:
-    """Call a batch-last function for `chunk` particles at a time; leaves of one particle are shared by all."""
-    leaves, treedef = jax.tree.flatten(args)
-    varying = [jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], -1, chunk), -2, 0) for leaf in leaves if leaf.shape[-1] > 1]
+def _in_turn(function: Callable[[list[Array]], Tree], leaves: list[Array], flags: list[bool]) -> Tree:
+    """Call a function of leaves for each row of those that are flagged, one after the other; the others are shared."""
 
     def piece(rows: list[Array]) -> Tree:
         row = iter(rows)
-        return function(*jax.tree.unflatten(treedef, [next(row) if leaf.shape[-1] > 1 else leaf for leaf in leaves]))
+        return function([next(row) if flag else leaf for leaf, flag in zip(leaves, flags, strict=True)])
 
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], -1), jax.lax.map(piece, varying))
+    return jax.lax.map(piece, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag])
+
+
+def _in_chunks(function: Callable[..., Tree], args: Tree, chunk: int) -> Tree:
+    """Call a batch-last function for `chunk` particles at a time; leaves of one particle are shared by all."""
+    leaves, treedef = jax.tree.flatten(args)
+    many = [leaf.shape[-1] > 1 for leaf in leaves]
+    pieces = [
+        jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], -1, chunk), -2, 0) if own else leaf
+        for leaf, own in zip(leaves, many, strict=True)
+    ]
+    out = _in_turn(lambda row: function(*jax.tree.unflatten(treedef, row)), pieces, many)
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], -1), out)
 
 
 def _fill_up(leaf: Array, lanes: int) -> Array:

@@ -188,12 +188,13 @@ def with_frames(problem: Problem, data: SceneData, steps: Floats) -> Problem:
     return problem._replace(observations=data.observe(problem.model), inputs=inputs)
 
 
-def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
+def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneData | None = None) -> Problem:
     """Pose the problem of a tracking result anew, from what the result tells of it.
 
     Args:
         tree: The result.
         model: Builder of the body; needed where the result's own is not installed, for a file does not choose what is run.
+        data: What was seen, if not the points that the result holds: it holds no pictures of silhouettes.
 
     Raises:
         InputError: The result does not come from `track`, or is of an older layout, or its model is not installed.
@@ -208,13 +209,18 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None) -> Problem:
     _, body, params = recorded_model(tree, model)
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
     walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params))
+    seen = _points_of_result(tree, inputs["noise"]) if data is None else data
+    return _problem(body, params, seen, walk, inputs.get("states"))
+
+
+def _points_of_result(tree: xr.DataTree, noise: Any) -> PointData:
     points = np.asarray(tree["observed_data"].dataset["points"].values)
     if np.isnan(points).all():
         raise InputError(
             "the result holds no points: it comes from silhouettes, and their pictures are not in it",
-            expected="a result of points; in Python, run_smoother on the make_problem of the scene",
+            expected="a result of points; or poseppl track --smooth METHOD; in Python, smooth(result, settings, scene)",
         )
-    return _problem(body, params, PointData(points, inputs["noise"]), walk, inputs.get("states"))
+    return PointData(points, noise)
 
 
 def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str, float]) -> Floats:

@@ -12,10 +12,12 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
+from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
 from poseppl.motion.tracking.problem import Problem, problem_of_result
 from poseppl.motion.tracking.refiltering import filter_again
+from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
 from poseppl.runs.contents import frame_numbers
@@ -47,7 +49,7 @@ class SmoothSettings(NamedTuple):
     errors: Literal["independent", "lasting"] = "independent"
 
 
-def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.DataTree:
+def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Scene[SceneData] | None = None) -> xr.DataTree:
     """Smooth a result of :func:`poseppl.motion.tracking.track.track`.
 
     The smoother starts from the draws that the result holds, and the model is built anew from its provenance. A smoother that
@@ -56,13 +58,14 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
     Args:
         tree: The result.
         settings: How.
+        scene: What was tracked, where the result does not hold it: pictures of silhouettes.
 
     Returns:
         The smoothed result, with diagnostics; its provenance holds that of the filter.
 
     Raises:
         InputError: The result does not tell its inputs, its model has changed or is not installed, or a setting is out of
-            range, or its filter keeps no genealogy for a smoother that follows ancestors.
+            range, or its filter keeps no genealogy for a smoother that follows ancestors, or the scene is another one.
         RunError: The filter is run again, and cannot go on.
         SmoothingError: The smoothed states are not finite.
     """
@@ -72,7 +75,8 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         raise InputError("the result is smoothed already", expected="the result of a filter, which the smoother starts from")
     if settings.errors not in ("independent", "lasting"):
         raise InputError(f"{settings.errors!r}", field="--errors", expected="independent or lasting")
-    lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model)
+    data = None if scene is None else _seen(scene, tree)
+    lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model, data)
     if lasting:
         cameras = _camera_covariance(known, problem) if settings.method == "laplace" else None
         problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras)
@@ -105,6 +109,17 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None) -> xr.Data
         return diagnose(result)
     key = jax.random.fold_in(jax.random.key(settings.seed), 1)
     return diagnose(check_posterior(result, problem.model, key, problem.inputs, data=problem.observations))
+
+
+def _seen(scene: Scene[SceneData], tree: xr.DataTree) -> SceneData:
+    """What a scene's cameras saw in the frames of a result of it, which may have ended early."""
+    frames = frame_numbers(tree)
+    own = scene.first_frames(len(frames))
+    names = tuple(tree["observed_data"].dataset.coords["camera"].values.tolist())
+    if own.camera_names != names or own.frames.tolist() != list(frames):
+        told = f"{len(own.frames)} frames from {own.frames[0]} on of {some(own.camera_names)}"
+        raise InputError(f"the scene has {told}", field="scene", expected=f"{len(frames)} from {frames[0]} on of {some(names)}")
+    return own.data
 
 
 def _camera_covariance(known: Mapping[str, Any], problem: Problem) -> Floats | None:

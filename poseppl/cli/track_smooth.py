@@ -1,0 +1,71 @@
+"""`poseppl track --smooth`: the smoothed result beside the filter's, while what was seen is at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from poseppl.cli.track_keypoints import wants_points
+from poseppl.errors import InputError
+
+smooth_option = click.option(
+    "--smooth",
+    "smooth_method",
+    metavar="METHOD",
+    help="Smooth the result, too: every frame given all; poseppl smoothers lists the methods. Results of videos, which hold no "
+    "pictures, can be smoothed here alone. [default: laplace for --keypoints, otherwise none]",
+)
+
+
+def check_smooth_usage(options: dict[str, Any]) -> None:
+    """Refuse options that do not go with --smooth, and a smoother that there is not."""
+    from poseppl.runs.algorithms import SMOOTHERS
+
+    if options["smooth_method"] is None:
+        return
+    for name in ("live", "online", "prior"):
+        if options.get(name):
+            raise click.UsageError(f"--smooth does not go with --{name}")
+    if wants_points(options):
+        raise click.UsageError("points with names of their own are smoothed anyway: leave --smooth out")
+    SMOOTHERS[options["smooth_method"]]
+
+
+def smoothing_method(options: dict[str, Any]) -> str | None:
+    """The smoother that is asked for, or that keypoints get unless somebody says otherwise."""
+    given: str | None = options["smooth_method"]
+    by_default = options["keypoints"] and not (options["online"] or options.get("live"))
+    return given or ("laplace" if by_default else None)
+
+
+def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
+    """The file of the smoothed result; None if there is to be none."""
+    method = smoothing_method(options)
+    return None if method is None else target.with_name(f"{target.stem}-{method}.nc")
+
+
+def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> Any:
+    """A result smoothed, of keypoints with a detector's lasting errors; None where they could not be, which is told.
+
+    Raises:
+        InputError: The result cannot be smoothed by the method that was asked for.
+        SmoothingError: The smoothed states are not finite.
+    """
+    from poseppl.motion.tracking import SmoothSettings, smooth
+    from poseppl.runs.smoothing import SmoothingError
+
+    progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
+    settings = SmoothSettings(
+        str(smoothing_method(options)),
+        errors="lasting" if options["keypoints"] else "independent",
+        **{name: options[name] for name in ("seed", "max_draws", "model")},
+    )
+    try:
+        return smooth(tree, settings, scene if options["video"] else None)
+    except (InputError, SmoothingError) as error:
+        if options["smooth_method"]:
+            raise
+        progress.note(f"not smoothed (--online leaves it out): {error}")
+        return None
