@@ -30,4 +30,16 @@ def test_a_gain_has_an_interval() -> None:
 
 
 def test_no_gain_is_said_so() -> None:
-    assert told([80.0, 130.0, 100.0])[-1].endswith("does not hold.")
+    assert told([80.0, 130.0, 100.0])[-1].endswith("undecided: window by -3 % (-66 to 59).")
+    assert told([128.0, 132.0, 130.0])[-1].endswith("does not hold: window by -30 % (-35 to -25).")
+
+
+def test_the_same_silhouettes_count_once() -> None:
+    """Two seeds of each of three walks, whose smoothed errors do not depend on the seed."""
+    rows = []
+    for walk, error in (("a", 80.0), ("b", 82.0), ("c", 78.0)):
+        for seed in range(2):
+            key = (walk, "silhouettes", "2", seed)
+            rows += [(*key, "filter", 100.0, 0.5, 0.9, 0.1), (*key, "window", error, 0.45, 0.88, 1.0)]
+    found = smoothing_pays({"smoothing_pays": Table("", COLUMNS, rows)})
+    assert found.endswith("6 runs: smoothing pays: holds: window by 20 % (15 to 25).")
