@@ -52,8 +52,8 @@ Examples:
       The same while the detector is at work, frame by frame.
   poseppl track --video cam1.mp4 cam2.mp4 --calibration Calib.toml --background cam1=a.png cam2=b.png
       A person's silhouettes in two videos, whose empty scenes are known.
-  poseppl track --video scene/ --smooth trajectory
-      The silhouettes of a scene that poseppl simulate --video rendered, each frame given all.
+  poseppl track walk.bvh --smooth trajectory
+      Smoothed, too: every frame given all, by NUTS on all frames at once.
   poseppl track long.amc --skeleton long.asf --checkpoint run/
       Saved as it goes; the same command with --resume continues it after a crash.
 

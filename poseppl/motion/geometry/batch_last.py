@@ -8,6 +8,7 @@ is written by hand with the particles in the last axis, and ``jax.vmap`` is told
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import prod
 from typing import Any
 
 import jax
@@ -48,7 +49,7 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
     def _rule(size: int, is_batched: Any, *args: Tree) -> tuple[Tree, Tree]:
         leaves, treedef = jax.tree.flatten(args)
         flags = jax.tree.leaves(tuple(is_batched))
-        if any(flag and leaf[0, 0].size >= _PICTURE for leaf, flag in zip(leaves, flags, strict=True)):
+        if any(flag and prod(leaf.shape[2:]) >= _PICTURE for leaf, flag in zip(leaves, flags, strict=True)):
             out = _in_turn(lambda row: batched(*jax.tree.unflatten(treedef, row)), leaves, flags)
             return out, jax.tree.map(lambda _: True, out)
         inner = max(leaf.shape[int(flag)] for leaf, flag in zip(leaves, flags, strict=True))
