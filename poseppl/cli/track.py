@@ -259,7 +259,7 @@ def _run(
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
     from poseppl.motion.tracking.video_sources import DEFAULT_MODEL as SILHOUETTES
     from poseppl.motion.tracking.walk import ASSUMED_RATE
-    from poseppl.runs.algorithms import FILTERS
+    from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 
     if options["prior"]:
         _choose_for_prior(options)
@@ -275,6 +275,8 @@ def _run(
         **{name: options[name] for name in _SETTINGS},
     )
     FILTERS[settings.filter].check(settings.options)
+    if options["smooth_method"]:
+        SMOOTHERS[options["smooth_method"]]
     if options["live"]:
         return *track_live(options, settings, target, progress), None
     progress.stage("reading")

@@ -20,9 +20,7 @@ smooth_option = click.option(
 
 
 def check_smooth_usage(options: dict[str, Any]) -> None:
-    """Refuse options that do not go with --smooth, and a smoother that there is not."""
-    from poseppl.runs.algorithms import SMOOTHERS
-
+    """Refuse options that do not go with --smooth."""
     if options["smooth_method"] is None:
         return
     for name in ("live", "online", "prior"):
@@ -30,7 +28,6 @@ def check_smooth_usage(options: dict[str, Any]) -> None:
             raise click.UsageError(f"--smooth does not go with --{name}")
     if wants_points(options):
         raise click.UsageError("points with names of their own are smoothed anyway: leave --smooth out")
-    SMOOTHERS[options["smooth_method"]]
 
 
 def smoothing_method(options: dict[str, Any]) -> str | None:
