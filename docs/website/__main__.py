@@ -35,6 +35,9 @@ def main() -> int:
     options = ["-c", str(HERE), "-d", str(work / "site-doctrees"), "--fail-on-warning", "--keep-going", "--quiet"]
     if build_main([*options, str(source), str(given.output)]):
         return 1
+    for page in (given.output / "reference").glob("*.html"):  # Sphinx keeps those of modules that are no more
+        if not (source / "reference" / f"{page.stem}.rst").exists():
+            page.unlink()
     wrong = faults(given.output)
     for fault in wrong:
         print(fault, file=sys.stderr)
