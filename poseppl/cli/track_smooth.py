@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from poseppl.cli.track_keypoints import wants_points
-from poseppl.errors import InputError
+from poseppl.errors import InputError, PosepplError
 
 smooth_option = click.option(
     "--smooth",
@@ -47,8 +47,7 @@ def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> A
     """A result smoothed, of keypoints with a detector's lasting errors; None where they could not be, which is told.
 
     Raises:
-        InputError: The result cannot be smoothed by the method that was asked for.
-        SmoothingError: The smoothed states are not finite.
+        PosepplError: The result, which is written, cannot be smoothed by the method that was asked for.
     """
     from poseppl.motion.tracking import SmoothSettings, smooth
     from poseppl.runs.smoothing import SmoothingError
@@ -63,6 +62,6 @@ def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> A
         return smooth(tree, settings, scene if options["video"] else None)
     except (InputError, SmoothingError) as error:
         if options["smooth_method"]:
-            raise
+            raise PosepplError(f"not smoothed, but the filter's result is written: {error}") from error
         progress.note(f"not smoothed (--online leaves it out): {error}")
         return None

@@ -14,6 +14,7 @@ from poseppl.motion.tracking import SmoothSettings, TrackSettings, make_problem,
 from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 from poseppl.motion.tracking.video_sources import DEFAULT_MODEL
 from poseppl.particles.stacks import rows_of
+from poseppl.runs.contents import flat_draws
 from poseppl.runs.frame_sequence import stacked_inputs
 
 FRAMES = 3
@@ -57,7 +58,8 @@ def test_a_result_is_smoothed_with_its_scene_alone(scene):
     smoothed = smooth(result, settings, scene)
     assert smoothed["posterior"].sizes["frame"] == FRAMES
     assert np.isfinite(smoothed["summary"].dataset["markers_mean"].values).all()
-    # 40 particles of the annealed filter: the last frame's smoothed draws are the filter's
-    np.testing.assert_allclose(
-        smoothed["summary/state_mean"].values[-1], result["summary/state_mean"].values[-1], rtol=0.1, atol=20.0
+    # nothing comes after the last frame: its draws are the filter's, chosen anew
+    last, filtered = (
+        flat_draws(each).transpose("chain", "draw", "frame", "dof").values[0, :, -1] for each in (smoothed, result)
     )
+    assert all((row == filtered).all(1).any() for row in last)
