@@ -240,6 +240,7 @@ def test_lines_where_there_is_no_terminal(capsys):
 def test_the_bar(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "150")
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal shows no bar
     bar = ConsoleProgress(False, "drawing", "jobs")
     with bar.running():
         run_jobs(draw, JOBS[:3], tmp_path, executor="inline", progress=bar)
