@@ -30,6 +30,7 @@ from verdicts import (
     named_points,
     predictions,
     sampling,
+    simulated_keypoints,
     sminchisescu_triggs,
     smoothing,
     walks,
@@ -67,7 +68,11 @@ def claims(experiment: str) -> Section:
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "choosing.md": {"choosing": choosing.choosing},
     "compared.md": {"motion-peers": motion_peers.motion_peers},
-    "keypoints.md": {"keypoints": keypoints.keypoints},
+    "keypoints.md": {
+        "keypoints": keypoints.keypoints,
+        "simulated-keypoints": simulated_keypoints.recorded,
+        "smoother-ranks": simulated_keypoints.ranks,
+    },
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},
     "measurements.md": {
         "random-walks": walks.random_walks,
