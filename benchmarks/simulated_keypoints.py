@@ -36,7 +36,7 @@ from poseppl.experiments.tables import Table, shown, write_csv
 from poseppl.motion.bodies.opensim import Coordinate, opensim_coordinates, opensim_values
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import marker_positions
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.estimates import Estimates, angle_estimates, place_estimates
 from poseppl.motion.tracking.keypoint_sources import Clocks
@@ -89,7 +89,7 @@ def recorded(folder: Path, name: str, seed: int) -> MovingSubject:
 def ideal_deviations(subject: MovingSubject) -> Floats:
     """Standard deviations of coordinates, median over frames, of a body whose keypoints are known within SHIFT, mm."""
     names = subject.body.tree.marker_names
-    seen = jnp.array([names.index(name) for name in LAYOUTS[LAYOUT].markers if name in names])
+    seen = jnp.array([names.index(name) for name in markers_of_names(LAYOUTS[LAYOUT]) if name in names])
     weak = np.where(np.arange(subject.body.tree.dimension) < 3, 1e-6, 1.0)  # a radian is known of each angle
 
     @jax.jit
@@ -162,7 +162,7 @@ def run(folder: Path, name: str, cameras: int, case: str, filter: str, seed: int
     tree = smooth(filtered, SmoothSettings("laplace", errors="lasting"))
     truth = truth_of(subject, detected, found.scene.frames)
     names = list(subject.body.tree.marker_names)
-    index = [names.index(marker) for marker in LAYOUTS[LAYOUT].markers if marker in names]
+    index = [names.index(marker) for marker in markers_of_names(LAYOUTS[LAYOUT]) if marker in names]
     near, places = place_row([place_estimates(tree, level)[1] for level in LEVELS], truth.places, index)
     coordinates = opensim_coordinates(subject.body)
     angles = angle_rows(coordinates, [angle_estimates(tree, level)[1] for level in LEVELS], truth)

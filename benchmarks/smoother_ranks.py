@@ -38,7 +38,7 @@ from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.bodies.body import compile_once
 from poseppl.motion.geometry import Cameras, project
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors
 from poseppl.motion.tracking.placing import cameras_of_records
@@ -117,7 +117,7 @@ def study(folder: Path, cameras: int, mended: bool) -> Study:
         root = np.diag(np.tile(np.repeat([PRIOR_ANGLE, PRIOR_POSITION], 3), cameras))
         inputs = inputs._replace(camera_root=jnp.broadcast_to(jnp.asarray(root, float), (FRAMES, *root.shape)))
     model = compile_once(body.program, jax.tree.map(lambda leaf: leaf[0], inputs))
-    seen = np.array([name in LAYOUTS[LAYOUT].markers for name in tree.marker_names])
+    seen = np.array([name in markers_of_names(LAYOUTS[LAYOUT]) for name in tree.marker_names])
     return Study(body, model, model, pose, inputs, seen)
 
 

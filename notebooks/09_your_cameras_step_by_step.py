@@ -30,7 +30,7 @@ from poseppl.motion.bodies.opensim import opensim_values
 from poseppl.motion.geometry import project
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import read_cameras, write_cameras
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.mot import read_mot
 from poseppl.motion.io.trc import read_trc
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track, walking_subject
@@ -83,7 +83,7 @@ print((folder / "Calib.toml").read_text()[:170])
 
 # %%
 layout = LAYOUTS["body25"]
-found_by = {name: number for name, number in layout.markers.items() if name in walker.body.tree.marker_names}
+found_by = {name: number for name, number in markers_of_names(layout).items() if name in walker.body.tree.marker_names}
 places = walker.markers[:, [walker.body.tree.marker_names.index(name) for name in found_by]]
 exact = np.moveaxis(np.asarray(project(cameras_of_records(truth), jnp.asarray(places, float)), np.float64), 0, 1)
 NOISE, DEGREES = 4.0, 4.0

@@ -31,14 +31,11 @@ from poseppl.runs.results import load_result
 
 pytestmark = pytest.mark.quick
 
-EXTRAS = ("ezc3d", "pybvh", "cv2")
-WORKERS = ("poseppl.motion.io.c3d_worker",)
-"""Modules that are run as a process of their own."""
+EXTRAS = ("ezc3d", "cv2")
 MODULES = [
     module.name
     for package in (poseppl, poseppl_models)
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".")
-    if module.name not in WORKERS
 ]
 CHOSEN = [row for row in FILTERS if row.name in ("particle", "hmc", "assumed-density")]
 
@@ -60,7 +57,7 @@ def test_modules_are_imported_and_say_what_they_are(name: str) -> None:
 
 BASE = """
 import importlib, sys
-blocked = {"ezc3d", "pybvh", "cv2", "pytest", "hypothesis", "selenium"}
+blocked = {"ezc3d", "cv2", "pytest", "hypothesis", "selenium"}
 class Block:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in blocked:
@@ -75,30 +72,16 @@ def test_a_base_install_needs_no_extra() -> None:
     run_python(BASE, *MODULES)
 
 
-def test_a_base_install_names_the_extra_that_a_file_needs(tmp_path: Path) -> None:
-    path = tmp_path / "walk.bvh"
-    path.write_bytes(BVH)
-    code = f"{BASE}\nfrom poseppl.cli import main\nsys.stderr = sys.stdout\nprint(main(['track', {str(path)!r}]))"
-    printed = run_python(code)
-    assert printed.splitlines()[-1] == "1"
-    assert "poseppl[mocap]" in printed and "Traceback" not in printed
-
-
-BVH = b"""HIERARCHY
-ROOT Hips
-{
-  OFFSET 0 0 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation
-  End Site
-  {
-    OFFSET 0 10 0
-  }
-}
-MOTION
-Frames: 1
-Frame Time: 0.033
-0 0 0 0 0 0
+def test_a_base_install_names_the_extra_that_a_file_needs() -> None:
+    code = """
+from poseppl.errors import PosepplError
+from poseppl.motion.io import read_image
+try:
+    read_image("front.png")
+except PosepplError as error:
+    print(error)
 """
+    assert "poseppl[vision]" in run_python(f"{BASE}\n{code}")
 
 
 def test_importing_the_packages_loads_nothing_else() -> None:

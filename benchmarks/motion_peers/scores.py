@@ -18,7 +18,7 @@ from timing import show
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.geometry import project
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.tracking.keypoints import KeypointScene
 
 ALL = (1, 2, 3, 4)
@@ -41,7 +41,7 @@ COLUMNS = (
     "first_seconds",
     "seconds",
 )
-LAYOUT = LAYOUTS["body25b"]
+MARKERS = markers_of_names(LAYOUTS["body25b"])
 LENS = ("matrix", "distortion", "rotation", "translation", "size")
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 PUBLISHED = {
@@ -81,7 +81,7 @@ def give(output: Path, *, quick: bool) -> None:
         data, index = found.scene.data, joints_of(found)
         seen = [np.asarray(each)[:, :, index] for each in (data.points, found.confidence, data.noise)]
         lenses = [np.stack([getattr(records[c - 1], name) for c in cameras]) for name in LENS]
-        layout = [LAYOUT.markers[name] for name in PUBLISHED]
+        layout = [MARKERS[name] for name in PUBLISHED]
         rest = (np.array(each) for each in (cameras, list(PUBLISHED), layout, RATE))
         write_given(output, Given(*seen, *lenses, *rest))
 

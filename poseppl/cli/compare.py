@@ -47,7 +47,7 @@ def compare(results: tuple[str, ...], output: str, table: str | None, quiet: boo
     """
     from poseppl.cli.files import check_writable, contents_of
     from poseppl.diagnostics import compare as compare_runs
-    from poseppl.motion.io import atomic_path
+    from poseppl.files.atomic_writing import atomic_path
     from poseppl.report import write_comparison, write_comparison_table
 
     runs = _Results(_named(results))

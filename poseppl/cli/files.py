@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from poseppl.errors import InputError
-from poseppl.motion.io import atomic_path
+from poseppl.files.atomic_writing import atomic_path
 
 
 @contextmanager

@@ -46,8 +46,9 @@ def fit_gait(
     """
     from poseppl.cli.console import start_jax
     from poseppl.cli.files import check_writable
+    from poseppl.files.atomic_writing import atomic_path
     from poseppl.motion.bodies.body import load_builder
-    from poseppl.motion.io import atomic_path, read_motion, slice_frames
+    from poseppl.motion.io import read_motion, slice_frames
 
     if not 1 <= harmonics <= 20:
         raise InputError(f"{harmonics}", field="--harmonics", expected="1 to 20")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from poseppl.errors import FilePath
-from poseppl.files.bounded_reading import check_file
+from poseppl.files.bounded_reading import read_bytes
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Recording:
         given = [Path(each).resolve() for each in (path, skeleton) if each is not None]
         for each in given:
             for file in sorted(each.rglob("*.*")) if each.is_dir() else [each]:
-                digest.update(check_file(file, max_bytes=2**28).read_bytes())
+                digest.update(read_bytes(file, max_bytes=2**28))
         return cls(name, str(given[0]), str(given[1]) if len(given) > 1 else None, digest.hexdigest()[:16])
 
     @property

@@ -60,6 +60,22 @@ def _flush(path: Path) -> None:
 
 
 @contextmanager
+def _temporary(target: Path, path: FilePath) -> Iterator[Path]:
+    """Yield a temporary name beside a target, with its suffix; what is left of it is removed, as are strays."""
+    stem, suffix = target.stem[:100], target.suffix
+    remove_strays(target.parent, glob.escape(stem), glob.escape(suffix))
+    temporary = target.with_name(f".{stem}.{secrets.token_hex(6)}.tmp{suffix}")
+    try:
+        yield temporary
+        _flush(target.parent)
+    except OSError as error:
+        _tell(error, path)
+        raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True) if temporary.is_dir() else temporary.unlink(missing_ok=True)
+
+
+@contextmanager
 def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[Path]:
     """Yield a temporary name in the folder of a file; on success it becomes the file, on failure it is removed.
 
@@ -75,21 +91,12 @@ def atomic_path(path: FilePath, *, inputs: Iterable[FilePath] = ()) -> Iterator[
         PosepplError: The disk is full, or the block wrote nothing.
     """
     target = _check_target(path, inputs)
-    remove_strays(target.parent, glob.escape(target.stem[:100]), glob.escape(target.suffix))
-    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}.tmp{target.suffix}")
-    try:
-        with _locked(temporary):
-            yield temporary
-            if not temporary.is_file() or temporary.stat().st_size == 0:
-                raise PosepplError(f"{path}: nothing was written")
-            _flush(temporary)
-            os.replace(temporary, target)
-        _flush(target.parent)
-    except OSError as error:
-        _tell(error, path)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
+    with _temporary(target, path) as temporary, _locked(temporary):
+        yield temporary
+        if not temporary.is_file() or temporary.stat().st_size == 0:
+            raise PosepplError(f"{path}: nothing was written")
+        _flush(temporary)
+        os.replace(temporary, target)
 
 
 def write_atomically(path: FilePath, content: str | bytes) -> None:
@@ -159,21 +166,13 @@ def atomic_folder(path: FilePath) -> Iterator[Path]:
     if os.path.lexists(target):
         raise InputError("the output exists", file=path, expected="a name that is not taken; move it away or choose another")
     _check_target(path, ())
-    remove_strays(target.parent, glob.escape(target.name[:100]))
-    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.tmp")
-    try:
+    with _temporary(target, path) as temporary:
         temporary.mkdir()
         with _locked(temporary):
             yield temporary
             for file in temporary.rglob("*"):
                 _flush(file)
             os.rename(temporary, target)  # fails where somebody has made a folder of this name and put something into it
-        _flush(target.parent)
-    except OSError as error:
-        _tell(error, path)
-        raise
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _tell(error: OSError, path: FilePath) -> None:

@@ -41,6 +41,20 @@ def check_file(path: FilePath, *, max_bytes: int) -> Path:
     return source
 
 
+def read_bytes(path: FilePath, *, max_bytes: int, first: int = -1) -> bytes:
+    """Read a file, or its first so many bytes.
+
+    Raises:
+        InputError: As :func:`check_file`, or the file cannot be read.
+    """
+    source = check_file(path, max_bytes=max_bytes)
+    try:
+        with source.open("rb") as stream:
+            return stream.read(first)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+
+
 def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     """Read a text file, UTF-8 or else Latin-1, as a whole.
 
@@ -54,11 +68,7 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     Raises:
         InputError: The file cannot be read, is empty, too large, or holds binary data.
     """
-    source = check_file(path, max_bytes=max_bytes)
-    try:
-        data = source.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    data = read_bytes(path, max_bytes=max_bytes)
     if b"\0" in data:
         raise InputError("the file holds binary data", file=path, expected="a text file")
     try:

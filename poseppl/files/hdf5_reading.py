@@ -19,24 +19,26 @@ from poseppl.files.bounded_reading import check_file
 
 MAX_BYTES = 2**30
 MAX_ATTRIBUTE_BYTES = 2**24
-_DEFLATE = 1032
+MAX_TEXTS = 100_000
+DEFLATE = 1032
 """No stream of deflate unpacks to more times its size."""
 _SLACK = 2**20
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @contextmanager
-def open_hdf5(path: FilePath, expected: str) -> Iterator[h5py.File]:
+def open_hdf5(path: FilePath, expected: str, max_bytes: int = MAX_BYTES) -> Iterator[h5py.File]:
     """Open a file to read; whatever HDF5 raises on damaged bytes becomes one error.
 
     Args:
         path: The file.
         expected: What it should be, for messages.
+        max_bytes: The largest file that is read.
 
     Raises:
-        InputError: The file is missing, larger than 1 GiB, no HDF5, or damaged.
+        InputError: The file is missing, too large, no HDF5, or damaged.
     """
-    source = check_file(path, max_bytes=MAX_BYTES)
+    source = check_file(path, max_bytes=max_bytes)
     try:
         with h5py.File(source, "r") as file:
             yield file
@@ -45,7 +47,7 @@ def open_hdf5(path: FilePath, expected: str) -> Iterator[h5py.File]:
     except MemoryError as error:
         raise InputError("it does not fit into memory", file=path) from error
     except Exception as error:  # HDF5 raises anything at all on damaged bytes
-        told = "not an HDF5 file, a damaged one, or packed by a filter that HDF5 does not have"
+        told = "not an HDF5 or NetCDF file, a damaged one, or packed by a filter that HDF5 does not have"
         raise InputError(told, file=path, expected=expected) from error
 
 
@@ -71,27 +73,39 @@ def array(group: Any, name: str, at: Location) -> Any:
         InputError: It is missing, a link, elsewhere, too large, or holds anything but numbers and texts of bounded length.
     """
     item = child(group, name, at)
-    where = at.in_field(f"{group.name.rstrip('/')}/{name}"[:80])
-    if not isinstance(item, h5py.Dataset) or item.shape is None:
-        raise where.error("no array", "numbers or texts")
-    if item.is_virtual or item.id.get_create_plist().get_external_count():
-        raise where.error("its values lie elsewhere", "data in the file itself")
-    text = h5py.check_string_dtype(item.dtype)
-    count = math.prod(item.shape)
-    if text is not None and text.length is None:
-        if count > 10_000:
-            raise where.error(f"{count} texts", "at most 10000")
-        values = [bytes(item[index]) for index in np.ndindex(item.shape)]
-        if sum(map(len, values)) > _SLACK:
-            raise where.error("texts without end", f"at most {_SLACK} bytes")
-        return np.array(values, "S") if values else np.zeros(0, "S1")
-    if item.dtype.hasobject or item.dtype.kind not in "iufbSV":
-        raise where.error(f"values of type {str(item.dtype)[:60]}", "numbers or texts")
-    declared = count * item.dtype.itemsize
-    if declared > MAX_BYTES or declared > _DEFLATE * item.file.id.get_filesize() + _SLACK:
+    where = at.in_field(item.name[:80])
+    declared = declared_bytes(item, where, "iufbSV")
+    if declared > MAX_BYTES or declared > DEFLATE * item.file.id.get_filesize() + _SLACK:
         expected = f"at most {MAX_BYTES // 2**20} MiB, and what a file of this size can hold"
         raise where.error(f"it declares {declared / 2**20:.0f} MiB", expected)
-    return item[()]
+    values = item[()]
+    return np.array([b"", *map(bytes, np.ravel(values))])[1:] if values.dtype.hasobject else values
+
+
+def declared_bytes(item: Any, at: Location, kinds: str = "iufbS") -> int:
+    """Bytes that an array takes when it is read; only texts of any length are read for it.
+
+    Args:
+        item: The member of a group.
+        at: Where it is, for messages.
+        kinds: Kinds of numbers and texts, as NumPy names them.
+
+    Raises:
+        InputError: It is no array of these kinds, its values are elsewhere, or there are too many texts.
+    """
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        raise at.error("no array", "numbers or texts")
+    if item.is_virtual or item.id.get_create_plist().get_external_count():
+        raise at.error("its values lie elsewhere", "data in the file itself")
+    text, count = h5py.check_string_dtype(item.dtype), math.prod(item.shape)
+    if text is None and (item.dtype.hasobject or item.dtype.kind not in kinds):
+        raise at.error(f"values of type {str(item.dtype)[:60]}", "numbers or texts")
+    declared = int(count * item.dtype.itemsize)
+    if text is None or text.length is not None:
+        return declared
+    if count > MAX_TEXTS:
+        raise at.error(f"{count} texts", f"at most {MAX_TEXTS}")
+    return declared + sum(len(item[index]) for index in np.ndindex(item.shape))  # many may be one and the same in the file
 
 
 def attribute(item: Any, name: str, at: Location) -> Any:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, InputError
-from poseppl.files.bounded_reading import check_file, read_text
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import check_file
+from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.netcdf_reading import read_netcdf
 
 _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
@@ -40,59 +39,48 @@ def read_table(path: FilePath) -> dict[str, NDArray[Any]]:
         return _columns_of_parquet(path)
     if kind == ".nc":
         tree = read_netcdf(path, expected=_EXPECTED)
-        return {str(name): _numbers(path, str(name), values.values) for name, values in tree.dataset.variables.items()}
-    raise InputError(f"a file of the kind {kind or 'of no kind'!r}", file=path, expected=_EXPECTED)
+        variables = {str(name): values.values for name, values in tree.dataset.variables.items()}
+        return {name: _numbers(Location(path, field=name), values) for name, values in variables.items()}
+    raise Location(path).error(f"a file of the kind {kind or 'of no kind'!r}", _EXPECTED)
 
 
 def _columns_of_csv(path: FilePath) -> dict[str, NDArray[Any]]:
-    head, *rows = list(csv.reader(io.StringIO(read_text(path)), skipinitialspace=True)) or [[]]
-    names = [name.strip() for name in head]
+    (at, names), *rows = list(rows_of_csv(path, empty=True)) or [(Location(path), [])]
     if len(set(names)) < len(names) or "" in names or not names:
-        raise InputError(f"its head is {head}", file=path, line=1, expected="a name for each column, all different")
-    values = np.full((len(rows), len(names)), np.nan)
-    filled = [(line, row) for line, row in enumerate(rows, 2) if row]
-    for index, (line, row) in enumerate(filled):
-        if len(row) != len(names):
-            raise InputError(f"{len(row)} fields", file=path, line=line, expected=f"{len(names)}, as its head has")
-        for column, word in enumerate(row):
-            values[index, column] = _number(path, line, names[column], word.strip())
-    if not filled:
-        raise InputError("no row below its head", file=path, expected="a row for each frame")
-    return dict(zip(names, values[: len(filled)].T, strict=True))
+        raise at.error(f"its head is {names}", "a name for each column, all different")
+    if not rows:
+        raise Location(path).error("no row below its head", "a row for each frame")
+    values = [[_number(here.in_field(name), word) for name, word in zip(names, row, strict=True)] for here, row in rows]
+    return dict(zip(names, np.array(values).T, strict=True))
 
 
-def _number(path: FilePath, line: int, field: str, word: str) -> float:
+def _number(at: Location, word: str) -> float:
     if word.lower() in _MISSING:
         return float("nan")
     try:
         return float(word)
     except ValueError:
-        raise InputError(
-            f"{word!r}", file=path, line=line, field=field, expected="a number, or nothing where none is"
-        ) from None
+        raise at.error(f"{word!r}", "a number, or nothing where none is") from None
 
 
 def _columns_of_parquet(path: FilePath) -> dict[str, NDArray[Any]]:
-    source = check_file(path, max_bytes=_MOST_BYTES)
+    source, at = check_file(path, max_bytes=_MOST_BYTES), Location(path)
     try:
         parquet: Any = import_module("pyarrow.parquet")
     except ImportError:
-        raise InputError("Parquet needs pyarrow", file=path, expected="pip install 'poseppl[tables]', or a CSV file") from None
+        raise at.error("Parquet needs pyarrow", "pip install 'poseppl[tables]', or a CSV file") from None
     try:
         whole = parquet.read_metadata(source)
         size = sum(whole.row_group(index).total_byte_size for index in range(whole.num_row_groups))
+        table = parquet.read_table(source) if size <= _MOST_BYTES else None
     except Exception as error:  # pyarrow's own errors, of which there are many
-        raise InputError(f"no Parquet: {error}", file=path, expected=_EXPECTED) from error
-    if size > _MOST_BYTES:
-        raise InputError(f"declares {size / 2**20:.0f} MiB", file=path, expected=f"at most {_MOST_BYTES // 2**20} MiB unpacked")
-    try:
-        table = parquet.read_table(source)
-    except Exception as error:  # pyarrow's own errors, of which there are many
-        raise InputError(f"no Parquet: {error}", file=path, expected=_EXPECTED) from error
-    return {name: _numbers(path, name, table[name].to_pandas().to_numpy()) for name in table.column_names}
+        raise at.error(f"no Parquet: {error}", _EXPECTED) from error
+    if table is None:
+        raise at.error(f"declares {size / 2**20:.0f} MiB", f"at most {_MOST_BYTES // 2**20} MiB unpacked")
+    return {name: _numbers(at.in_field(name), table[name].to_pandas().to_numpy()) for name in table.column_names}
 
 
-def _numbers(path: FilePath, name: str, values: NDArray[Any]) -> NDArray[Any]:
+def _numbers(at: Location, values: NDArray[Any]) -> NDArray[Any]:
     if values.dtype.kind not in "fiub" or values.ndim == 0:
-        raise InputError(f"{values.dtype} of shape {values.shape}", file=path, field=name, expected="numbers, one row a frame")
+        raise at.error(f"{values.dtype} of shape {values.shape}", "numbers, one row a frame")
     return values

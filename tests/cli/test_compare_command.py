@@ -59,7 +59,7 @@ def test_page_and_table_are_written_and_results_left_alone(capsys: pytest.Captur
     ("arguments", "words"),
     [
         (["slow.nc", "absent.nc"], ["absent.nc", "no such file"]),
-        (["slow.nc", "text.nc"], ["text.nc", "not a NetCDF file"]),
+        (["slow.nc", "text.nc"], ["text.nc", "not an HDF5 or NetCDF file"]),
         (["slow.nc", "other.nc"], ["other.nc: a run of other data: frames 0-4, but frames 0-7 in slow.nc"]),
         (["quick.nc", "folder/quick.nc"], ["a second run called 'quick'", "NAME=folder/quick.nc"]),
         (["slow.nc", "slow.nc"], ["a second run called 'slow'"]),

@@ -99,7 +99,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
         (["--offset", "cam_09=3"], "no keypoints of a camera 'cam_09'"),
         (["--offset", "cam_04=soon"], "'soon' is not a number"),
         (["--camera-rate", "cam_04=0"], "0.001 to 100000 frames a second"),
-        (["--unit", "feet"], "mm, cm, m, or a number of mm"),
+        (["--unit", "feet"], "mm, cm, dm, m, in, or a number of mm"),
     ],
 )
 def test_what_does_not_fit_is_told(

@@ -93,7 +93,7 @@ def _newer(path: Path) -> None:
     [
         (lambda path: None, "no such file"),
         (lambda path: path.write_bytes(b""), "empty"),
-        (lambda path: path.write_text("hello"), "not a NetCDF file"),
+        (lambda path: path.write_text("hello"), "not an HDF5 or NetCDF file"),
         (_truncated, "damaged"),
         (_foreign, "not a result of poseppl"),
         (_newer, "layout 99"),

@@ -26,7 +26,7 @@ def motion_at(recording: Recording, rate: float) -> Motion:
     if recording.path is not None:
         return resample(read_motion(recording.path, recording.skeleton), rate)
     walk = walking_subject(frames=f"0:{round(_SECONDS * rate)}", rate=rate)
-    return Motion(walk.body.tree.marker_names, walk.markers, (), rate, "z", recording.name)
+    return Motion(walk.body.tree.marker_names, walk.markers, (), rate, recording.name)
 
 
 def trained_file(recording: Recording, rate: float) -> str:

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from poseppl.files.atomic_writing import atomic_folder as atomic_folder, atomic_path as atomic_path
-from poseppl.motion.io.amc import read_amc as read_amc
-from poseppl.motion.io.asf import Bone as Bone, Skeleton as Skeleton, read_asf as read_asf
-from poseppl.motion.io.bvh import read_bvh as read_bvh
-from poseppl.motion.io.c3d import read_c3d as read_c3d
 from poseppl.motion.io.c3d_writing import write_c3d as write_c3d
-from poseppl.motion.io.caliscope import read_caliscope_points as read_caliscope_points
 from poseppl.motion.io.cameras import (
     Calibration as Calibration,
     CameraRecord as CameraRecord,
@@ -16,15 +10,13 @@ from poseppl.motion.io.cameras import (
     read_cameras as read_cameras,
     write_cameras as write_cameras,
 )
-from poseppl.motion.io.deeplabcut import read_deeplabcut_csv as read_deeplabcut_csv
-from poseppl.motion.io.deepmimic import read_deepmimic as read_deepmimic
 from poseppl.motion.io.detections import DetectedPeople as DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange as FrameRange
 from poseppl.motion.io.keypoints import read_keypoints as read_keypoints
 from poseppl.motion.io.marker_positions import read_places as read_places, write_places as write_places
 from poseppl.motion.io.masks import open_masks as open_masks, read_masks as read_masks
 from poseppl.motion.io.mot import read_mot as read_mot, write_mot as write_mot
-from poseppl.motion.io.motion import Motion as Motion, slice_frames as slice_frames, to_z_up as to_z_up
+from poseppl.motion.io.motion import Motion as Motion, slice_frames as slice_frames
 from poseppl.motion.io.observations import (
     Observations as Observations,
     read_observations as read_observations,
@@ -35,6 +27,6 @@ from poseppl.motion.io.point_names import read_names as read_names
 from poseppl.motion.io.recording import read_motion as read_motion
 from poseppl.motion.io.resampling import resample as resample
 from poseppl.motion.io.synchronised import VideoWarning as VideoWarning, synchronised as synchronised
-from poseppl.motion.io.trc import read_trc as read_trc, write_trc as write_trc
+from poseppl.motion.io.trc import write_trc as write_trc
 from poseppl.motion.io.video import Video as Video, open_video as open_video
 from poseppl.motion.io.video_writing import video_writer as video_writer, write_video as write_video

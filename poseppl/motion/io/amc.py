@@ -15,7 +15,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.asf import Bone, Skeleton
-from poseppl.motion.io.motion import Motion, to_z_up
+from poseppl.motion.io.motion import Motion, z_up
 from poseppl.motion.io.text_parsing import lines_of_words, parse_numbers
 
 CMU_RATE = 120.0
@@ -38,7 +38,7 @@ def read_amc(path: FilePath, skeleton: Skeleton, *, rate: float = CMU_RATE) -> M
     positions = place_skeleton(skeleton, _read_channels(path, skeleton))
     names = tuple(bone.name for bone in skeleton.bones)
     parents = tuple(bone.parent for bone in skeleton.bones)
-    return to_z_up(Motion(names, positions, parents, rate, "y", str(path)))
+    return Motion(names, z_up(positions, "y"), parents, rate, str(path))
 
 
 def place_skeleton(skeleton: Skeleton, channels: dict[str, Floats]) -> Floats:

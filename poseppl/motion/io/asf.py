@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import Line, lines_of_words, parse_number, parse_numbers
+from poseppl.files.csv_reading import Line
+from poseppl.motion.io.text_parsing import lines_of_words, parse_number, parse_numbers
 
 MM_PER_INCH = 25.4
 MAX_BONES = 500
@@ -117,34 +118,35 @@ def _need(path: FilePath, sections: dict[str, _Lines], name: str) -> _Lines:
     return sections[name]
 
 
+def _fields(lines: _Lines, name: str = "") -> dict[str, Line]:
+    """What follows the first word of each line, by that word."""
+    return {words[0]: (at.in_field(f"{name} {words[0]}".strip()), words[1:]) for at, words in lines}
+
+
 def _units(lines: _Lines) -> tuple[float, float]:
-    mm, radians = MM_PER_INCH, math.pi / 180
-    for at, words in lines:
-        if len(words) != 2:
-            continue
-        if words[0] == "length":
-            value = parse_number(words[1], at.in_field("units length"))
-            if not 1e-4 <= value <= 1e4:
-                raise at.error(f"unit of length {value:g}", "between 1e-4 and 1e4")
-            mm = MM_PER_INCH / value
-        elif words[0] == "angle":
-            if words[1].lower() not in ("deg", "rad"):
-                raise at.error(f"unit of angle {words[1]!r}", "deg or rad")
-            radians = 1.0 if words[1].lower() == "rad" else radians
-    return mm, radians
+    """Mm and radians of a unit."""
+    fields = {"length": (Location(), ["1"]), "angle": (Location(), ["deg"])} | _fields(lines, "units")
+    (at, length), (at_angle, angle) = ((at, " ".join(words)) for at, words in (fields["length"], fields["angle"]))
+    value = parse_number(length, at)
+    if not 1e-4 <= value <= 1e4:
+        raise at.error(f"unit of length {value:g}", "between 1e-4 and 1e4")
+    if angle.lower() not in ("deg", "rad"):
+        raise at_angle.error(f"unit of angle {angle!r}", "deg or rad")
+    return MM_PER_INCH / value, 1.0 if angle.lower() == "rad" else math.pi / 180
 
 
-def _three(at: Location, words: list[str], field: str) -> tuple[float, float, float]:
+def _three(at: Location, words: list[str], unit: float = 1.0) -> tuple[float, float, float]:
     if len(words) != 3:
-        raise at.in_field(field).error(f"{len(words)} values", "3 numbers")
-    x, y, z = parse_numbers(words, at.in_field(field))
-    return x, y, z
+        raise at.error(f"{len(words)} values", "3 numbers")
+    x, y, z = parse_numbers(words, at)
+    return x * unit, y * unit, z * unit
 
 
-def _axis_order(at: Location, word: str) -> str:
-    if sorted(word.upper()) != ["X", "Y", "Z"]:
-        raise at.in_field("axis").error(f"axis order {word!r}", "a permutation of XYZ")
-    return word.upper()
+def _axis_order(at: Location, words: list[str]) -> str:
+    order = "".join(words).upper()
+    if sorted(order) != ["X", "Y", "Z"]:
+        raise at.error(f"axis order {order!r}", "a permutation of XYZ")
+    return order
 
 
 def _channels(at: Location, words: list[str], allowed: tuple[str, ...]) -> tuple[str, ...]:
@@ -153,27 +155,20 @@ def _channels(at: Location, words: list[str], allowed: tuple[str, ...]) -> tuple
         if channel not in allowed:
             raise at.error(f"channel {channel!r} is not supported", " ".join(allowed))
     if len(set(channels)) != len(channels):
-        raise at.in_field("dof").error("a channel is repeated")
+        raise at.error("a channel is repeated")
     return channels
 
 
 def _root(lines: _Lines, mm: float, radians: float) -> tuple[Bone, tuple[float, float, float]]:
-    channels: tuple[str, ...] = ()
-    order, position, axis = "XYZ", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for at, words in lines:
-        if words[0] == "order":
-            channels = _channels(at, words[1:], TRANSLATIONS + ROTATIONS)
-        elif words[0] == "axis":
-            order = _axis_order(at, "".join(words[1:]))
-        elif words[0] == "position":
-            x, y, z = _three(at, words[1:], "root position")
-            position = (x * mm, y * mm, z * mm)
-        elif words[0] == "orientation":
-            x, y, z = _three(at, words[1:], "root orientation")
-            axis = (x * radians, y * radians, z * radians)
-    if sorted(channels) != sorted(TRANSLATIONS + ROTATIONS):
+    """The root, and its position in mm."""
+    still = Location(), ["0"] * 3
+    defaults = {"order": (Location(), []), "axis": (Location(), ["XYZ"]), "position": still, "orientation": still}
+    fields = defaults | _fields(lines, "root")
+    channels = _channels(*fields["order"], TRANSLATIONS + ROTATIONS)
+    if len(channels) < len(TRANSLATIONS + ROTATIONS):
         raise lines[0][0].error("the root's order is incomplete", "TX TY TZ RX RY RZ")
-    return Bone("root", -1, (0.0, 0.0, 0.0), 0.0, axis, order, channels), position
+    axis, order = _three(*fields["orientation"], radians), _axis_order(*fields["axis"])
+    return Bone("root", -1, (0.0, 0.0, 0.0), 0.0, axis, order, channels), _three(*fields["position"], mm)
 
 
 def _bones(lines: _Lines, mm: float, radians: float) -> tuple[dict[str, Bone], dict[str, Location]]:
@@ -204,26 +199,24 @@ def _bones(lines: _Lines, mm: float, radians: float) -> tuple[dict[str, Bone], d
 
 
 def _bone(block: _Lines, mm: float, radians: float) -> Bone:
-    fields = {words[0]: (at, words[1:]) for at, words in block}
     start = block[0][0]
+    name = " ".join(_fields(block).get("name", (start, []))[1][:1])
+    fields: dict[str, Line] = {"dof": (start, []), **_fields(block, name)}
     for field in ("name", "direction", "length", "axis"):
         if not fields.get(field, (start, []))[1]:
             raise start.in_field(field).error("a bone lacks this line")
-    name = fields["name"][1][0]
-    direction = _three(*fields["direction"], f"{name} direction")
+    direction = _three(*fields["direction"])
     norm = sum(x * x for x in direction) ** 0.5
     if not 0.9 < norm < 1.1:
-        raise fields["direction"][0].in_field(f"{name} direction").error(f"length {norm:g}", "1")
+        raise fields["direction"][0].error(f"length {norm:g}", "1")
     at, words = fields["length"]
-    length = parse_number(words[0], at.in_field(f"{name} length"))
+    length = parse_number(words[0], at)
     if length < 0:
-        raise at.in_field(f"{name} length").error("negative", "0 or more")
+        raise at.error("negative", "0 or more")
     at, words = fields["axis"]
-    order = _axis_order(at, "".join(words[3:]))
-    x, y, z = _three(at, words[:3], f"{name} axis")
-    dof = _channels(*fields.get("dof", (start, [])), ROTATIONS)
+    axis, order = _three(at, words[:3], radians), _axis_order(at, words[3:])
     unit = (direction[0] / norm, direction[1] / norm, direction[2] / norm)
-    return Bone(name, -1, unit, length * mm, (x * radians, y * radians, z * radians), order, dof)
+    return Bone(name, -1, unit, length * mm, axis, order, _channels(*fields["dof"], ROTATIONS))
 
 
 def _hierarchy(lines: _Lines, known: set[str]) -> list[tuple[str, str]]:

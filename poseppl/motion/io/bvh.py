@@ -1,7 +1,8 @@
-"""BioVision hierarchy (BVH) recordings, through the library pybvh.
+"""BioVision hierarchy (BVH) recordings.
 
-The text is checked line by line before the library sees it, so that a bad file is refused with its line and cannot make the
-library exhaust the memory.
+    p_child = p_parent + R_parent t_child,    R_child = R_parent Q_child,    Q = the product of the rotations as listed.
+
+t is a joint's OFFSET, or what its position channels say where it has some, as studios export bones that stretch or slide.
 
 The format states no unit of length. The database of Carnegie Mellon in this format keeps the unit of its ASF skeletons, 1/0.45
 inch = 56.444 mm; others write inches, centimetres, decimetres (MakeHuman) or metres. Without a scale the unit is taken that
@@ -12,23 +13,48 @@ from __future__ import annotations
 
 import itertools
 import math
-import tempfile
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from poseppl.errors import FilePath, InputError, Location, PosepplError
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.bvh_translations import place_nodes, split_translations
-from poseppl.motion.io.motion import Motion, to_z_up
-from poseppl.motion.io.text_parsing import Line, lines_of_words, parse_number, parse_numbers
+from poseppl.files.csv_reading import Line
+from poseppl.motion.io.motion import Motion, joint_positions, z_up
+from poseppl.motion.io.text_parsing import lines_of_words, number_rows, parse_number, parse_numbers
 
 UNITS_MM = (1.0, 10.0, 25.4, 25.4 / 0.45, 100.0, 1000.0)
 TYPICAL_HEIGHT_MM = 1650.0
 MAX_JOINTS = 500
 MAX_POINTS = 5_000_000
+_HEADS = ("head", "neck", "chest", "spine")
+
+
+@dataclass
+class _Joint:
+    """A joint, or the end of a limb: its place in the hierarchy, and the columns of its channels by name, as listed."""
+
+    name: str
+    parent: int
+    at: Location
+    end: bool
+    offset: list[float] | None = None
+    columns: dict[str, int] = field(default_factory=dict)
+
+    def positions(self, values: Floats) -> Floats | None:
+        """Of its position channels, (T, 3); None where it has none."""
+        columns = [self.columns[name] for name in ("Xposition", "Yposition", "Zposition") if name in self.columns]
+        return values[:, columns] if columns else None
+
+    def rotations(self, values: Floats) -> Rotation:
+        """Of its rotation channels, T."""
+        columns = {name[0]: column for name, column in self.columns.items() if name.endswith("rotation")}
+        if not columns:
+            return Rotation.identity(len(values))
+        return Rotation.from_euler("".join(columns), np.deg2rad(values[:, list(columns.values())]))
 
 
 def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = None) -> Motion:
@@ -36,53 +62,44 @@ def read_bvh(path: FilePath, *, scale: float | None = None, up: str | None = Non
 
     Args:
         path: The .bvh file; each joint with three rotation channels, the root with three position channels besides,
-            other joints with or without (see `bvh_translations`).
+            other joints with or without.
         scale: Millimetres in one unit of length; guessed by default (see the module), and then named in ``source``.
-        up: The axis that points up, "x", "y" or "z"; inferred by pybvh from the first frame by default.
+        up: The axis that points up, "x", "y" or "z"; by default that along which the head is above the root.
 
     Returns:
         The motion, Z up, in mm: joints and end sites ("NAME_end").
 
     Raises:
         InputError: The file is malformed, holds a value that is not finite, or has no height to guess the scale from.
-        PosepplError: pybvh is not installed.
     """
     if scale is not None and not 1e-6 <= scale <= 1e6:
         raise InputError(f"{scale:g} mm a unit", field="scale", expected="a positive number")
-    text = read_text(path)
-    _check_text(path, text)
-    text, translations = split_translations(path, text)
-    clip = _parse(path, text, f"+{up}" if up else "auto")
-    with np.errstate(all="ignore"):
-        points = place_nodes(clip, translations)
-        rest = np.asarray(clip.rest_pose_positions(), dtype=np.float64)
-    # The inferred sign is not used: no system records head down, but a leg alone hangs from its root.
-    axis = str(clip.world_up)[-1]
-    height = float(np.ptp(rest[:, "xyz".index(axis)]))
+    lines = lines_of_words(path, read_text(path))
+    joints = _read_hierarchy(path, lines)
+    values, rate = _read_motion(path, lines, joints)
+    names, parents = tuple(joint.name for joint in joints), tuple(joint.parent for joint in joints)
+    moved = [joint.positions(values) for joint in joints]
+    offsets = [np.array(joint.offset) if own is None else own for joint, own in zip(joints, moved, strict=True)]
+    points = joint_positions(parents, offsets, [joint.rotations(values) for joint in joints], offsets[0])
+    still = [np.median(offset, axis=0) if offset.ndim == 2 else offset for offset in offsets]
+    rest = joint_positions(parents, still, [Rotation.identity()] * len(joints), np.zeros((1, 3)))[0]
+    axis = up or _up_axis(names, points[0], rest)
     source = str(path)
     if scale is None:
-        scale = _guess_scale(path, height)
+        scale = _guess_scale(path, float(np.ptp(rest[:, "xyz".index(axis)])))
         source = f"{path} (1 unit taken as {scale:.4g} mm)"
-    if not np.all(np.isfinite(points)):
-        raise InputError("positions are not finite", file=path)
-    names, parents = _names(clip.nodes)
-    return to_z_up(Motion(names, points * scale, parents, float(clip.fps), axis, source))
+    return Motion(names, z_up(points * scale, axis), parents, rate, source)
 
 
-def _parse(path: FilePath, text: str, world_up: str) -> Any:
-    try:
-        import pybvh
-    except ImportError as error:
-        raise PosepplError("reading .bvh files needs pybvh: pip install 'poseppl[mocap]'") from error
-    with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
-        # The library reads the text that was checked; it insists on a lower-case suffix and the system's encoding.
-        copy = Path(folder) / "motion.bvh"
-        copy.write_text(text)
-        try:
-            with np.errstate(all="ignore"):
-                return pybvh.read_bvh_file(copy, world_up=world_up, warn_on_world_up_disagreement=False)
-        except Exception as error:
-            raise InputError(f"pybvh refuses it: {str(error).replace(str(copy), 'the file')}", file=path) from error
+def _up_axis(names: Sequence[str], first: Floats, rest: Floats) -> str:
+    """The axis along which the head is away from the root, in the first frame or else at rest; or of the largest extent."""
+    numbers = {name.lower(): number for number, name in enumerate(names)}
+    head = next((numbers[name] for name in _HEADS if name in numbers), 0)
+    away, at_rest = (np.abs(places[head] - places[0]) for places in (first, rest))
+    _, second, largest = np.sort(away)
+    if largest < max(2 * second, 1e-6):
+        away = at_rest if at_rest.any() else np.ptp(rest, axis=0)
+    return "xyz"[int(np.argmax(away))] if away.any() else "y"
 
 
 def _guess_scale(path: FilePath, height: float) -> float:
@@ -91,73 +108,80 @@ def _guess_scale(path: FilePath, height: float) -> float:
     return min(UNITS_MM, key=lambda unit: abs(math.log(unit * height / TYPICAL_HEIGHT_MM)))
 
 
-def _names(nodes: list[Any]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    names: list[str] = []
-    index: dict[int, int] = {}
-    for node in nodes:
-        name = f"{node.parent.name}_end" if node.is_end_site() else node.name
-        while name in names:
-            name += "_"
-        index[id(node)] = len(names)
-        names.append(name)
-    parents = (-1 if node.parent is None else index[id(node.parent)] for node in nodes)
-    return tuple(names), tuple(parents)
-
-
-def _check_text(path: FilePath, text: str) -> None:
-    lines = lines_of_words(path, text)
+def _read_hierarchy(path: FilePath, lines: Iterator[Line]) -> list[_Joint]:
+    """The joints in order; what is left of the lines comes after MOTION."""
+    at = Location(path)
     if next(lines, (None, [""]))[1][0] != "HIERARCHY":
-        raise Location(path, 1).error("no HIERARCHY", "a BioVision recording (.bvh)")
-    found: list[Location] = []
-
-    def before_motion() -> Iterator[Line]:
-        for at, words in lines:
-            if words[0] == "MOTION":
-                found.append(at)
-                return
-            yield at, words
-
-    channels, points = _check_hierarchy(path, before_motion())
-    if not found:
-        raise InputError("no MOTION section; is the file truncated?", file=path)
-    _check_motion(found[0], lines, channels, points)
-
-
-def _check_hierarchy(path: FilePath, lines: Iterator[Line]) -> tuple[int, int]:
-    names: set[str] = set()
-    channels = depth = points = 0
-    for at, words in lines:
+        raise at.in_line(1).error("no HIERARCHY", "a BioVision recording (.bvh)")
+    joints: list[_Joint] = []
+    opened: list[int] = []
+    for here, words in lines:
         key, rest = words[0], words[1:]
-        if key in ("ROOT", "JOINT"):
-            if len(rest) != 1 or rest[0] in names:
-                raise at.in_field(key).error("a joint without one name of its own", "NAME")
-            names.add(rest[0])
-            points += 1
-        elif key == "End":
-            points += 1
-        elif key == "OFFSET":
-            if len(rest) != 3:
-                raise at.in_field("OFFSET").error(f"{len(rest)} values", "3 numbers")
-            parse_numbers(rest, at.in_field("OFFSET"))
-        elif key == "CHANNELS":
-            if not rest or rest[0] != str(len(rest) - 1):
-                raise at.in_field("CHANNELS").error("the count differs from the list")
-            channels += len(rest) - 1
-        elif words in (["{"], ["}"]):
-            depth += 1 if key == "{" else -1
+        if key == "MOTION":
+            break
+        if key in ("ROOT", "JOINT", "End"):
+            joints.append(_joint(here, key, rest, joints, opened))
+            if next(lines, (here, []))[1] != ["{"]:
+                raise here.in_field(key).error("no { in the line after it", "{, what it holds, and }")
+            opened.append(len(joints) - 1)
+        elif key in ("OFFSET", "CHANNELS") and opened:
+            _set(here.in_field(key), joints, joints[opened[-1]], rest)
+        elif words == ["}"] and opened:
+            opened.pop()
         else:
-            raise at.error(f"{key[:40]!r} is no part of a hierarchy")
-        if depth < 0 or points > MAX_JOINTS:
-            raise at.error("a } too many" if depth < 0 else f"more than {MAX_JOINTS} joints")
-    if depth or not points:
-        raise InputError("the hierarchy is not closed" if depth else "the hierarchy is empty", file=path)
-    return channels, points
+            raise here.error("a } too many" if words == ["}"] else f"{key[:40]!r} is no part of a hierarchy")
+    else:
+        raise at.error("no MOTION section; is the file truncated?")
+    if opened or not joints:
+        raise at.error("the hierarchy is not closed" if opened else "the hierarchy is empty")
+    for joint in joints:
+        if joint.offset is None or not (joint.columns or joint.end):
+            raise joint.at.error(f"{joint.name!r} lacks its OFFSET or its CHANNELS")
+    return joints
 
 
-def _check_motion(at: Location, lines: Iterator[Line], channels: int, points: int) -> None:
+def _joint(at: Location, key: str, rest: list[str], joints: list[_Joint], opened: list[int]) -> _Joint:
+    if (key == "ROOT") != (not joints) or (joints and not opened):
+        raise at.in_field(key).error("a joint beside the root", "one ROOT, which holds each JOINT and End Site")
+    if len(joints) == MAX_JOINTS:
+        raise at.error(f"more than {MAX_JOINTS} joints")
+    end, parent = key == "End", opened[-1] if opened else -1
+    if not end and (len(rest) != 1 or rest[0] in [joint.name for joint in joints if not joint.end]):
+        raise at.in_field(key).error("a joint without one name of its own", "NAME")
+    name = f"{joints[parent].name}_end" if end else rest[0]
+    while name in [joint.name for joint in joints]:
+        name += "_"
+    return _Joint(name, parent, at, end)
+
+
+def _set(at: Location, joints: list[_Joint], joint: _Joint, words: list[str]) -> None:
+    """Set the offset or the channels of a joint."""
+    if joint.columns if at.field == "CHANNELS" else joint.offset:
+        raise at.error(f"{joint.name!r} has two", "one")
+    if at.field == "OFFSET":
+        if len(words) != 3:
+            raise at.error(f"{len(words)} values", "3 numbers")
+        joint.offset = parse_numbers(words, at)
+        return
+    if joint.end:
+        raise at.error("the end of a limb has no channels", "them in its JOINT")
+    if not words or words[0] != str(len(words) - 1):
+        raise at.error("the count differs from the list")
+    first = sum(len(other.columns) for other in joints)
+    joint.columns = {word[:1].upper() + word[1:].lower(): first + number for number, word in enumerate(words[1:])}
+    for kind in ("position", "rotation"):
+        axes = sorted(name.removesuffix(kind) for name in joint.columns if name.endswith(kind))
+        free = kind == "position" and joint.parent >= 0
+        if axes != ["X", "Y", "Z"] and not (free and not axes):
+            problem = f"{kind} channels {', '.join(axes)} of {joint.name!r}"
+            raise at.error(problem, "X, Y and Z, or none" if free else "X, Y and Z")
+
+
+def _read_motion(path: FilePath, lines: Iterator[Line], joints: list[_Joint]) -> tuple[Floats, float]:
+    """Values (T, channels), and frames a second."""
     heads = list(itertools.islice(lines, 2))
     if [words[: 1 + i] for i, (_, words) in enumerate(heads)] != [["Frames:"], ["Frame", "Time:"]]:
-        raise at.error("no lines Frames: and Frame Time: after MOTION")
+        raise (heads[0][0] if heads else Location(path)).error("no lines Frames: and Frame Time: after MOTION")
     (at, frames), (at_time, time) = heads
     if len(frames) != 2 or not frames[1].isascii() or not frames[1].isdigit() or len(frames[1]) > 9:
         raise at.in_field("Frames:").error("no number of frames", "a whole number")
@@ -165,13 +189,10 @@ def _check_motion(at: Location, lines: Iterator[Line], channels: int, points: in
     seconds = parse_number(" ".join(time[2:]), at_time)
     if not 1e-5 <= seconds <= 100.0:
         raise at_time.error(f"{seconds:g} s", "a positive time in s")
-    count = 0
-    for at, words in lines:
-        if len(words) != channels:
-            raise at.error(f"{len(words)} values", f"{channels}, one a channel")
-        parse_numbers(words, at)
-        count += 1
-    if count != int(frames[1]) or not count:
-        raise at.error(f"{count} frames; is the file truncated?", f"{frames[1]}, as Frames: says")
-    if count * points > MAX_POINTS:
-        raise at._replace(line=None).error(f"{count} frames of {points} joints", f"at most {MAX_POINTS} positions")
+    names = {column: f"{joint.name} {name}" for joint in joints for name, column in joint.columns.items()}
+    values = number_rows(lines, [names[column] for column in sorted(names)], MAX_POINTS // len(joints) * len(names))
+    if len(values) != int(frames[1]) or not len(values):
+        raise Location(path).error(f"{len(values)} frames; is the file truncated?", f"{frames[1]}, as Frames: says")
+    whole = round(1 / seconds)  # most files have six digits of the time: 0.033333 for 30 frames a second
+    rate = float(whole) if whole and abs(1 / whole - seconds) < 1e-4 * seconds else 1 / seconds
+    return values, rate

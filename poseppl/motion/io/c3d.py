@@ -1,4 +1,4 @@
-"""Marker trajectories of optical motion capture (C3D), through the library ezc3d in a process of its own (see `c3d_worker`).
+"""Marker trajectories of optical motion capture (C3D).
 
 Only real markers are kept. Left out: the channels that POINT:ANGLES, FORCES, MOMENTS, POWERS and the like name, unlabelled
 trajectories ("*12"), the segment frames that Plug-in Gait stores as four points each (LFEO, LFEA, LFEL, LFEP) and its centre of
@@ -7,26 +7,16 @@ mass, and points that no frame shows.
 
 from __future__ import annotations
 
-import importlib.util
-import json
-import os
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, Location, PosepplError
-from poseppl.motion.io import c3d_worker
-from poseppl.motion.io.c3d_layout import check_layout
-from poseppl.motion.io.motion import Motion, to_z_up
+from poseppl.errors import FilePath, Location
+from poseppl.motion.io.c3d_layout import MAX_POINTS, Layout, Parameters, read_layout
+from poseppl.motion.io.c3d_numbers import real_numbers, whole_numbers
+from poseppl.motion.io.length_units import mm_per_unit
+from poseppl.motion.io.motion import Motion, z_up
 from poseppl.motion.io.text_parsing import LARGEST, check_distinct
 
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0, "in": 25.4}
-WORKER_SECONDS = 300
-_Texts = dict[str, list[str]]
 _MODELLED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS", "MODELED_MARKERS", "BONES")
 
 
@@ -42,17 +32,14 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
 
     Raises:
         InputError: The file is malformed, its unit is unknown, or it holds no marker.
-        PosepplError: ezc3d is not installed.
     """
-    layout, at = check_layout(path), Location(path)
-    points, texts = _run_worker(path, layout.turned)
-    labels = _labels(texts)
-    if points.ndim != 3 or points.shape[1:] != (layout.points, layout.frames) or len(labels) < layout.points:
-        problem = f"{len(labels)} labels for data of shape {points.shape}"
-        raise at.in_field("POINT").error(problem, f"{layout.points} points in {layout.frames} frames")
-    positions = np.moveaxis(points[:3], 0, -1).swapaxes(0, 1) * _unit(at, texts)
+    layout, at = read_layout(path), Location(path)
+    labels = _labels(layout.parameters)
+    if len(labels) < layout.points:
+        raise at.in_field("POINT").error(f"{len(labels)} labels for {layout.points} points", "one a point")
+    positions = _positions(layout) * mm_per_unit(_unit(layout.parameters), at.in_field("POINT:UNITS"))
     labels = labels[: layout.points]
-    modelled = _modelled(texts, labels)
+    modelled = _modelled(layout.parameters, labels)
     kept = [index for index, label in enumerate(labels) if label and label not in modelled]
     kept = [index for index in kept if np.isfinite(positions[:, index]).all(axis=-1).any()]
     names = tuple(labels[index] for index in kept)
@@ -61,48 +48,27 @@ def read_c3d(path: FilePath, *, up: str | None = None) -> Motion:
         raise at_labels.error("the file holds no marker")
     check_distinct(names, "markers", at_labels)
     markers = _clean(at, positions[:, kept])
-    return to_z_up(Motion(names, markers, (), layout.rate, up or _up(at, texts), str(path)))
+    return Motion(names, z_up(markers, up or _up(at, layout.parameters)), (), layout.rate, str(path))
 
 
-def _run_worker(path: FilePath, turned: bytes | None) -> tuple[Floats, _Texts]:
-    at = Location(path)
-    if importlib.util.find_spec("ezc3d") is None:
-        raise PosepplError("reading .c3d files needs ezc3d: pip install 'poseppl[mocap]'")
-    with tempfile.TemporaryDirectory(prefix="poseppl-") as folder:
-        target, source = Path(folder) / "points.npz", Path(path).resolve()
-        if turned is not None:
-            source = Path(folder) / "turned.c3d"
-            source.write_bytes(turned)
-        # One thread: the threads of a linear algebra library reserve more memory than the limit on a large machine.
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, "-P", c3d_worker.__file__, str(source), str(target)]
-        try:
-            done = subprocess.run(command, env=environment, capture_output=True, timeout=WORKER_SECONDS, check=False)
-        except subprocess.TimeoutExpired as error:
-            raise at.error(f"ezc3d did not end within {WORKER_SECONDS} s") from error
-        if done.returncode < 0:
-            raise at.error("ezc3d crashed on it; the file is damaged", "a valid C3D file")
-        if done.returncode or not target.is_file():
-            reason = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
-            raise at.error(f"ezc3d refuses it: {reason[:300]}")
-        with np.load(target, allow_pickle=False) as arrays:
-            texts: _Texts = json.loads(arrays["texts"].tobytes())
-            return np.asarray(arrays["points"], dtype=np.float64), texts
+def _positions(layout: Layout) -> Floats:
+    """Positions (T, K, 3) in the file's unit, NaN where the residual after them is negative."""
+    whole = layout.scale > 0
+    numbers = (whole_numbers if whole else real_numbers)(layout.stored, layout.processor)
+    numbers = numbers.view(np.int16) * layout.scale if whole else numbers.astype(np.float64)
+    points = numbers.reshape(layout.frames, -1)[:, : 4 * layout.points].reshape(layout.frames, -1, 4)
+    return np.where(points[..., 3:] < 0, np.nan, points[..., :3])
 
 
-def _labels(texts: _Texts) -> list[str]:
+def _labels(parameters: Parameters) -> list[str]:
     # More than 255 points go on in LABELS2, LABELS3, ...
-    labels: list[str] = []
-    number = 1
-    while (part := texts.get("LABELS" if number == 1 else f"LABELS{number}")) is not None:
-        labels += part
-        number += 1
-    return labels
+    names = ("POINT:LABELS", *(f"POINT:LABELS{number}" for number in range(2, MAX_POINTS // 255 + 2)))
+    return [label for name in names for label in parameters.texts(name)]
 
 
-def _modelled(texts: _Texts, labels: list[str]) -> set[str]:
+def _modelled(parameters: Parameters, labels: list[str]) -> set[str]:
     known = set(labels)
-    names = {name for kind in _MODELLED for name in texts.get(kind, ())}
+    names = {name for kind in _MODELLED for name in parameters.texts(f"POINT:{kind}")}
     names |= {label for label in labels if label.startswith(("*", "CentreOfMass"))}
     for stem in {label[:-1] for label in labels if label.endswith("O")}:
         quadruple = {stem + letter for letter in "OALP"}
@@ -110,16 +76,13 @@ def _modelled(texts: _Texts, labels: list[str]) -> set[str]:
     return names
 
 
-def _unit(at: Location, texts: _Texts) -> float:
-    units = texts.get("UNITS", [])
-    unit = units[0].lower() if units else "mm"
-    if unit not in MM_PER_UNIT:
-        raise at.in_field("POINT:UNITS").error(f"unit {unit[:20]!r}", ", ".join(MM_PER_UNIT))
-    return MM_PER_UNIT[unit]
+def _unit(parameters: Parameters) -> str:
+    units = parameters.texts("POINT:UNITS")
+    return units[0].lower() if units else "mm"
 
 
-def _up(at: Location, texts: _Texts) -> str:
-    screen = "".join(texts.get("Y_SCREEN", [])).lower()
+def _up(at: Location, parameters: Parameters) -> str:
+    screen = "".join(parameters.texts("POINT:Y_SCREEN")).lower()
     if not screen:
         return "z"
     if screen not in ("+x", "+y", "+z"):

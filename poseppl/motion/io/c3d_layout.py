@@ -1,6 +1,6 @@
-"""The layout of a C3D file, checked before a C++ library reads it.
+"""Layout of a C3D file: header and parameters, and where its data are.
 
-A C3D file is a header of one 512-byte block, a parameter section and a data section, tied together by block numbers and byte
+A C3D file has a header block, a parameter section and a data section, tied together by block numbers and byte
 counts that a damaged file gets wrong. Everything that a reader would follow is checked against the size of the file here.
 
 Source: The C3D File Format, Motion Lab Systems, https://www.c3d.org.
@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from poseppl.errors import FilePath, Location
-from poseppl.files.bounded_reading import check_file
-from poseppl.motion.io.c3d_byte_order import BLOCK, to_intel
+from poseppl.files.bounded_reading import read_bytes
+from poseppl.motion.io.c3d_numbers import PROCESSORS, real_numbers, whole_numbers
 
+BLOCK = 512
 MAX_BYTES = 256 * 2**20
 MAX_VALUES = 40_000_000
 MAX_POINTS = 10_000
@@ -33,35 +34,41 @@ class Parameter(NamedTuple):
 class Parameters:
     """The parameters of a file by "GROUP:NAME", in upper case."""
 
-    def __init__(self, at: Location, found: dict[str, Parameter]) -> None:
-        self._at, self._found = at, found
+    def __init__(self, at: Location, processor: int, found: dict[str, Parameter]) -> None:
+        self._at, self._processor, self._found = at, processor, found
 
     def __contains__(self, name: str) -> bool:
         return name in self._found
 
-    def get(self, name: str) -> Parameter | None:
-        """A parameter, None where there is none of this name."""
-        return self._found.get(name)
-
-    def integer(self, name: str) -> int:
-        """The 16-bit integer of a parameter that must be there."""
-        parameter = self.get(name)
-        if parameter is None or parameter.kind != 2 or len(parameter.data) < 2:
+    def integer(self, name: str, words: int = 1) -> int:
+        """The integer of so many words of 16 bits, the lowest first, of a parameter that must be there."""
+        parameter = self._found.get(name)
+        if parameter is None or parameter.kind != 2 or len(parameter.data) < 2 * words:
             problem = "the parameter is missing" if parameter is None else "not an integer"
-            raise self._at.in_field(name).error(problem, "a 16-bit integer")
-        return int(struct.unpack_from("<H", parameter.data)[0])
+            raise self._at.in_field(name).error(problem, f"a {16 * words}-bit integer")
+        stored = whole_numbers(parameter.data, self._processor)[:words]
+        return sum(int(word) << (16 * number) for number, word in enumerate(stored))
 
     def number(self, name: str) -> float:
         """The finite number of a parameter that must be there, of floating point or an integer."""
-        parameter = self.get(name)
-        if parameter is not None and parameter.kind == 4 and len(parameter.data) >= 4:
-            value = float(struct.unpack_from("<f", parameter.data)[0])
-            if math.isfinite(value):
-                return value
-        if parameter is not None and parameter.kind == 2 and len(parameter.data) >= 2:
-            return float(struct.unpack_from("<H", parameter.data)[0])
-        problem = "the parameter is missing" if parameter is None else "not a finite number"
-        raise self._at.in_field(name).error(problem, "a number")
+        parameter = self._found.get(name)
+        if parameter is not None and parameter.kind == 2:
+            return float(self.integer(name))
+        values: Any = [] if parameter is None or parameter.kind != 4 else real_numbers(parameter.data, self._processor)
+        if not len(values) or not math.isfinite(values[0]):
+            problem = "the parameter is missing" if parameter is None else "not a finite number"
+            raise self._at.in_field(name).error(problem, "a number")
+        return float(values[0])
+
+    def texts(self, name: str) -> list[str]:
+        """The texts of a parameter; none where there is none, or it has numbers."""
+        parameter = self._found.get(name)
+        if parameter is None or parameter.kind != -1:
+            return []
+        width = parameter.dimensions[0] if parameter.dimensions else 1
+        parts = [parameter.data[start : start + width] for start in range(0, len(parameter.data), width or 1)]
+        words = [part.decode("utf-8", "surrogateescape").encode("utf-8", "replace").decode() for part in parts]
+        return [word.replace("\0", "").strip() for word in words]
 
 
 class Layout(NamedTuple):
@@ -69,19 +76,27 @@ class Layout(NamedTuple):
 
     Attributes:
         points: Points in a frame.
+        analogs: Other numbers in a frame, after its points.
         frames: Frames.
         rate: Frames a second.
-        turned: The whole file in Intel's byte order, where it has another; else None.
+        scale: Units of length in a whole number; negative where numbers are of floating point.
+        parameters: The parameters.
+        processor: Which one wrote it.
+        stored: Bytes of the frames.
     """
 
     points: int
+    analogs: int
     frames: int
     rate: float
-    turned: bytes | None
+    scale: float
+    parameters: Parameters
+    processor: int
+    stored: bytes
 
 
-def check_layout(path: FilePath) -> Layout:
-    """Check that the parts of a C3D file are where it says and fit into it.
+def read_layout(path: FilePath) -> Layout:
+    """Read a C3D file, and check that its parts are where it says and fit into it.
 
     Args:
         path: The .c3d file, of Intel, DEC or MIPS byte order.
@@ -92,15 +107,23 @@ def check_layout(path: FilePath) -> Layout:
     Raises:
         InputError: The file is no C3D, is truncated, contradicts itself or uses a part of the format that is not supported.
     """
-    stored, at = check_file(path, max_bytes=MAX_BYTES).read_bytes(), Location(path)
-    data = to_intel(path, stored)
+    data, at = read_bytes(path, max_bytes=MAX_BYTES), Location(path)
     if len(data) < 2 * BLOCK or data[1] != 0x50:
         raise at.error("the first block is no C3D header", "a C3D file")
-    parameters = _parameters(at, data)
+    start = (data[0] - 1) * BLOCK
+    if start < BLOCK or start + 4 > len(data):
+        raise at.in_field("header").error(f"parameters in block {data[0]}", "a block of the file")
+    blocks, processor = data[start + 2 : start + 4]
+    if processor not in PROCESSORS:
+        raise at.in_field("processor").error(f"byte order {processor}", "84 (Intel), 85 (DEC) or 86 (MIPS)")
+    end = start + blocks * BLOCK
+    if blocks == 0 or end > len(data):
+        raise at.in_field("parameters").error(f"{blocks} parameter blocks", "as many as the file holds")
+    parameters = _parameters(at, data[start + 4 : end], processor)
+    words = tuple(map(int, whole_numbers(data[:20], processor)))
     points = parameters.integer("POINT:USED")
     if not 1 <= points <= MAX_POINTS:
         raise at.in_field("POINT:USED").error(f"{points} points", f"1 to {MAX_POINTS}")
-    words = struct.unpack("<10H", data[:20])
     if words[1] != points:
         raise at.in_field("header").error(f"the header has {words[1]} points, POINT:USED {points}")
     if "ROTATION:USED" in parameters and parameters.number("ROTATION:USED") != 0.0:
@@ -111,79 +134,63 @@ def check_layout(path: FilePath) -> Layout:
     if not 0.0 < abs(scale) <= 1e6:
         raise at.in_field("POINT:SCALE").error(f"{scale:g}", "not 0")
     frames = _frames(at, words, parameters)
-    _check_data(at, words, parameters, len(data), points, frames, 4 if scale < 0 else 2)
-    return Layout(points, frames, rate, None if data is stored else data)
+    stored = _stored(at, words, parameters, data, frames, 4 if scale < 0 else 2)
+    return Layout(points, words[2], frames, rate, scale, parameters, processor, stored)
 
 
-def _parameters(at: Location, data: bytes) -> Parameters:
-    start = (data[0] - 1) * BLOCK
-    if data[0] < 2 or start + 4 > len(data):
-        raise at.in_field("header").error(f"parameters in block {data[0]}", "a block of the file")
-    blocks = data[start + 2]
-    end = start + blocks * BLOCK
-    if blocks == 0 or end > len(data):
-        raise at.in_field("parameters").error(f"{blocks} parameter blocks", "as many as the file holds")
-    section = data[start + 4 : end]
+def _parameters(at: Location, section: bytes, processor: int) -> Parameters:
     groups: dict[int, str] = {}
     found: dict[tuple[int, str], Parameter] = {}
     cursor = 0
     while cursor + 2 <= len(section):
-        length, group = struct.unpack_from("<bb", section, cursor)
+        length, group = struct.unpack_from("bb", section, cursor)
         if length == 0 or group == 0:
             break
         name_end = cursor + 2 + abs(length)
         if name_end + 2 > len(section):
             raise at.in_field("parameters").error("a parameter runs over its section")
         name = section[cursor + 2 : name_end].decode("latin-1").strip().upper()
-        (offset,) = struct.unpack_from("<h", section, name_end)
+        offset = int(whole_numbers(section[name_end : name_end + 2], processor)[0])
         following = name_end + offset if offset else len(section)
-        if offset < 0 or following > len(section) or (offset and following < name_end + 3):
-            raise at.in_field(name).error(f"the parameter ends outside its section of {blocks} blocks")
+        if following > len(section) or (offset and following < name_end + 3):
+            raise at.in_field(name).error(f"the parameter ends outside its section of {len(section) // BLOCK + 1} blocks")
         body = section[name_end + 2 : following]
         if group < 0:
             if -group in groups or name in groups.values():
                 raise at.in_field(name).error("the group is repeated")
-            if not body or 1 + body[0] > len(body):
-                raise at.in_field(name).error("the description runs over the group")
             groups[-group] = name
         elif (group, name) in found:
             raise at.in_field(name).error("the parameter is repeated")
         else:
             found[group, name] = _parameter(at.in_field(name), body)
         cursor = following
-        if offset == 0:
-            break
     for group, name in found:
         if group not in groups:
             raise at.in_field(name).error(f"group {group} of the parameter does not exist")
-    return Parameters(at, {f"{groups[group]}:{name}": parameter for (group, name), parameter in found.items()})
+    return Parameters(at, processor, {f"{groups[group]}:{name}": value for (group, name), value in found.items()})
 
 
 def _parameter(at: Location, body: bytes) -> Parameter:
     if len(body) < 2:
         raise at.error("the parameter is cut off")
-    kind, count = struct.unpack_from("<bB", body)
+    kind, count = struct.unpack_from("bB", body)
     if kind not in _SIZES or count > 7:
         raise at.error(f"type {kind} with {count} dimensions", "type -1, 1, 2 or 4")
-    dimensions = tuple(body[2 : 2 + count])
-    size = math.prod(dimensions) * _SIZES[kind]
     start = 2 + count
-    if len(dimensions) < count or start + size > len(body):
+    dimensions = tuple(body[2:start])
+    end = start + math.prod(dimensions) * _SIZES[kind]
+    if len(dimensions) < count or end > len(body):
         raise at.error("its dimensions exceed the parameter")
-    if start + size < len(body) and start + size + 1 + body[start + size] > len(body):
-        raise at.error("the description runs over the parameter")
-    return Parameter(kind, dimensions, body[start : start + size])
+    return Parameter(kind, dimensions, body[start:end])
 
 
 def _frames(at: Location, words: tuple[int, ...], parameters: Parameters) -> int:
     frames = words[4] - words[3] + 1
     if words[3] == 0 or frames < 1:
         raise at.in_field("header").error(f"frames {words[3]} to {words[4]}", "1 or more, ascending")
-    bounds = [parameters.get(f"TRIAL:ACTUAL_{end}_FIELD") for end in ("START", "END")]
-    if all(bound is not None for bound in bounds):
-        if any(bound.kind != 2 or len(bound.data) != 4 for bound in bounds if bound is not None):
-            raise at.in_field("TRIAL:ACTUAL_START_FIELD").error("not two integers")
-        first, last = (struct.unpack("<I", bound.data)[0] for bound in bounds if bound is not None)
+    ends = [f"TRIAL:ACTUAL_{end}_FIELD" for end in ("START", "END")]
+    if all(end in parameters for end in ends):
+        first, last = (parameters.integer(end, words=2) for end in ends)
         actual = last - first + 1
         if actual < 1 or (actual != frames and words[4] != 65535):
             raise at.in_field("header").error(f"the header has {frames} frames, TRIAL {actual}")
@@ -191,20 +198,14 @@ def _frames(at: Location, words: tuple[int, ...], parameters: Parameters) -> int
     return frames
 
 
-def _check_data(
-    at: Location,
-    words: tuple[int, ...],
-    parameters: Parameters,
-    size: int,
-    points: int,
-    frames: int,
-    width: int,
-) -> None:
-    start = parameters.integer("POINT:DATA_START")
-    if start == 0 or (start - 1) * BLOCK >= size:
-        raise at.in_field("POINT:DATA_START").error(f"data in block {start}", "a block of the file")
-    if words[8] != start:
-        raise at.in_field("header").error(f"the header has data in block {words[8]}", f"{start}")
+def _stored(at: Location, words: tuple[int, ...], parameters: Parameters, data: bytes, frames: int, width: int) -> bytes:
+    """The bytes of all frames."""
+    block = parameters.integer("POINT:DATA_START")
+    start = (block - 1) * BLOCK
+    if block == 0 or start >= len(data):
+        raise at.in_field("POINT:DATA_START").error(f"data in block {block}", "a block of the file")
+    if words[8] != block:
+        raise at.in_field("header").error(f"the header has data in block {words[8]}", f"{block}")
     analogs, samples = words[2], words[9]
     if analogs and (samples == 0 or analogs % samples):
         raise at.in_field("header").error(f"{analogs} analog values in {samples} samples")
@@ -212,9 +213,10 @@ def _check_data(
     used = parameters.integer("ANALOG:USED") if "ANALOG:USED" in parameters else 0
     if channels and used != channels:
         raise at.in_field("header").error(f"the header has {channels} channels, ANALOG:USED {used}")
-    values = frames * (4 * points + analogs)
-    if (start - 1) * BLOCK + values * width > size:
-        problem = f"{frames} frames of {points} points do not fit into the file; is it truncated?"
+    values = frames * (4 * words[1] + analogs)
+    if start + values * width > len(data):
+        problem = f"{frames} frames of {words[1]} points do not fit into the file; is it truncated?"
         raise at.in_field("data").error(problem, f"{values * width} bytes of data")
     if values > MAX_VALUES:
         raise at.in_field("data").error(f"{values} values", f"at most {MAX_VALUES}")
+    return data[start : start + values * width]

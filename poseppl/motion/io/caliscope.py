@@ -9,14 +9,17 @@ was found, so that its confidence is 1. Cameras go by their number, as the table
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
+from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople, detected_people
-from poseppl.motion.io.text_parsing import Line, parse_frame, parse_number, rows_of_csv
+from poseppl.motion.io.text_parsing import parse_frame, parse_number
 
 _COLUMNS = {
     "frame": ("sync_index",),
@@ -58,7 +61,7 @@ def read_caliscope_points(path: FilePath) -> dict[str, DetectedPeople]:
     lines = rows_of_csv(path)
     at, header = next(lines, (Location(path), []))
     columns = _columns(at, header)
-    rows = [_point(line, columns, len(header)) for line in lines]
+    rows = [_point(here, {field: row[column] for field, column in columns.items()}) for here, row in lines]
     cameras = sorted({row.camera for row in rows}, key=lambda name: (len(name), name))
     if not cameras:
         raise Location(path).error("the file holds no point", "at least one row after the header")
@@ -77,18 +80,16 @@ def _columns(at: Location, header: list[str]) -> dict[str, int]:
     return found
 
 
-def _point(line: Line, columns: dict[str, int], width: int) -> _Point:
-    at, row = line
-    if len(row) != width:
-        raise at.error(f"{len(row)} values", f"{width}, one a column; the file may have been cut off")
-    words = {field: row[column] for field, column in columns.items()}
+def _point(at: Location, words: Mapping[str, str]) -> _Point:
     person, point = (_number(words.get(field) or "0", field, at) for field in ("person", "point"))
     if person >= MAX_PEOPLE or point >= MAX_POINTS:
         raise at.error(f"object {person}, keypoint {point}", f"at most {MAX_PEOPLE - 1} and {MAX_POINTS - 1}")
-    place = parse_number(words["x"], at.in_field("img_loc_x")), parse_number(words["y"], at.in_field("img_loc_y"))
-    time = parse_number(words["time"], at.in_field("frame_time")) if words.get("time") else float("nan")
+    x, y, time = (
+        parse_number(words[field], at.in_field(_COLUMNS[field][0])) if words.get(field) or field != "time" else math.nan
+        for field in ("x", "y", "time")
+    )
     number = str(_number(words["camera"], "camera", at))
-    return _Point(at, parse_frame(words["frame"], at), number, person, point, place, time)
+    return _Point(at, parse_frame(words["frame"], at), number, person, point, (x, y), time)
 
 
 def _number(token: str, kind: str, at: Location) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,7 +12,10 @@ from poseppl.errors import Location
 from poseppl.motion.io.text_parsing import LARGEST
 
 MAX_CAMERAS = 1000
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+
+
+Field = tuple[Location, Any]
+"""Where a field stands, and what it holds."""
 
 
 class CameraRecord(NamedTuple):
@@ -49,6 +52,41 @@ class Calibration(NamedTuple):
     unit: str | None
 
 
+def camera_of_fields(
+    name: str, *, matrix: Field, distortion: Field, rotation: Field, translation: Field, size: Field, fisheye: bool = False
+) -> CameraRecord:
+    """Check the fields of a camera.
+
+    Args:
+        name: Its name.
+        matrix: Intrinsic matrix.
+        distortion: Coefficients.
+        rotation: World axes to camera axes, a matrix or a vector (Rodrigues).
+        translation: In the file's unit of length, which is not looked at.
+        size: Width and height.
+        fisheye: Whether the coefficients are those of a fisheye.
+
+    Raises:
+        InputError: One of them is malformed.
+    """
+    extent = image_size(*size)
+    turn, place = rotation_matrix(*rotation), vector(*translation)
+    if place.shape != (3,):
+        raise translation[0].error(f"{place.size} values", "3 numbers")
+    return CameraRecord(name, intrinsics(*matrix), coefficients(*distortion, fisheye), turn, place, extent, fisheye)
+
+
+def scaled(camera: CameraRecord, mm: float) -> CameraRecord:
+    """A camera whose lengths are so many mm each."""
+    return camera._replace(translation=np.asarray(camera.translation * mm))
+
+
+def vector(at: Location, value: object) -> Floats:
+    """Numbers of a list, or of a matrix of one row or column."""
+    column = isinstance(value, list) and bool(value) and all(isinstance(row, list) and len(row) == 1 for row in value)
+    return numbers(at, [row[0] for row in value] if column else value, 1)  # type: ignore[attr-defined]
+
+
 def numbers(at: Location, value: object, rank: int) -> Floats:
     """An array of finite numbers with so many levels of brackets; of a camera that may move but does not, one frame.
 
@@ -79,7 +117,7 @@ def numbers(at: Location, value: object, rank: int) -> Floats:
 
 def image_size(at: Location, value: object) -> tuple[int, int]:
     """Width and height in pixels."""
-    size = numbers(at, value, 1)
+    size = vector(at, value)
     if size.shape != (2,) or np.any(size < 1) or np.any(size != np.round(size)):
         raise at.error(f"{size.tolist()[:4]}", "[width, height] in pixels")
     return int(size[0]), int(size[1])
@@ -87,7 +125,7 @@ def image_size(at: Location, value: object) -> tuple[int, int]:
 
 def coefficients(at: Location, value: object, fisheye: bool) -> Floats:
     """Distortion coefficients, as :class:`CameraRecord` has them; more than eight are taken if they are 0."""
-    found = numbers(at, value, 1)
+    found = vector(at, value)
     if fisheye:
         if found.size != 4 and np.any(found[4:]):
             raise at.error(f"{found.size} coefficients", "k1 k2 k3 k4 of a fisheye")
@@ -97,14 +135,6 @@ def coefficients(at: Location, value: object, fisheye: bool) -> Floats:
     if found.size not in (0, 1, 2, 3, 4, 5, 8):
         raise at.error(f"{found.size} coefficients", "k1 k2 p1 p2 k3, or these and k4 k5 k6")
     return np.pad(found, (0, max(0, 5 - found.size)))
-
-
-def translation(at: Location, value: object) -> Floats:
-    """Three numbers."""
-    found = numbers(at, value, 1)
-    if found.shape != (3,):
-        raise at.error(f"{found.size} values", "3 numbers")
-    return found
 
 
 def intrinsics(at: Location, value: object) -> Floats:
@@ -118,9 +148,9 @@ def intrinsics(at: Location, value: object) -> Floats:
     return matrix
 
 
-def rotation(at: Location, value: object) -> Floats:
+def rotation_matrix(at: Location, value: object) -> Floats:
     """A rotation, from its matrix or its vector (Rodrigues)."""
-    matrix = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
+    matrix = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) > 1 for row in value)
     if matrix and value != [value[0]] * 3:  # type: ignore[index]
         found = numbers(at, value, 2)
         if found.shape != (3, 3) or not np.allclose(found @ found.T, np.eye(3), atol=1e-4):
@@ -131,7 +161,7 @@ def rotation(at: Location, value: object) -> Floats:
     if matrix and not np.any(numbers(at, value, 1)):
         expected = "a 3 x 3 matrix of orthonormal rows, or one rotation vector"
         raise at.error("zeros are no rotation matrix", expected)
-    vector = numbers(at, value, 1)
-    if vector.shape != (3,) or np.linalg.norm(vector) > 100.0:
+    turn = vector(at, value)
+    if turn.shape != (3,) or np.linalg.norm(turn) > 100.0:
         raise at.error("not a rotation", "a rotation vector or a 3 x 3 matrix")
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return np.asarray(Rotation.from_rotvec(turn).as_matrix())

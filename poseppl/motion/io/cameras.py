@@ -29,17 +29,18 @@ import numpy as np
 
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.atomic_writing import write_atomically
-from poseppl.files.bounded_reading import check_file
+from poseppl.files.bounded_reading import read_bytes
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS as MAX_CAMERAS,
-    MM_PER_UNIT as MM_PER_UNIT,
     Calibration as Calibration,
     CameraRecord as CameraRecord,
+    scaled,
 )
 from poseppl.motion.io.cameras_opencap import SUFFIXES as PICKLES, read_opencap_camera
 from poseppl.motion.io.cameras_qualisys import read_qualisys
 from poseppl.motion.io.cameras_toml import read_toml_cameras
-from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, read_opencv_camera, scaled
+from poseppl.motion.io.cameras_yaml import SUFFIXES as YAMLS, read_easymocap, read_opencv_camera
+from poseppl.motion.io.length_units import MM_PER_UNIT
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
 
 _ASSUMED = "m"
@@ -137,12 +138,7 @@ def _without_unit(cameras: Sequence[CameraRecord]) -> Calibration:
 
 
 def _starts_as_xml(path: FilePath) -> bool:
-    source = check_file(path, max_bytes=2**26)
-    try:
-        with source.open("rb") as file:
-            return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    return read_bytes(path, max_bytes=2**26, first=64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
 
 def write_cameras(path: FilePath, cameras: Sequence[CameraRecord]) -> None:

@@ -7,14 +7,13 @@ Nothing of the pickle is run, see :mod:`poseppl.files.plain_pickle`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from poseppl.errors import FilePath, InputError, Location
-from poseppl.files.bounded_reading import check_file
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_bytes
 from poseppl.files.plain_pickle import plain_of_pickle
-from poseppl.motion.io.camera_fields import CameraRecord, coefficients, image_size, intrinsics, rotation, translation
+from poseppl.motion.io.camera_fields import CameraRecord, Field, camera_of_fields
 
 SUFFIXES = (".pickle", ".pkl")
 _GENERIC = "cameraIntrinsicsExtrinsics"
@@ -27,16 +26,11 @@ def read_opencap_camera(path: FilePath) -> CameraRecord:
         InputError: The file holds anything but plain values, or a field is missing or malformed.
     """
     at = Location(path)
-    source = check_file(path, max_bytes=2**20)
-    try:
-        data = source.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
-    fields = plain_of_pickle(data, at)
+    fields = plain_of_pickle(read_bytes(path, max_bytes=2**20), at)
     if not isinstance(fields, dict):
         raise at.error("no camera", "OpenCap's cameraIntrinsicsExtrinsics.pickle")
 
-    def of(name: str) -> tuple[Location, Any]:
+    def of(name: str) -> Field:
         if name not in fields:
             raise at.in_field(name).error("the field is missing")
         value = fields[name]
@@ -45,16 +39,11 @@ def read_opencap_camera(path: FilePath) -> CameraRecord:
     where, size = of("imageSize")
     stem = Path(path).stem
     name = Path(path).resolve().parent.name if stem == _GENERIC else stem.removesuffix("_" + _GENERIC)
-    return CameraRecord(
-        name=name or "camera",
-        matrix=intrinsics(*of("intrinsicMat")),
-        distortion=coefficients(of("distortion")[0], _flat(of("distortion")[1]), False),
-        rotation=rotation(*of("rotation")),
-        translation=translation(of("translation")[0], _flat(of("translation")[1])),
-        size=image_size(where, _flat(size)[::-1]),
+    return camera_of_fields(
+        name or "camera",
+        matrix=of("intrinsicMat"),
+        distortion=of("distortion"),
+        rotation=of("rotation"),
+        translation=of("translation"),
+        size=(where, np.ravel(size).tolist()[::-1]),
     )
-
-
-def _flat(value: Any) -> list[Any]:
-    rows = value if isinstance(value, list) else [value]
-    return [entry for row in rows for entry in (row if isinstance(row, list) else [row])]

@@ -15,7 +15,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation
+from poseppl.motion.io.camera_fields import MAX_CAMERAS, CameraRecord, intrinsics, numbers, rotation_matrix
 from poseppl.motion.io.text_parsing import check_distinct, parse_number
 
 _SUBPIXELS = 64.0
@@ -59,7 +59,7 @@ def _camera(element: ElementTree.Element, index: int, at: Location) -> CameraRec
     )
     place = _Attributes(element, "transform", where)
     turn = place(*(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))).reshape(3, 3)
-    checked = _AXES @ rotation(where.in_field(f"{where.field}.transform"), turn.tolist())
+    checked = _AXES @ rotation_matrix(where.in_field(f"{where.field}.transform"), turn.tolist())
     matrix = [[fx, skew, cx - left], [0.0, fy, cy - top], [0.0, 0.0, 1.0]]
     width, height = right - left + 1, bottom - top + 1
     if not (1 <= width <= 1e6 and 1 <= height <= 1e6):

@@ -9,15 +9,12 @@ from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_toml
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS,
-    MM_PER_UNIT,
     Calibration,
     CameraRecord,
-    coefficients,
-    image_size,
-    intrinsics,
-    rotation,
-    translation,
+    camera_of_fields,
+    scaled,
 )
+from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct
 
 
@@ -32,8 +29,8 @@ def read_toml_cameras(path: FilePath) -> Calibration:
     prefix, tables = _tables(document)
     if not tables or len(tables) > MAX_CAMERAS:
         raise at.error("the file holds no camera", "a table [camera.NAME], anipose's [cam_0], or Caliscope's [cameras.0]")
-    unit = _unit(at, document, "mm" if ours is not None else "m" if prefix == "cameras." else None)
-    scale = MM_PER_UNIT[unit or "m"]
+    unit = _unit(document, "mm" if ours is not None else "m" if prefix == "cameras." else None)
+    scale = mm_per_unit(unit or "m", at.in_field("units"))
     cameras = tuple(
         _camera(at.in_field(f"{prefix}{key}"), key, table, scale, ours is not None) for key, table in tables.items()
     )
@@ -58,14 +55,10 @@ def _ignored(table: object) -> bool:
     return isinstance(table, dict) and table.get("ignore") is True
 
 
-def _unit(at: Location, document: Mapping[str, Any], default: str | None) -> str | None:
+def _unit(document: Mapping[str, Any], default: str | None) -> Any:
     metadata = document.get("metadata")
     unit = document.get("units", metadata.get("units") if isinstance(metadata, dict) else None)
-    if unit is None:
-        return default
-    if not isinstance(unit, str) or unit not in MM_PER_UNIT:
-        raise at.in_field("units").error(f"{str(unit)[:40]!r}", " or ".join(f'"{known}"' for known in MM_PER_UNIT))
-    return unit
+    return default if unit is None else unit
 
 
 def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -> CameraRecord:
@@ -88,14 +81,7 @@ def _camera(at: Location, key: str, table: object, scale: float, strict: bool) -
     name = table.get("name", key)
     if not isinstance(name, str) or not 0 < len(name) <= LONGEST:
         raise of("name").error("not a name", f"a text of at most {LONGEST} characters")
-    size = image_size(of("size"), table.get("size"))
+    fields = {field: (of(field), table.get(field)) for field in ("matrix", "rotation", "translation", "size")}
     distortion = "distortions" if "distortions" in table else "distortion"
-    return CameraRecord(
-        name=name,
-        matrix=intrinsics(of("matrix"), table.get("matrix")),
-        distortion=coefficients(of(distortion), table.get(distortion), fisheye),
-        rotation=rotation(of("rotation"), table.get("rotation")),
-        translation=translation(of("translation"), table.get("translation")) * scale,
-        size=size,
-        fisheye=fisheye,
-    )
+    fields["distortion"] = of(distortion), table.get(distortion)
+    return scaled(camera_of_fields(name, **fields, fisheye=fisheye), scale)

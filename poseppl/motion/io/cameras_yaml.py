@@ -12,18 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.motion.io.camera_fields import (
     MAX_CAMERAS,
     CameraRecord,
-    coefficients,
-    image_size,
+    Field,
+    camera_of_fields,
     intrinsics,
-    rotation,
-    translation,
 )
 from poseppl.motion.io.opencv_yaml import read_opencv_yaml
 from poseppl.motion.io.text_parsing import some
@@ -32,6 +27,7 @@ _MATRIX = ("camera_matrix", "cameraMatrix", "K", "M", "intrinsic_matrix", "mtx")
 _DISTORTION = ("distortion_coefficients", "dist_coeffs", "distCoeffs", "D", "dist")
 _ROTATION = ("R", "rotation", "rotation_matrix", "rvec")
 _TRANSLATION = ("T", "t", "translation", "tvec")
+_WIDTH, _HEIGHT = ("image_width", "imageWidth", "width"), ("image_height", "imageHeight", "height")
 SUFFIXES = (".yml", ".yaml")
 
 
@@ -48,18 +44,16 @@ def read_easymocap(intrinsic: FilePath, extrinsic: FilePath) -> tuple[CameraReco
         raise at.in_field("names").error("no list of cameras", 'names: [ "1", "2" ]')
     cameras = []
     for name in map(str, names):
-        turn = _first(outer, (f"Rot_{name}", f"R_{name}"), there)
-        size = (inner.get(f"W_{name}"), inner.get(f"H_{name}"))
-        cameras.append(
-            _camera(
-                name,
-                _first(inner, (f"K_{name}",), at),
-                _first(inner, (f"dist_{name}", f"D_{name}"), at, optional=True),
-                turn,
-                _first(outer, (f"T_{name}",), there),
-                None if None in size else list(size),
-            )
+        turn, matrix = _first(outer, (f"Rot_{name}", f"R_{name}"), there), _first(inner, (f"K_{name}",), at)
+        camera = camera_of_fields(
+            name,
+            matrix=matrix,
+            distortion=_first(inner, (f"dist_{name}", f"D_{name}"), at, []),
+            rotation=turn,
+            translation=_first(outer, (f"T_{name}",), there),
+            size=_size(matrix, inner.get(f"W_{name}"), inner.get(f"H_{name}")),
         )
+        cameras.append(camera)
     return tuple(cameras)
 
 
@@ -70,60 +64,33 @@ def read_opencv_camera(path: FilePath) -> CameraRecord:
         InputError: The file is malformed, or a field is missing.
     """
     fields, at = read_opencv_yaml(path), Location(path)
-    width = next((fields[key] for key in ("image_width", "imageWidth", "width") if key in fields), None)
-    height = next((fields[key] for key in ("image_height", "imageHeight", "height") if key in fields), None)
-    size = fields.get("image_size") if width is None or height is None else [width, height]
-    fisheye = fields.get("fisheye", fields.get("model")) in (1, "true", "fisheye", "True")
-    return _camera(
+    matrix = _first(fields, _MATRIX, at)
+    width, height = (_first(fields, names, at, None)[1] for names in (_WIDTH, _HEIGHT))
+    told = at.in_field("image_size"), fields.get("image_size")
+    return camera_of_fields(
         Path(path).stem,
-        _first(fields, _MATRIX, at),
-        _first(fields, _DISTORTION, at, optional=True),
-        _first(fields, _ROTATION, at),
-        _first(fields, _TRANSLATION, at),
-        None if size is None else list(np.ravel(np.array(size, object))),
-        fisheye,
+        matrix=matrix,
+        distortion=_first(fields, _DISTORTION, at, []),
+        rotation=_first(fields, _ROTATION, at),
+        translation=_first(fields, _TRANSLATION, at),
+        size=_size(matrix, width, height) if told[1] is None or None not in (width, height) else told,
+        fisheye=fields.get("fisheye", fields.get("model")) in (1, "true", "fisheye", "True"),
     )
 
 
-_Field = tuple[Location, Any]
-
-
-def _first(fields: Mapping[str, Any], names: tuple[str, ...], at: Location, optional: bool = False) -> _Field:
+def _first(fields: Mapping[str, Any], names: tuple[str, ...], at: Location, *default: Any) -> Field:
+    """The first of these fields that there is; where there is none, the default."""
     for name in names:
         if name in fields:
             return at.in_field(name), fields[name]
-    if optional:
-        return at.in_field(names[0]), []
+    if default:
+        return at.in_field(names[0]), default[0]
     raise at.in_field(names[0]).error("the field is missing", f"{some(names)}; found {some(fields)}")
 
 
-def _camera(
-    name: str, matrix: _Field, lens: _Field, turn: _Field, place: _Field, size: list[Any] | None, fisheye: bool = False
-) -> CameraRecord:
-    inner = intrinsics(*matrix)
-    extent = [float(round(2 * inner[axis, 2])) for axis in (0, 1)] if size is None else size
-    return CameraRecord(
-        name=name,
-        matrix=inner,
-        distortion=coefficients(lens[0], _flat(lens[1]), fisheye),
-        rotation=rotation(turn[0], turn[1] if _is_square(turn[1]) else _flat(turn[1])),
-        translation=translation(place[0], _flat(place[1])),
-        size=image_size(matrix[0].in_field("image_width, image_height"), extent),
-        fisheye=fisheye,
-    )
-
-
-def _is_square(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
-
-
-def _flat(value: Any) -> list[Any]:
-    """A row or column of a matrix as a list."""
-    rows = value if isinstance(value, list) else [value]
-    return [entry for row in rows for entry in (row if isinstance(row, list) else [row])]
-
-
-def scaled(camera: CameraRecord, mm: float) -> CameraRecord:
-    """A camera whose lengths are so many mm each."""
-    moved: Floats = camera.translation * mm
-    return camera._replace(translation=moved)
+def _size(matrix: Field, width: Any, height: Any) -> Field:
+    at = matrix[0].in_field("image_width, image_height")
+    if width is None or height is None:
+        inner = intrinsics(*matrix)
+        width, height = (float(round(2 * inner[axis, 2])) for axis in (0, 1))
+    return at, [width, height]

@@ -13,16 +13,18 @@ columns tell the frame: a number, or the number in the name of a picture.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
+from poseppl.files.csv_reading import Line, rows_of_csv
 from poseppl.motion.io.detections import DetectedPeople, check_names, detected_people
-from poseppl.motion.io.text_parsing import Line, parse_number, rows_of_csv, some
+from poseppl.motion.io.json_people import frame_number
+from poseppl.motion.io.text_parsing import parse_number, some
 
 MAX_COLUMNS = 30_000
 _HEADERS = ("scorer", "individuals", "bodyparts", "coords")
@@ -76,21 +78,37 @@ def read_deeplabcut_csv(path: FilePath) -> DetectedPeople:
         level = row[0].lower()
         if level not in _HEADERS or level in header:
             raise at.error(f"{row[0][:40]!r} where a header row begins", "rows that begin with scorer, bodyparts, coords")
-        if len(row) > MAX_COLUMNS or any(len(row) != len(other) for other in header.values()):
-            raise at.error(f"{len(row)} columns", f"as many as in the row before, at most {MAX_COLUMNS}")
+        if len(row) > MAX_COLUMNS:
+            raise at.error(f"{len(row)} columns", f"at most {MAX_COLUMNS}")
         header[level] = row
     for level in ("scorer", "bodyparts"):
         if level not in header:
             raise at.error(f"no header row {level}", "rows that begin with scorer, bodyparts, coords")
     index = _index_columns(header["coords"])
     columns = point_columns({level: row[index:] for level, row in header.items()}, at)
+    return people_of_rows(columns, (_row(line, index, columns) for line in lines), Location(path))
+
+
+def people_of_rows(
+    columns: PointColumns, rows: Iterable[tuple[Location, str, Sequence[float]]], at: Location
+) -> DetectedPeople:
+    """Lay out the rows of a table.
+
+    Args:
+        columns: Its columns.
+        rows: Where each stands, the last word of its index, and the values of the columns.
+        at: The file, for messages.
+
+    Raises:
+        InputError: An index is no frame, two are of one, or there is no point in any.
+    """
     people: dict[int, Sequence[Floats]] = {}
-    for line in lines:
-        number, values = _row(line, index, len(header["coords"]), columns)
+    for here, word, values in rows:
+        number = frame_number(word, here)
         if number in people:
-            raise line[0].error(f"frame {number} comes twice", "one row a frame")
+            raise here.error(f"frame {number} comes twice", "one row a frame")
         people[number] = columns.people(values)
-    return detected_people(people, columns.names, Location(path), individuals=columns.individuals)
+    return detected_people(people, columns.names, at, individuals=columns.individuals)
 
 
 def point_columns(header: Mapping[str, Sequence[str]], at: Location) -> PointColumns:
@@ -125,14 +143,6 @@ def point_columns(header: Mapping[str, Sequence[str]], at: Location) -> PointCol
     return PointColumns(individuals if "individuals" in header else (), names, tuple(kept), places, graded)
 
 
-def frame_of_index(words: Sequence[str], at: Location) -> int:
-    """The number of a frame: the last word of its index, or the last number in the name of a picture."""
-    numbers = re.findall("[0-9]+", words[-1].rsplit(".", 1)[0] if not words[-1].isdigit() else words[-1])
-    if not numbers or len(numbers[-1]) > 9:
-        raise at.error(f"{words[-1][:40]!r} is no frame", "a number, or a picture's name such as img0012.png")
-    return int(numbers[-1])
-
-
 def _index_columns(coords: Sequence[str]) -> int:
     """How many columns at the left tell the frame: the first, and those after it that are empty in the header."""
     count = 1
@@ -141,13 +151,8 @@ def _index_columns(coords: Sequence[str]) -> int:
     return count
 
 
-def _row(line: Line, index: int, width: int, columns: PointColumns) -> tuple[int, list[float]]:
+def _row(line: Line, index: int, columns: PointColumns) -> tuple[Location, str, list[float]]:
     at, row = line
-    if len(row) != width:
-        raise at.error(f"{len(row)} values", f"{width}, one a column; the file may have been cut off")
-    values = []
-    for column in columns.columns:
-        token = row[index + column]
-        missing = token.lower() in _NOT_A_NUMBER
-        values.append(float("nan") if missing else parse_number(token, at))
-    return frame_of_index(row[:index], at), values
+    words = [row[index + column] for column in columns.columns]
+    values = [math.nan if word.lower() in _NOT_A_NUMBER else parse_number(word, at) for word in words]
+    return at, row[index - 1], values

@@ -7,7 +7,6 @@ pandas, whose reader unpickles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import h5py
@@ -17,19 +16,19 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
 from poseppl.files.hdf5_reading import array, attribute, child, open_hdf5, texts
 from poseppl.files.plain_pickle import plain_of_pickle
-from poseppl.motion.io.deeplabcut import MAX_COLUMNS, frame_of_index, point_columns
-from poseppl.motion.io.detections import DetectedPeople, detected_people
+from poseppl.motion.io.deeplabcut import MAX_COLUMNS, people_of_rows, point_columns
+from poseppl.motion.io.detections import DetectedPeople
 
 _EXPECTED = "the table of points that DeepLabCut writes, such as videoDLC_resnet50.h5"
 _LEVELS = {3: ("scorer", "bodyparts", "coords"), 4: ("scorer", "individuals", "bodyparts", "coords")}
 
 
 class _Table(NamedTuple):
-    """Names of columns, one tuple a column; numbers (T, columns); the words of each row's frame."""
+    """Names of columns, one tuple a column; numbers (T, columns); the word of each row's frame."""
 
     columns: list[tuple[str, ...]]
     values: Floats
-    rows: list[list[str]]
+    rows: list[str]
 
 
 def read_deeplabcut_h5(path: FilePath) -> DetectedPeople:
@@ -58,13 +57,8 @@ def read_deeplabcut_h5(path: FilePath) -> DetectedPeople:
         raise at.error("columns with other names than scorer, bodyparts, coords", _EXPECTED)
     header = dict(zip(_LEVELS[depth.pop()], map(list, zip(*table.columns, strict=True)), strict=True))
     columns = point_columns(header, at)
-    people: dict[int, Sequence[Floats]] = {}
-    for words, row in zip(table.rows, table.values[:, columns.columns], strict=True):
-        number = frame_of_index(words, at)
-        if number in people:
-            raise at.error(f"frame {number} comes twice", "one row a frame")
-        people[number] = columns.people(row.tolist())
-    return detected_people(people, columns.names, at, individuals=columns.individuals)
+    values = table.values[:, columns.columns].tolist()
+    return people_of_rows(columns, ((at, word, row) for word, row in zip(table.rows, values, strict=True)), at)
 
 
 def is_pandas(file: h5py.File, name: str) -> bool:
@@ -98,34 +92,32 @@ def _blocks(group: Any, at: Location) -> _Table:
     levels = attribute(group, "block0_items_nlevels", at)
     if levels not in (3, 4):
         raise at.error("columns with other names than scorer, bodyparts, coords", _EXPECTED)
-    named = []
-    for level in range(int(levels)):
-        labels = texts(array(group, f"block0_items_level{level}", at))
-        codes = np.ravel(array(group, f"block0_items_label{level}", at))
-        if codes.dtype.kind not in "iu" or not all(0 <= code < len(labels) for code in codes):
-            raise at.error("names of columns that are none", _EXPECTED)
-        named.append([labels[code] for code in codes])
+    named = [_level(group, f"block0_items_level{n}", f"block0_items_label{n}", at) for n in range(int(levels))]
     if len({len(names) for names in named}) != 1:
         raise at.error("names of columns that are none", _EXPECTED)
     return _Table(list(zip(*named, strict=True)), _numbers(array(group, "block0_values", at), at), _index(group, at))
 
 
-def _index(group: Any, at: Location) -> list[list[str]]:
+def _index(group: Any, at: Location) -> list[str]:
     if "axis1" in group:
         return _words(array(group, "axis1", at), at)
     last = int(attribute(group, "axis1_nlevels", at) or 1) - 1
-    words = texts(array(group, f"axis1_level{last}", at))
-    codes = np.ravel(array(group, f"axis1_label{last}", at))
-    if codes.dtype.kind not in "iu" or not all(0 <= code < len(words) for code in codes):
-        raise at.error("an index that is none", _EXPECTED)
-    return [[words[code]] for code in codes]
+    return _level(group, f"axis1_level{last}", f"axis1_label{last}", at)
 
 
-def _words(index: Any, at: Location) -> list[list[str]]:
+def _level(group: Any, labels: str, codes: str, at: Location) -> list[str]:
+    """One level of names: the labels that codes stand for."""
+    words, numbers = texts(array(group, labels, at)), np.ravel(array(group, codes, at))
+    if numbers.dtype.kind not in "iu" or not all(0 <= number < len(words) for number in numbers):
+        raise at.in_field(codes).error("codes of no label", _EXPECTED)
+    return [words[number] for number in numbers]
+
+
+def _words(index: Any, at: Location) -> list[str]:
     values = np.asarray(index)
     if values.ndim != 1 or values.dtype.kind not in "iuS":
         raise at.error("an index that is none", _EXPECTED)
-    return [[text] for text in (texts(values) if values.dtype.kind == "S" else map(str, values.tolist()))]
+    return texts(values) if values.dtype.kind == "S" else list(map(str, values.tolist()))
 
 
 def _numbers(values: Any, at: Location) -> Floats:

@@ -8,7 +8,6 @@ doi:10.1145/3197517.3201311).
 
 from __future__ import annotations
 
-import json
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
-from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.motion import Motion, joint_positions, to_z_up
+from poseppl.files.bounded_reading import read_json
+from poseppl.motion.io.motion import Motion, joint_positions, z_up
 
 _WIDTHS = {"none": 4, "spherical": 4, "revolute": 1, "fixed": 0}
 _MAX_JOINTS = 500
@@ -56,7 +55,7 @@ def read_deepmimic(path: FilePath, character: FilePath) -> Motion:
     names, parents = tuple(joint.name for joint in joints), tuple(joint.parent for joint in joints)
     places = joint_positions(parents, [joint.offset for joint in joints], turns, rows[:, 1:4])
     rate = 1.0 / float(np.median(rows[:-1, 0] if len(rows) > 1 else rows[:, 0]))
-    return to_z_up(Motion(names, places * _MM, parents, round(rate, 2), "y", str(path)))
+    return Motion(names, z_up(places * _MM, "y"), parents, round(rate, 2), str(path))
 
 
 def _rotation(at: Location, joint: _Joint, values: Floats) -> Rotation:
@@ -73,7 +72,7 @@ def _rotation(at: Location, joint: _Joint, values: Floats) -> Rotation:
 
 
 def _read_joints(path: FilePath) -> list[_Joint]:
-    known, at = _read_json(path), Location(path, field="Skeleton.Joints")
+    known, at = _read_object(path), Location(path, field="Skeleton.Joints")
     listed = known.get("Skeleton", {}).get("Joints") if isinstance(known.get("Skeleton"), dict) else None
     if not isinstance(listed, list) or not 0 < len(listed) <= _MAX_JOINTS:
         raise at.error("no skeleton", "a DeepMimic character file")
@@ -95,7 +94,7 @@ def _joint(at: Location, index: int, row: Any) -> _Joint:
 
 
 def _read_rows(path: FilePath, width: int) -> Floats:
-    listed, at = _read_json(path).get("Frames"), Location(path, field="Frames")
+    listed, at = _read_object(path).get("Frames"), Location(path, field="Frames")
     if not isinstance(listed, list) or not listed:
         raise at.error("no frames", "a DeepMimic motion file")
     for index, row in enumerate(listed):
@@ -109,12 +108,8 @@ def _read_rows(path: FilePath, width: int) -> Floats:
     return rows
 
 
-def _read_json(path: FilePath) -> dict[str, Any]:
-    at = Location(path)
-    try:
-        known = json.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
-        raise at.error(f"not JSON: {error}", "a file of the DeepMimic project") from error
+def _read_object(path: FilePath) -> dict[str, Any]:
+    known = read_json(path)
     if not isinstance(known, dict):
-        raise at.error("not a JSON object", "a file of the DeepMimic project")
+        raise Location(path).error("not a JSON object", "a file of the DeepMimic project")
     return known

@@ -52,7 +52,6 @@ def detected_people(
     names: Sequence[str],
     at: Location,
     *,
-    layout: str = "",
     individuals: Sequence[str] = (),
     times: Mapping[int, float] | None = None,
 ) -> DetectedPeople:
@@ -62,7 +61,6 @@ def detected_people(
         people: By frame number, the people, each (K, 3): x, y, confidence.
         names: K names of the points.
         at: The file, for messages.
-        layout: See :class:`DetectedPeople`, as the two below.
         individuals: Names of the people, in the order of each frame's.
         times: Seconds by frame number.
 
@@ -90,7 +88,7 @@ def detected_people(
             table[number - first, index] = person
     numbers = np.arange(first, last + 1)
     clock = None if times is None else np.array([times.get(int(number), np.nan) for number in numbers])
-    return people_of_table(table, numbers, names, at)._replace(layout=layout, individuals=tuple(individuals), times=clock)
+    return people_of_table(table, numbers, names, at)._replace(individuals=tuple(individuals), times=clock)
 
 
 def people_of_table(table: Floats, frames: Integers, names: Sequence[str], at: Location) -> DetectedPeople:

@@ -10,7 +10,6 @@ those of the 38 joints of CMU are given here.
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
-from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.motion import Motion, joint_positions, to_z_up
-from poseppl.motion.io.text_parsing import LARGEST, parse_numbers
+from poseppl.files.bounded_reading import read_json
+from poseppl.files.csv_reading import rows_of_csv
+from poseppl.motion.io.motion import Motion, joint_positions, z_up
+from poseppl.motion.io.text_parsing import LARGEST, number_rows
 
 UNIT_MM = 25.4 / 0.45
 MAX_JOINTS = 500
@@ -54,22 +54,22 @@ def read_exponential_maps(path: FilePath, skeleton: FilePath, *, rate: float = R
         InputError: A file is malformed, or they do not belong together.
     """
     parents, offsets = _read_skeleton(skeleton)
-    rows = _read_rows(path, 3 + 3 * len(parents))
+    rows = _read_rows(path, len(parents))
     turns = [Rotation.from_rotvec(-rows[:, column : column + 3]) for column in range(3, rows.shape[1], 3)]
     places = joint_positions(parents, offsets, turns, rows[:, :3] + offsets[0])
     names = CMU_JOINTS if len(parents) == len(CMU_JOINTS) else tuple(f"joint_{joint}" for joint in range(len(parents)))
-    return to_z_up(Motion(names, places * UNIT_MM, parents, rate, "y", str(path)))
+    return Motion(names, z_up(places * UNIT_MM, "y"), parents, rate, str(path))
 
 
 def _read_skeleton(path: FilePath) -> tuple[tuple[int, ...], Floats]:
     at, expected = Location(path), "a JSON object with parent, a list of whole numbers, and offset, a list of as many triples"
+    known: Any = read_json(path)
     try:
-        known: Any = json.loads(read_text(path))
         parents, offsets = known["parent"], np.array(known["offset"], np.float64)
         whole = isinstance(parents, list) and all(type(parent) is int for parent in parents)
         if not whole or not 0 < len(parents) <= MAX_JOINTS or offsets.shape != (len(parents), 3):
             raise ValueError("lists of another form")
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise at.error(f"no skeleton: {str(error)[:80]}", expected) from error
     for joint, parent in enumerate(parents):
         if not -1 <= parent < joint or (parent == -1) != (joint == 0):
@@ -79,16 +79,9 @@ def _read_skeleton(path: FilePath) -> tuple[tuple[int, ...], Floats]:
     return tuple(parents), offsets
 
 
-def _read_rows(path: FilePath, width: int) -> Floats:
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
-        if line.strip():
-            words, at = [word.strip() for word in line.split(",")], Location(path, number)
-            if len(words) != width:
-                raise at.error(f"{len(words)} numbers", f"{width}, a translation and a triple a joint of the skeleton")
-            rows.append(parse_numbers(words, at))
-            if len(rows) * width > 3 * MAX_POINTS:
-                raise at.error("too many frames", f"at most {MAX_POINTS} positions")
-    if not rows:
+def _read_rows(path: FilePath, num_joints: int) -> Floats:
+    of = ("translation", *(f"joint {joint}" for joint in range(num_joints)))
+    rows = number_rows(rows_of_csv(path), [f"{name} {axis}" for name in of for axis in "xyz"], 3 * MAX_POINTS)
+    if not len(rows):
         raise Location(path).error("no frame", "rows of numbers")
-    return np.array(rows)
+    return rows

@@ -16,8 +16,8 @@ from threading import Event
 from typing import NamedTuple
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError
-from poseppl.motion.io.json_people import frame_of_file
+from poseppl.errors import FilePath, InputError, Location
+from poseppl.motion.io.json_people import frame_number
 from poseppl.motion.io.keypoints import read_frame
 
 POLL = 0.004
@@ -87,7 +87,7 @@ class _Folder:
                 if name.endswith(".json") and not name.startswith(".") and name not in known:
                     number = _LAST_NUMBER.search(name)  # of each file of an hour: no path is made of one that was taken
                     if number is None or int(number[1]) >= wanted:
-                        found.append((frame_of_file(file := self.path / name), file))
+                        found.append((frame_number(name, Location(file := self.path / name)), file))
         return sorted(found)
 
     def _came(self, file: Path, now: float) -> float | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from poseppl.errors import FilePath, InputError
-from poseppl.motion.io.opencv import Image, place, read_image
+from poseppl.errors import FilePath
+from poseppl.motion.io.opencv import place
 
 SUFFIXES = frozenset((".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"))
 
@@ -26,40 +26,20 @@ def images_in(source: FilePath, camera: str) -> list[Path]:
     Raises:
         InputError: There is no image, a folder mixes several kinds, or a number is missing where the others are evenly spaced.
     """
-    where = place(camera, None)
+    at = place(camera, file=source)
     if Path(source).is_dir():
         paths = [path for path in Path(source).iterdir() if path.suffix.lower() in SUFFIXES]
         kinds = sorted({path.suffix.lower() for path in paths})
         if len(kinds) > 1:
             expected = f"one kind; name it with a pattern, {Path(source) / ('*' + kinds[0])}"
-            raise InputError(
-                f"the folder holds images of kinds {', '.join(kinds)}", file=source, field=where, expected=expected
-            )
+            raise at.error(f"the folder holds images of kinds {', '.join(kinds)}", expected)
     else:
         paths = [Path(name) for name in glob.glob(str(source)) if Path(name).is_file()]
     if not paths:
-        raise InputError("no image", file=source, field=where, expected="files that end in " + ", ".join(sorted(SUFFIXES)))
+        raise at.error("no image", "files that end in " + ", ".join(sorted(SUFFIXES)))
     paths.sort(key=_natural_order)
     _check_numbers(source, camera, paths)
     return paths
-
-
-def read_images(paths: Sequence[Path], camera: str, start: int) -> Iterator[Image]:
-    """Read images one after the other.
-
-    Args:
-        paths: All images of the sequence.
-        camera: The camera, for messages.
-        start: The first one wanted.
-
-    Yields:
-        (H, W, 3) RGB images.
-
-    Raises:
-        InputError: An image cannot be read; the message gives its frame number.
-    """
-    for frame in range(start, len(paths)):
-        yield read_image(paths[frame], camera, frame)
 
 
 def _natural_order(path: Path) -> list[tuple[int, int, str]]:
@@ -80,4 +60,4 @@ def _check_numbers(source: FilePath, camera: str, paths: Sequence[Path]) -> None
         if width != step:
             problem = f"no image with the number {number + step}, after {paths[frame].name}"
             expected = f"evenly spaced numbers, {numbers[0]}, {numbers[0] + step}, ..."
-            raise InputError(problem, file=source, field=place(camera, frame + 1), expected=expected)
+            raise place(camera, frame + 1, source).error(problem, expected)

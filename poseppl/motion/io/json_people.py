@@ -52,7 +52,7 @@ def number(value: object, at: Location) -> float:
 
 
 def frame_number(value: object, at: Location) -> int:
-    """A frame's number: a whole number, or the last one in the name of a picture.
+    """A frame's number: a whole number, or the last one in a file's name.
 
     Raises:
         InputError: There is none.
@@ -63,19 +63,7 @@ def frame_number(value: object, at: Location) -> int:
             return int(found[-1])
     if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 10**12:
         return value
-    raise at.error(f"{str(value)[:40]!r} tells no frame", "a whole number, or a picture's name such as 0012.jpg")
-
-
-def frame_of_file(file: Path) -> int:
-    """A frame's number, the last one in the name of its file.
-
-    Raises:
-        InputError: There is none.
-    """
-    digits = re.findall("[0-9]+", file.stem)
-    if not digits or len(digits[-1]) > 12:
-        raise Location(file).error("no frame number in the file's name", "cam1_000000000012_keypoints.json, or cam1.0012.json")
-    return int(digits[-1])
+    raise at.error(f"{str(value)[:40]!r} tells no frame", "a whole number, or a file's name with one, such as img_0012.jpg")
 
 
 def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
@@ -89,7 +77,7 @@ def numbered_files(folder: FilePath, expected: str) -> dict[int, Path]:
         raise at.error("no such folder", expected)
     found: dict[int, Path] = {}
     for file in sorted(Path(folder).glob("*.json")):
-        frame = frame_of_file(file)
+        frame = frame_number(file.name, Location(file))
         if frame in found:
             raise Location(file).error(f"frame {frame} is also {found[frame].name}", "one file a frame")
         found[frame] = file

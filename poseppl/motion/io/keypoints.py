@@ -8,7 +8,8 @@ from typing import Any
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
-from poseppl.files.bounded_reading import check_file
+from poseppl.files.bounded_reading import read_bytes
+from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.hdf5_reading import SIGNATURE, open_hdf5
 from poseppl.motion.io import mmpose, openpose
 from poseppl.motion.io.alphapose import read_alphapose
@@ -22,7 +23,6 @@ from poseppl.motion.io.mediapipe import read_mediapipe
 from poseppl.motion.io.mmpose import read_mmpose
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.io.sleap import read_sleap
-from poseppl.motion.io.text_parsing import rows_of_csv
 
 DETECTORS: Mapping[str, str] = {
     "openpose": "a folder of OpenPose's JSON files, one a frame",
@@ -121,12 +121,7 @@ def _is_openpose(document: Any) -> bool:
 
 
 def _is_hdf5(path: FilePath) -> bool:
-    source = check_file(path, max_bytes=2**40)
-    try:
-        with source.open("rb") as file:
-            return file.read(len(SIGNATURE)) == SIGNATURE
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+    return read_bytes(path, max_bytes=2**40, first=len(SIGNATURE)) == SIGNATURE
 
 
 def _kind_of_csv(path: FilePath) -> str | None:

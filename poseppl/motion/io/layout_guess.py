@@ -25,9 +25,9 @@ def layout_of(points: Floats, at: Location) -> str:
         InputError: No layout has K points.
     """
     count = points.shape[-2]
-    fitting = [name for name, layout in LAYOUTS.items() if layout.num_points == count]
+    fitting = [name for name, layout in LAYOUTS.items() if len(layout) == count]
     if not fitting:
-        known = ", ".join(f"{name} ({layout.num_points})" for name, layout in LAYOUTS.items())
+        known = ", ".join(f"{name} ({len(layout)})" for name, layout in LAYOUTS.items())
         raise at.error(f"people with {count} points", known)
     if fitting != ["body25", "body25b"]:
         return fitting[0]
@@ -46,8 +46,8 @@ def check_layout(layout: str, count: int, at: Location) -> str:
     """
     if layout not in LAYOUTS:
         raise InputError(f"{layout!r}", field="--layout", expected=", ".join(LAYOUTS))
-    if LAYOUTS[layout].num_points != count:
-        raise at.error(f"people with {count} points", f"{LAYOUTS[layout].num_points}, as {layout} has")
+    if len(LAYOUTS[layout]) != count:
+        raise at.error(f"people with {count} points", f"{len(LAYOUTS[layout])}, as {layout} has")
     return layout
 
 
@@ -66,10 +66,10 @@ def with_layout(found: DetectedPeople, layout: str | None, at: Location, names: 
     count = found.points.shape[2]
     of_body = _WHOLE_BODIES.get(count)
     if of_body is not None and layout in (None, of_body):
-        kept = LAYOUTS[of_body].num_points
+        kept = len(LAYOUTS[of_body])
         found = found._replace(points=found.points[:, :, :kept], confidence=found.confidence[:, :, :kept])
-        return found._replace(layout=of_body, names=LAYOUTS[of_body].names)
-    if layout is None and len(names) == count and count not in {known.num_points for known in LAYOUTS.values()}:
+        return found._replace(layout=of_body, names=LAYOUTS[of_body])
+    if layout is None and len(names) == count and count not in {len(known) for known in LAYOUTS.values()}:
         return found._replace(layout="", names=tuple(names))
     chosen = layout_of(found.points, at) if layout is None else check_layout(layout, count, at)
-    return found._replace(layout=chosen, names=LAYOUTS[chosen].names)
+    return found._replace(layout=chosen, names=LAYOUTS[chosen])

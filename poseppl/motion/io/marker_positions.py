@@ -16,7 +16,8 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
-from poseppl.motion.io.text_parsing import parse_frame, parse_number, rows_of_csv
+from poseppl.files.csv_reading import rows_of_csv
+from poseppl.motion.io.text_parsing import parse_frame, parse_number
 
 COLUMNS = ("frame", "marker", "x", "y", "z")
 
@@ -73,7 +74,5 @@ def read_places(path: FilePath, names: Sequence[str]) -> tuple[Integers, Floats]
 
 
 def _row(at: Location, row: list[str]) -> tuple[tuple[int, str], tuple[float, ...]]:
-    if len(row) != len(COLUMNS):
-        raise at.error(f"{len(row)} values", f"{len(COLUMNS)}, one a column")
     place = tuple(parse_number(text, at.in_field(field)) for field, text in zip(COLUMNS[2:], row[2:], strict=True))
     return (parse_frame(row[0], at), row[1]), place

@@ -22,20 +22,15 @@ MAX_BYTES = 4 * 2**30
 
 
 def write_masks(path: Path, masks: list[NDArray[np.uint8]], size: tuple[int, int]) -> None:
-    """Write masks that :func:`pack_mask` has packed.
+    """Write masks that ``numpy.packbits`` has packed along their rows.
 
     Args:
-        path: The .npz file: ``masks`` (T, H, ceil(W / 8)) as numpy.packbits has them along a row, ``shape`` (T, H, W).
+        path: The .npz file: ``masks`` (T, H, ceil(W / 8)), ``shape`` (T, H, W).
         masks: T packed masks.
         size: W and H.
     """
     with path.open("wb") as stream:
         np.savez_compressed(stream, masks=np.stack(masks), shape=np.array([len(masks), size[1], size[0]]))
-
-
-def pack_mask(mask: Mask) -> NDArray[np.uint8]:
-    """Pack a mask (H, W) into bits along its rows."""
-    return np.packbits(mask, axis=-1)
 
 
 def read_masks(path: FilePath) -> Mask:

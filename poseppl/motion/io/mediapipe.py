@@ -16,7 +16,7 @@ Coordinates are shares of the picture's width and height where nearly all lie be
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +24,23 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
+from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.io.detections import MAX_PEOPLE, DetectedPeople
 from poseppl.motion.io.json_people import frame_number, number, read_json, same_points
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, plain_name
 from poseppl.motion.io.layout_guess import with_layout
-from poseppl.motion.io.text_parsing import parse_frame, parse_number, rows_of_csv
+from poseppl.motion.io.text_parsing import parse_number
 
-NAMES = LAYOUTS["mediapipe33"].names
+NAMES = LAYOUTS["mediapipe33"]
 _COUNT = len(NAMES)
 _FRAME, _LISTS = ("frame", "frame_id", "frame_number", "frame_index"), ("landmarks", "pose_landmarks", "poseLandmarks", "poses")
 _TIMES = {"timestamp_ms": 1e-3, "timestamp": 1.0, "time": 1.0}
 _CERTAIN = ("visibility", "presence", "confidence", "score")
 _EXPECTED = '33 landmarks a person, [{"frame": 0, "landmarks": [{"x": 0.5, "y": 0.2, "visibility": 0.9}, ...]}, ...]'
 _COLUMNS = "frame, nose_x, nose_y, nose_visibility, ...; or frame, landmark, x, y, visibility"
+_UNSEEN = {"x": None, "y": None}
+_Frame = tuple[Location, Mapping[str, Any]]
+"""Where a frame stands, and its fields."""
 _LARGEST_SHARE = 3.0
 """Landmarks of people who are partly outside of the picture are guessed there."""
 
@@ -52,8 +56,8 @@ def read_mediapipe(path: FilePath, size: tuple[int, int] | None = None) -> Detec
         InputError: The file is malformed, people have another number of landmarks than 33, or ``size`` is missing.
     """
     at = Location(path)
-    clock: dict[int, float] = {}
-    people = _csv_people(path, clock) if Path(path).suffix.lower() == ".csv" else _json_people(read_json(path), at, clock)
+    is_csv = Path(path).suffix.lower() == ".csv"
+    people, clock = _people(_frames_of_csv(path) if is_csv else _frames_of_json(read_json(path), at))
     found = with_layout(same_points(people, at, clock or None), "mediapipe33", at)
     known = np.abs(found.points[np.isfinite(found.points)])
     if known.size and np.quantile(known, 0.99) > _LARGEST_SHARE:
@@ -63,24 +67,38 @@ def read_mediapipe(path: FilePath, size: tuple[int, int] | None = None) -> Detec
     return found._replace(points=found.points * np.array(size, float))
 
 
-def _json_people(document: Any, at: Location, clock: dict[int, float]) -> dict[int, list[Floats]]:
+def _people(frames: Iterable[_Frame]) -> tuple[dict[int, list[Floats]], dict[int, float]]:
+    """People, and seconds, by the number of the frame."""
+    people: dict[int, list[Floats]] = {}
+    clock: dict[int, float] = {}
+    for at, fields in frames:
+        frame = frame_number(_first(fields, _FRAME), at)
+        if frame in people:
+            raise at.error(f"frame {frame} comes twice", "each once")
+        for key in [key for key in _TIMES if fields.get(key, "") != ""][:1]:
+            clock[frame] = _TIMES[key] * _value(fields[key], at.in_field(f"{at.field or ''}.{key}".lstrip(".")))
+        people[frame] = _poses(_first(fields, _LISTS), at)
+    return people, clock
+
+
+def _first(fields: Mapping[str, Any], names: Sequence[str], default: Any = None) -> Any:
+    return next((fields[name] for name in names if name in fields), default)
+
+
+def _value(value: Any, at: Location) -> float:
+    """A number of JSON, or as text of a table; NaN where there is none."""
+    if not isinstance(value, str):
+        return number(value, at)
+    return float("nan") if value.lower() in ("", "nan") else parse_number(value, at)
+
+
+def _frames_of_json(document: Any, at: Location) -> Iterator[_Frame]:
     frames = document.get("frames") if isinstance(document, dict) else document
     if not isinstance(frames, list):
         raise at.error("no list of frames", _EXPECTED)
-    people: dict[int, list[Floats]] = {}
     for index, entry in enumerate(frames):
-        where = at.in_field(f"frames[{index}]")
-        fields: Mapping[str, Any] = entry if isinstance(entry, dict) else {"landmarks": entry}
-        told = next((fields[key] for key in _FRAME if key in fields), index)
-        frame = frame_number(told, where)
-        if frame in people:
-            raise where.error(f"frame {frame} comes twice", "each once")
-        for key, unit in _TIMES.items():
-            if key in fields:
-                clock[frame] = unit * number(fields[key], where.in_field(f"frames[{index}].{key}"))
-                break
-        people[frame] = _poses(next((fields[key] for key in _LISTS if key in fields), None), where)
-    return people
+        fields = entry if isinstance(entry, dict) else {"landmarks": entry}
+        yield at.in_field(f"frames[{index}]"), {"frame": _first(fields, _FRAME, index)} | fields
 
 
 def _poses(found: Any, at: Location) -> list[Floats]:
@@ -102,70 +120,56 @@ def _pose(landmarks: Any, at: Location) -> Floats:
         raise at.error(f"{count} landmarks", _EXPECTED)
     rows = []
     for index, landmark in enumerate(landmarks):
-        where = at.in_field(f"{at.field}.landmarks[{index}]")
+        where = at.in_field(f"{at.field or ''}.landmarks[{index}]".lstrip("."))
         if isinstance(landmark, list) and len(landmark) in (3, 4):
-            rows.append([number(landmark[i], where) for i in (0, 1, -1)])
+            rows.append([_value(landmark[i], where) for i in (0, 1, -1)])
         elif isinstance(landmark, dict) and {"x", "y"} <= set(landmark):
             certain = next((landmark[key] for key in _CERTAIN if landmark.get(key) is not None), 1.0)
-            rows.append([number(value, where) for value in (landmark["x"], landmark["y"], certain)])
+            rows.append([_value(value, where) for value in (landmark["x"], landmark["y"], certain)])
         else:
             raise where.error("no landmark", '{"x": 0.5, "y": 0.2, "visibility": 0.9}')
     return np.array(rows)
 
 
-def _csv_people(path: FilePath, clock: dict[int, float]) -> dict[int, list[Floats]]:
+def _frames_of_csv(path: FilePath) -> Iterable[_Frame]:
+    """The rows of a table in the form of JSON's frames."""
     lines = rows_of_csv(path)
     at, header = next(lines, (Location(path), []))
     fields = [name.lower() for name in header]
-    frame_column = next((fields.index(name) for name in _FRAME if name in fields), None)
-    if frame_column is None:
+    if not set(_FRAME) & set(fields):
         raise at.error("no column frame", _COLUMNS)
-    long = "landmark" in fields or "landmark_id" in fields
-    columns = _long_columns(fields, at) if long else _wide_columns(fields, at)
-    time = next(((fields.index(name), unit) for name, unit in _TIMES.items() if name in fields), None)
-    people: dict[int, list[Floats]] = {}
-    for where, row in lines:
-        if len(row) != len(fields):
-            raise where.error(f"{len(row)} values", f"{len(fields)}, one a column; the file may have been cut off")
-        frame = parse_frame(row[frame_column], where)
-        if time is not None and row[time[0]]:
-            clock[frame] = time[1] * parse_number(row[time[0]], where.in_field(fields[time[0]]))
-        if not long and frame in people:
-            raise where.error(f"frame {frame} comes twice", "one row a frame")
-        pose = people.setdefault(frame, [np.full((_COUNT, 3), np.nan)])[0]
-        for point, places in columns.items():
-            index = _landmark(row[point], where) if isinstance(point, int) else NAMES.index(point)
-            if long and np.isfinite(pose[index, :2]).any():
-                raise where.error(f"landmark {NAMES[index]} of frame {frame} comes twice", "one row a landmark")
-            pose[index] = [_value(row, column, where) for column in places]
-    return people
-
-
-def _value(row: Sequence[str], column: int | None, at: Location) -> float:
-    if column is None:
-        return 1.0
-    return float("nan") if row[column].lower() in ("", "nan") else parse_number(row[column], at)
-
-
-def _long_columns(fields: list[str], at: Location) -> dict[int | str, tuple[int | None, ...]]:
-    if "x" not in fields or "y" not in fields:
+    rows = ((here, dict(zip(fields, row, strict=True))) for here, row in lines)
+    which = [name for name in ("landmark", "landmark_id") if name in fields]
+    if not which:
+        columns = _wide_columns(fields, at)
+        return (
+            (here, row | {"landmarks": [{kind: row[of] for kind, of in each.items()} for each in columns]})
+            for here, row in rows
+        )
+    if not {"x", "y"} <= set(fields):
         raise at.error("no columns x and y", _COLUMNS)
-    which = fields.index("landmark" if "landmark" in fields else "landmark_id")
-    certain = next((fields.index(name) for name in _CERTAIN if name in fields), None)
-    return {which: (fields.index("x"), fields.index("y"), certain)}
+    frames: dict[int, _Frame] = {}
+    for here, row in rows:
+        frame, index = frame_number(_first(row, _FRAME), here), _landmark(row[which[0]], here)
+        landmarks = frames.setdefault(frame, (here, row | {"landmarks": [_UNSEEN] * _COUNT}))[1]["landmarks"]
+        if landmarks[index] is not _UNSEEN:
+            raise here.error(f"landmark {NAMES[index]} of frame {frame} comes twice", "one row a landmark")
+        landmarks[index] = {key: _value(row[key], here.in_field(key)) for key in ("x", "y", *_CERTAIN) if key in row}
+    return frames.values()
 
 
-def _wide_columns(fields: list[str], at: Location) -> dict[int | str, tuple[int | None, ...]]:
-    found: dict[str, dict[str, int]] = {}
-    for column, field in enumerate(fields):
+def _wide_columns(fields: Sequence[str], at: Location) -> list[dict[str, str]]:
+    """Of each landmark the columns, by x, y and visibility."""
+    found: dict[str, dict[str, str]] = {name: {} for name in NAMES}
+    for field in fields:
         name, _, kind = field.rpartition("_")
         known = _name(name)
         if known is not None and kind in ("x", "y", *_CERTAIN):
-            found.setdefault(known, {})["certain" if kind in _CERTAIN else kind] = column
-    missing = [name for name in NAMES if not {"x", "y"} <= set(found.get(name, {}))]
+            found[known][kind] = field
+    missing = [name for name in NAMES if not {"x", "y"} <= set(found[name])]
     if missing:
         raise at.error(f"no columns {missing[0]}_x and {missing[0]}_y", _COLUMNS)
-    return {name: (found[name]["x"], found[name]["y"], found[name].get("certain")) for name in NAMES}
+    return list(found.values())
 
 
 def _landmark(word: str, at: Location) -> int:

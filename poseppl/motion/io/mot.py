@@ -26,7 +26,7 @@ from poseppl.arrays import Floats
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
+from poseppl.motion.io.text_parsing import LONGEST, check_distinct, number_rows
 from poseppl.motion.io.trc import column_name
 
 MAX_COLUMNS = 10_000
@@ -98,17 +98,11 @@ def read_mot(path: FilePath) -> MotionFile:
     if names[:1] != ["time"] or not 1 < len(names) <= MAX_COLUMNS or max(map(len, names)) > LONGEST:
         raise here.error(f"{len(names)} columns, the first {names[:1]}", f"time, and 1 to {MAX_COLUMNS} others")
     check_distinct(names, "columns", here)
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines[ends[0] + 2 :], start=ends[0] + 3):
-        fields, where = _fields(line), at.in_line(number)
-        if not fields:
-            continue
-        if len(fields) != len(names) or len(rows) * len(names) > MAX_VALUES:
-            raise where.error(f"{len(fields)} values", f"{len(names)}, one a column, and at most {MAX_VALUES} in all")
-        rows.append([parse_number(text, where.in_field(name)) for text, name in zip(fields, names, strict=True)])
-    if not rows:
+    rows = ((at.in_line(number), _fields(line)) for number, line in enumerate(lines[ends[0] + 2 :], start=ends[0] + 3))
+    table = number_rows((line for line in rows if line[1]), names, MAX_VALUES)
+    if not len(table):
         raise at.error("no frame", "rows of numbers after the header")
-    times, *values = np.array(rows).T
+    times, *values = table.T
     return MotionFile(times, dict(zip(names[1:], values, strict=True)), known.get("inDegrees", "no").strip().lower() == "yes")
 
 

@@ -23,10 +23,9 @@ class Motion:
 
     Attributes:
         names: J names, of joints or markers.
-        positions: (T, J, 3) mm; NaN where a marker was not seen.
+        positions: (T, J, 3) mm, Z up; NaN where a marker was not seen.
         parents: For each joint the index of its parent, -1 for a root; empty for a cloud of markers.
         rate: Frames a second.
-        up: The axis that points up, "x", "y" or "z"; readers yield "z".
         source: Where it came from.
     """
 
@@ -34,7 +33,6 @@ class Motion:
     positions: Floats
     parents: tuple[int, ...]
     rate: float
-    up: str
     source: str
 
     def __post_init__(self) -> None:
@@ -42,8 +40,6 @@ class Motion:
             raise ValueError(f"positions have shape {self.positions.shape}, expected (T, {len(self.names)}, 3)")
         if self.parents and len(self.parents) != len(self.names):
             raise ValueError(f"{len(self.parents)} parents for {len(self.names)} names")
-        if self.up not in ("x", "y", "z"):
-            raise ValueError(f"up is {self.up!r}, expected x, y or z")
 
     def index(self, name: str) -> int:
         """Index of a point by its name; raises InputError with the names that there are."""
@@ -52,22 +48,14 @@ class Motion:
         return self.names.index(name)
 
 
-def to_z_up(motion: Motion) -> Motion:
-    """Turn a motion so that Z points up, keeping it right-handed.
-
-    Args:
-        motion: A motion with any of the three axes up.
-
-    Returns:
-        The motion with Z up.
-    """
-    x, y, z = np.moveaxis(motion.positions, -1, 0)
-    turned = {"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[motion.up]
-    return replace(motion, positions=np.stack(turned, axis=-1), up="z")
+def z_up(positions: Floats, up: str) -> Floats:
+    """Positions (..., 3) with Z up, right-handed, of those with "x", "y" or "z" up."""
+    x, y, z = np.moveaxis(positions, -1, 0)
+    return np.stack({"x": (y, z, x), "y": (x, -z, y), "z": (x, y, z)}[up], axis=-1)
 
 
 def y_up(positions: Floats) -> Floats:
-    """Positions (..., 3) with Y up of those with Z up, the inverse of :func:`to_z_up`."""
+    """Positions (..., 3) with Y up of those with Z up, the inverse of :func:`z_up`."""
     x, y, z = np.moveaxis(positions, -1, 0)
     return np.stack([x, z, -y], axis=-1)
 

@@ -21,7 +21,8 @@ import numpy as np
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_rows
-from poseppl.motion.io.text_parsing import parse_frame, parse_number, rows_of_csv, some
+from poseppl.files.csv_reading import rows_of_csv
+from poseppl.motion.io.text_parsing import parse_frame, parse_number, some
 
 REQUIRED = ("frame", "marker", "x", "y")
 OPTIONAL = ("camera", "confidence")
@@ -135,8 +136,6 @@ def _row(
     markers: Sequence[str],
     cameras: Sequence[str],
 ) -> tuple[float, ...]:
-    if len(values) != len(columns):
-        raise at.error(f"{len(values)} values", f"{len(columns)}, one a column")
     frame = parse_frame(values[columns["frame"]], at)
     marker = _known(at, "marker", values[columns["marker"]], markers)
     camera = _known(at, "camera", values[columns["camera"]], cameras) if "camera" in columns else 0

@@ -15,9 +15,9 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, InputError, PosepplError
+from poseppl.errors import FilePath, InputError, Location, PosepplError
 from poseppl.files.atomic_writing import write_atomically
-from poseppl.files.bounded_reading import check_file
+from poseppl.files.bounded_reading import read_bytes
 
 MAX_IMAGE_BYTES = 2**30
 MAX_PIXELS = 2**26
@@ -58,22 +58,19 @@ def read_image(path: FilePath, camera: str | None = None, frame: int | None = No
         PosepplError: OpenCV is not installed.
     """
     cv2 = opencv()
-    field = place(camera, frame)
-    try:
-        data = check_file(path, max_bytes=MAX_IMAGE_BYTES).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, field=field) from error
-    _check_header(data, path, field)
+    at = place(camera, frame, path)
+    data = read_bytes(path, max_bytes=MAX_IMAGE_BYTES)
+    _check_header(data, at)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
-        raise InputError(f"cannot be decoded: {error.err}", file=path, field=field, expected="an image") from error
+        raise at.error(f"cannot be decoded: {error.err}", "an image") from error
     if image is None:
-        raise InputError("cannot be decoded", file=path, field=field, expected="an image that OpenCV reads, whole")
+        raise at.error("cannot be decoded", "an image that OpenCV reads, whole")
     return to_rgb(image)
 
 
-def check_pixels(size: tuple[int, int], *, file: FilePath, field: str | None) -> None:
+def check_pixels(size: tuple[int, int], at: Location) -> None:
     """Check the width and height that a picture or a video declares.
 
     Raises:
@@ -81,10 +78,10 @@ def check_pixels(size: tuple[int, int], *, file: FilePath, field: str | None) ->
     """
     width, height = size
     if width * height > MAX_PIXELS:
-        raise InputError(f"{width} x {height} pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all")
+        raise at.error(f"{width} x {height} pixels", f"at most {MAX_PIXELS} in all")
 
 
-def _check_header(data: bytes, file: FilePath, field: str | None) -> None:
+def _check_header(data: bytes, at: Location) -> None:
     """Check the size that an encoded picture declares; one that only OpenCV knows is bounded by OpenCV."""
     from PIL import Image as Header
 
@@ -94,10 +91,10 @@ def _check_header(data: bytes, file: FilePath, field: str | None) -> None:
             with Header.open(io.BytesIO(data)) as header:
                 size = header.size
         except Header.DecompressionBombError as error:
-            raise InputError("too many pixels", file=file, field=field, expected=f"at most {MAX_PIXELS} in all") from error
+            raise at.error("too many pixels", f"at most {MAX_PIXELS} in all") from error
         except Exception:  # a damaged header may bring about anything; whether it is an image is for OpenCV to say
             return
-    check_pixels(size, file=file, field=field)
+    check_pixels(size, at)
 
 
 def encode_image(image: Image, suffix: str = ".png", *, file: FilePath | None = None) -> bytes:
@@ -183,19 +180,11 @@ def check_image(image: Image, camera: str | None = None, frame: int | None = Non
     if array.dtype != np.uint8 or array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or array.size == 0:
         problem = f"an array of shape {array.shape} and type {array.dtype}"
         expected = "an image of shape (height, width, 3) RGB or (height, width) gray, of type uint8"
-        raise InputError(problem, field=place(camera, frame), expected=expected)
+        raise place(camera, frame).error(problem, expected)
     return np.ascontiguousarray(array)
 
 
-def place(camera: str | None, frame: int | None) -> str | None:
-    """Say where in a recording something is.
-
-    Args:
-        camera: The camera, if it is known.
-        frame: The frame number, if it is known.
-
-    Returns:
-        "camera front, frame 12", or what is known of it; None where nothing is.
-    """
+def place(camera: str | None, frame: int | None = None, file: FilePath | None = None) -> Location:
+    """Where in a recording something is, for messages: "camera front, frame 12", or what is known of it."""
     parts = [f"camera {camera}" if camera is not None else "", f"frame {frame}" if frame is not None else ""]
-    return ", ".join(part for part in parts if part) or None
+    return Location(file, field=", ".join(part for part in parts if part) or None)

@@ -20,13 +20,12 @@ from typing import Any
 
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.text_parsing import some
+from poseppl.motion.io.text_parsing import NUMBER, some
 
 MAX_LINES = 100_000
 MAX_NUMBERS = 100_000
 _DEEPEST = 20
 _KEY = re.compile(r"""(?:"([^"\\]{1,200})"|'([^'\\]{1,200})'|([A-Za-z0-9_.\- ]{1,200}?))\s*:(?:\s+(.*)|)$""")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 _MATRIX = "!!opencv-matrix"
 _Line = tuple[int, int, str]
 """Number of the line, its indent, its text."""
@@ -120,7 +119,7 @@ def _scalar(text: str, at: Location) -> Any:
         return [_scalar(part, at) for part in parts]
     if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
         return text[1:-1]
-    if len(text) <= 64 and _NUMBER.fullmatch(text):
+    if len(text) <= 64 and NUMBER.fullmatch(text):
         return float(text) if re.search("[.eE]", text) else int(text)
     return text
 

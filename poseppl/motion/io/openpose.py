@@ -12,7 +12,7 @@ from typing import Any
 
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath, Location
-from poseppl.motion.io.detections import MAX_PEOPLE, MAX_POINTS, DetectedPeople
+from poseppl.motion.io.detections import MAX_PEOPLE, DetectedPeople
 from poseppl.motion.io.json_people import numbered_files, numbers, read_json, same_points
 from poseppl.motion.io.layout_guess import with_layout
 
@@ -42,12 +42,8 @@ def people_of_document(document: Any, at: Location) -> list[Floats]:
     people = document.get("people") if isinstance(document, dict) else None
     if not isinstance(people, list) or len(people) > MAX_PEOPLE:
         raise at.in_field("people").error("not a list of people", '{"people": [{"pose_keypoints_2d": [...]}]}')
-    found = [_person(at.in_field(f"people[{index}].pose_keypoints_2d"), person) for index, person in enumerate(people)]
+    found = []
+    for index, person in enumerate(people):
+        values = person.get("pose_keypoints_2d") if isinstance(person, dict) else None
+        found.append(numbers(values, 3, at.in_field(f"people[{index}].pose_keypoints_2d")))
     return [person for person in found if len(person)]
-
-
-def _person(at: Location, person: object) -> Floats:
-    values = person.get("pose_keypoints_2d") if isinstance(person, dict) else None
-    if not isinstance(values, list) or len(values) % 3 or len(values) > 3 * MAX_POINTS:
-        raise at.error("not a list of x, y, confidence", "three numbers a point")
-    return numbers(values, 3, at)

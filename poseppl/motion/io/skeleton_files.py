@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_toml
-from poseppl.motion.io.cameras import MM_PER_UNIT
 from poseppl.motion.io.detections import MAX_POINTS, check_names
+from poseppl.motion.io.length_units import mm_per_unit
 from poseppl.motion.io.text_parsing import LARGEST, some
 
 GIVE, RIGID_GIVE = 0.05, 0.001
@@ -80,7 +80,7 @@ def read_skeleton(path: FilePath) -> Skeleton:
     check_names(points, "points", at.in_field("points"))
     if len(points) > MAX_POINTS:
         raise at.in_field("points").error(f"{len(points)} points", f"at most {MAX_POINTS}")
-    scale = _scale(document, at)
+    scale = mm_per_unit(document["units"], at.in_field("units")) if "units" in document else None
     links = [_link(table, where, points, scale) for table, where in _tables(document, "links", at)]
     for table, where in _tables(document, "rigid", at):
         links += _rigid(table, where, points)
@@ -132,15 +132,6 @@ def _positive(table: Mapping[str, Any], name: str, at: Location, most: float = L
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
         raise at.error(f"{name} is {str(value)[:40]}", f"a positive number up to {most:g}")
     return float(value)
-
-
-def _scale(document: Mapping[str, Any], at: Location) -> float | None:
-    units = document.get("units")
-    if units is None:
-        return None
-    if not isinstance(units, str) or units not in MM_PER_UNIT:
-        raise at.in_field("units").error(f"{str(units)[:40]!r}", " or ".join(f'"{unit}"' for unit in MM_PER_UNIT))
-    return MM_PER_UNIT[units]
 
 
 def _link(table: Mapping[str, Any], at: Location, points: Sequence[str], scale: float | None) -> Link:

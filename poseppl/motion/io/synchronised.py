@@ -80,5 +80,5 @@ def _check(videos: Sequence[Video], stop: int | None, mismatch: Mismatch) -> int
 def _report(problem: str, camera: str, mismatch: Mismatch) -> None:
     if mismatch == "raise":
         expected = "cameras of one length and rate; or mismatch='shortest', to end with the shortest"
-        raise InputError(problem, field=place(camera, None), expected=expected)
-    warnings.warn(f"{place(camera, None)}: {problem}", VideoWarning, stacklevel=4)
+        raise place(camera).error(problem, expected)
+    warnings.warn(f"{place(camera).field}: {problem}", VideoWarning, stacklevel=4)

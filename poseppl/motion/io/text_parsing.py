@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
+from array import array
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
-from poseppl.errors import FilePath, Location
-from poseppl.files.bounded_reading import read_text
+import numpy as np
 
-Line = tuple[Location, list[str]]
-"""Where a line stands, and its words."""
+from poseppl.arrays import Floats
+from poseppl.errors import FilePath, Location
+from poseppl.files.csv_reading import Line
+
 LARGEST = 1e9
 LONGEST = 200
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 
 
 def some(names: Iterable[str], count: int = 8) -> str:
@@ -25,51 +25,41 @@ def some(names: Iterable[str], count: int = 8) -> str:
     return ", ".join(listed[:count]) + (f", ... ({len(listed)} in all)" if len(listed) > count else "")
 
 
-def split_words(text: str, at: Location) -> list[str]:
-    """Split a line at white space.
-
-    Args:
-        text: The line.
-        at: Where it stands, for the message.
-
-    Returns:
-        The words.
+def lines_of_words(path: FilePath, text: str) -> Iterator[Line]:
+    """The words of each line that has any, one line at a time: those of a text take many times its memory.
 
     Raises:
         InputError: A word has more than 200 characters, which no name or number has.
     """
-    words = text.split()
-    for word in words if len(text) > LONGEST else ():
-        if len(word) > LONGEST:
-            raise at.error(f"{word[:20]!r}... has {len(word)} characters", f"at most {LONGEST}")
-    return words
-
-
-def lines_of_words(path: FilePath, text: str) -> Iterator[Line]:
-    """The words of each line that has any, one line at a time: those of a text take many times its memory."""
     for number, line in enumerate(text.split("\n"), start=1):
-        at = Location(path, number)
-        if words := split_words(line, at):
+        at, words = Location(path, number), line.split()
+        for word in words if len(line) > LONGEST else ():
+            if len(word) > LONGEST:
+                raise at.error(f"{word[:20]!r}... has {len(word)} characters", f"at most {LONGEST}")
+        if words:
             yield at, words
 
 
-def rows_of_csv(path: FilePath) -> Iterator[Line]:
-    """The fields of each row of a CSV file that holds any, without white space around them.
+def number_rows(lines: Iterable[Line], columns: Sequence[str], most: int) -> Floats:
+    """Rows of numbers as an array (T, columns).
+
+    Args:
+        lines: The rows.
+        columns: Names of the numbers in a row.
+        most: Numbers in all.
 
     Raises:
-        InputError: The file cannot be read, or its quotes are malformed.
+        InputError: A row has more or fewer numbers, there are too many in all, or one is none.
     """
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), skipinitialspace=True, strict=True)
-    while True:
-        try:
-            row = next(reader)
-        except StopIteration:
-            return
-        except csv.Error as error:
-            raise Location(path, reader.line_num).error(f"malformed CSV: {error}") from error
-        values = [value.strip() for value in row]
-        if any(values):
-            yield Location(path, reader.line_num), values
+    values = array("d")
+    for at, words in lines:
+        if len(words) != len(columns):
+            expected = f"{len(columns)}, {columns[0][:40]} to {columns[-1][:40]}; the file may have been cut off"
+            raise at.error(f"{len(words)} values", expected)
+        values.extend(parse_number(word, at.in_field(name)) for word, name in zip(words, columns, strict=True))
+        if len(values) > most:
+            raise at.error("too many values", f"at most {most}")
+    return np.array(values).reshape(-1, len(columns))
 
 
 def parse_frame(token: str, at: Location) -> int:
@@ -101,7 +91,7 @@ def parse_number(token: str, at: Location) -> float:
     Raises:
         InputError: The text is no number, or its magnitude is above 1e9.
     """
-    if len(token) <= 64 and _NUMBER.fullmatch(token):
+    if len(token) <= 64 and NUMBER.fullmatch(token):
         number = float(token)
         if abs(number) <= LARGEST:
             return number

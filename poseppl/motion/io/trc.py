@@ -21,10 +21,10 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
-from poseppl.motion.io.motion import Motion, to_z_up, y_up
+from poseppl.motion.io.length_units import mm_per_unit
+from poseppl.motion.io.motion import Motion, y_up, z_up
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, parse_number
 
-MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_MARKERS = 10_000
 MAX_VALUES = 40_000_000
 _UNSEEN = ("", "nan")
@@ -47,14 +47,14 @@ def read_trc(path: FilePath, *, up: str | None = None) -> Motion:
     lines, at = read_text(path).split("\n"), Location(path)
     separator = "," if "," in lines[0] and "\t" not in lines[0] else "\t"
     rows = [[field.strip() for field in line.split(separator)] for line in lines[:4]]
-    rate, unit = _header(at.in_line(3), rows)
+    rate, mm = _header(at.in_line(3), rows)
     names = _names(at.in_line(4), rows[3])
-    places = _places(at, lines, separator, len(names)) * MM_PER_UNIT[unit]
+    places = _places(at, lines, separator, len(names)) * mm
     seen = [index for index in range(len(names)) if np.isfinite(places[:, index]).all(-1).any()]
     if not seen:
         raise at.error("no frame shows a marker")
     kept = tuple(names[index] for index in seen)
-    return to_z_up(Motion(kept, places[:, seen], (), rate, up or "y", str(path)))
+    return Motion(kept, z_up(places[:, seen], up or "y"), (), rate, str(path))
 
 
 def write_trc(path: FilePath, motion: Motion, times: Floats, frames: Integers) -> None:
@@ -105,8 +105,8 @@ def column_name(name: str, path: FilePath) -> str:
     return name
 
 
-def _header(at: Location, rows: list[list[str]]) -> tuple[float, str]:
-    """Rate, and unit of length."""
+def _header(at: Location, rows: list[list[str]]) -> tuple[float, float]:
+    """Frames a second, and mm in a unit of length."""
     if len(rows) < 4 or rows[3][:1] != ["Frame#"]:
         raise at.in_line(4).error("no line Frame#, Time, ...", "a TRC file, separated by tabs or commas")
     keys, values = ([field for field in row if field] for row in rows[1:3])  # some programs double the tabs of one line
@@ -114,10 +114,7 @@ def _header(at: Location, rows: list[list[str]]) -> tuple[float, str]:
     rate = parse_number(known.get("datarate", ""), at.in_field("DataRate"))
     if not 1e-3 <= rate <= 1e5:
         raise at.in_field("DataRate").error(f"{rate:g} frames a second", "a positive rate")
-    unit = known.get("units", "mm").lower()
-    if unit not in MM_PER_UNIT:
-        raise at.in_field("Units").error(f"unit {unit[:20]!r}", ", ".join(MM_PER_UNIT))
-    return rate, unit
+    return rate, mm_per_unit(known.get("units", "mm").lower(), at.in_field("Units"))
 
 
 def _names(at: Location, row: list[str]) -> list[str]:

@@ -17,10 +17,10 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath
 from poseppl.files.bounded_reading import check_file
-from poseppl.motion.io.image_sequence import SUFFIXES, images_in, read_images
-from poseppl.motion.io.opencv import Image, check_image, place, to_rgb
+from poseppl.motion.io.image_sequence import SUFFIXES, images_in
+from poseppl.motion.io.opencv import Image, check_image, place, read_image, to_rgb
 from poseppl.motion.io.video_decoding import MAX_VIDEO_BYTES, probe, read_video
 
 _Source = FilePath | Sequence[Image] | Image
@@ -61,7 +61,7 @@ class Video(NamedTuple):
             InputError: A frame cannot be decoded or has another size than the first, or there are fewer than asked for.
         """
         if start < 0 or (stop is not None and stop < start):
-            raise InputError(f"frames {start} to {stop}", field=place(self.camera, None), expected="0 <= start <= stop")
+            raise place(self.camera).error(f"frames {start} to {stop}", "0 <= start <= stop")
         if self.num_frames is not None and max(start, stop or 0) > self.num_frames:
             self._too_few(max(start, stop or 0), self.num_frames)
         frame = start
@@ -70,7 +70,7 @@ class Video(NamedTuple):
             if image.shape[1::-1] != self.size:
                 problem = f"the image has {image.shape[1]} x {image.shape[0]} pixels"
                 expected = f"{self.size[0]} x {self.size[1]}, as in the first frame"
-                raise InputError(problem, file=self.source, field=place(self.camera, frame), expected=expected)
+                raise place(self.camera, frame, self.source).error(problem, expected)
             yield image
             frame += 1
             if frame == stop:
@@ -80,10 +80,10 @@ class Video(NamedTuple):
 
     def _too_few(self, wanted: int, found: int) -> None:
         problem = f"the video has {found} frames, {wanted} were asked for"
-        raise InputError(problem, file=self.source, field=place(self.camera, None), expected=f"frames 0 to {found - 1}")
+        raise place(self.camera, file=self.source).error(problem, f"frames 0 to {found - 1}")
 
 
-def open_video(source: _Source, camera: str = "camera", *, rate: float | None = None, variable_rate: bool = False) -> Video:
+def open_video(source: _Source, camera: str = "camera", *, rate: float | None = None) -> Video:
     """Open the pictures of a camera.
 
     Args:
@@ -91,7 +91,6 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
             (T, H, W, 3), (T, H, W) or a sequence of them. Image files are taken in the order of the numbers in their names.
         camera: The camera's name, for messages and for reading several together.
         rate: Frames a second; overrides what the file says.
-        variable_rate: Accept a video file whose frames are not evenly spaced in time.
 
     Returns:
         The video; its first frame has been read.
@@ -101,18 +100,20 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
         PosepplError: OpenCV is not installed.
     """
     if rate is not None and not 0 < rate < 1e6:
-        raise InputError(f"a rate of {rate}", field=place(camera, None), expected="frames a second, above 0")
+        raise place(camera).error(f"a rate of {rate}", "frames a second, above 0")
     if not isinstance(source, str | PathLike):
         return _from_arrays(source, camera, rate)
     text = str(source)
     picture = Path(source).is_file() and Path(source).suffix.lower() in SUFFIXES
     if picture or Path(source).is_dir() or (glob.has_magic(text) and not Path(source).exists()):
         paths = [Path(source)] if picture else images_in(source, camera)
-        first = next(read_images(paths, camera, 0))
+        first = read_image(paths[0], camera, 0)
         size, count = (first.shape[1], first.shape[0]), len(paths)
-        return Video(
-            camera, size, count, rate, text, lambda start: read_images(paths, camera, start), lambda: digest_of_files(paths)
-        )
+
+        def stream(start: int) -> Iterator[Image]:
+            return (read_image(paths[frame], camera, frame) for frame in range(start, count))
+
+        return Video(camera, size, count, rate, text, stream, lambda: digest_of_files(paths))
     check_file(source, max_bytes=MAX_VIDEO_BYTES)
     found = probe(text, camera)
     return Video(
@@ -121,7 +122,7 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
         found.num_frames,
         rate or found.rate,
         text,
-        lambda start: read_video(text, camera, start, found, variable_rate),
+        lambda start: read_video(text, camera, start, found),
         lambda: digest_of_files([Path(text)]),
     )
 
@@ -129,7 +130,7 @@ def open_video(source: _Source, camera: str = "camera", *, rate: float | None = 
 def _from_arrays(source: Sequence[Image] | Image, camera: str, rate: float | None) -> Video:
     images = list(source)
     if not images:
-        raise InputError("no image", field=place(camera, None), expected="at least one")
+        raise place(camera).error("no image", "at least one")
     checked = [check_image(image, camera, frame) for frame, image in enumerate(images)]
 
     def stream(start: int) -> Iterator[Image]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from poseppl.errors import InputError
+from poseppl.errors import InputError, Location
 from poseppl.motion.io.opencv import Image, check_name, check_pixels, opencv, place, to_rgb
 
 MAX_VIDEO_BYTES = 2**44
@@ -52,12 +52,12 @@ def probe(path: str, camera: str) -> VideoFacts:
         count, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
         done, image = capture.read()
     if not done:
-        raise InputError("cannot be decoded", file=path, field=place(camera, 0), expected=_expected(path))
+        raise _undecodable(place(camera, 0, path))
     known = 0 < count < 2**40
     return VideoFacts((image.shape[1], image.shape[0]), int(count) if known else None, rate if 0 < rate < 1e6 else None)
 
 
-def read_video(path: str, camera: str, start: int, facts: VideoFacts, variable_rate: bool) -> Iterator[Image]:
+def read_video(path: str, camera: str, start: int, facts: VideoFacts) -> Iterator[Image]:
     """Decode the frames of a video file from one on to its end.
 
     Args:
@@ -65,7 +65,6 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts, variable_r
         camera: The camera, for messages.
         start: The first frame.
         facts: What the file says of itself.
-        variable_rate: Do not look at the time stamps.
 
     Yields:
         (H, W, 3) RGB images.
@@ -83,15 +82,15 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts, variable_r
                 break
             now = capture.get(cv2.CAP_PROP_POS_MSEC)
             intervals = 1.0 if before is None or facts.rate is None else (now - before) * facts.rate / 1000.0
-            if intervals > GAP and not variable_rate:
+            if intervals > GAP:
                 problem = f"cannot be decoded, or is left out: time goes on from {before:.0f} to {now:.0f} ms"
-                expected = f"one frame every {1000.0 / (facts.rate or 1.0):.1f} ms; or open the video with variable_rate=True"
-                raise InputError(problem, file=path, field=place(camera, frame), expected=expected)
+                even = f"one frame every {1000.0 / (facts.rate or 1.0):.1f} ms"
+                raise place(camera, frame, path).error(problem, f"{even}; make it so: ffmpeg -i {path} -vsync cfr new.mp4")
             yield to_rgb(image)
             frame, before = frame + 1, now
     if facts.num_frames is not None and frame < facts.num_frames:
         problem = f"cannot be decoded, or the file is cut off: its header promises {facts.num_frames} frames"
-        raise InputError(problem, file=path, field=place(camera, frame), expected=f"a whole file; or read with stop={frame}")
+        raise place(camera, frame, path).error(problem, f"a whole file; or read with stop={frame}")
 
 
 @contextmanager
@@ -101,9 +100,9 @@ def _capture(path: str, camera: str) -> Iterator[Any]:
     capture = cv2.VideoCapture(check_name(path))
     try:
         if not capture.isOpened():
-            raise InputError("cannot be decoded", file=path, field=place(camera, None), expected=_expected(path))
+            raise _undecodable(place(camera, file=path))
         size = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        check_pixels(size, file=path, field=place(camera, None))
+        check_pixels(size, place(camera, file=path))
         yield capture
     finally:
         capture.release()
@@ -113,9 +112,9 @@ def _seek(path: str, camera: str, capture: Any, start: int) -> None:
     # Going through all frames instead of jumping costs their decoding, and finds the same frame in every container.
     for frame in range(start):
         if not capture.grab():
-            problem = "cannot be decoded, or the video ends before it"
-            raise InputError(problem, file=path, field=place(camera, frame), expected=_expected(path))
+            raise _undecodable(place(camera, frame, path), ", or the video ends before it")
 
 
-def _expected(path: str) -> str:
-    return f"a whole video that OpenCV's FFmpeg reads; convert it: ffmpeg -i {path} -c:v libx264 new.mp4"
+def _undecodable(at: Location, besides: str = "") -> InputError:
+    expected = f"a whole video that OpenCV's FFmpeg reads; convert it: ffmpeg -i {at.file} -c:v libx264 new.mp4"
+    return at.error(f"cannot be decoded{besides}", expected)

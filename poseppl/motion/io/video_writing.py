@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from poseppl.errors import FilePath, InputError, PosepplError
+from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.motion.io.opencv import Image, check_image, check_name, opencv
 
@@ -21,17 +21,15 @@ class VideoWriter:
         temporary: Where it is encoded.
         rate: Frames a second.
         codec: OpenCV's four letters.
+
+    Attributes:
+        count: The number of frames so far.
     """
 
     def __init__(self, path: FilePath, temporary: Path, rate: float, codec: str) -> None:
         self._writer = opencv().VideoWriter()
-        self._path, self._temporary, self._rate, self._codec = path, temporary, rate, codec
-        self._size, self._count = (0, 0), 0
-
-    @property
-    def count(self) -> int:
-        """The number of frames so far."""
-        return self._count
+        self._at, self._temporary, self._rate, self._codec = Location(path), temporary, rate, codec
+        self._size, self.count = (0, 0), 0
 
     def write(self, image: Image) -> None:
         """Add a frame.
@@ -43,39 +41,42 @@ class VideoWriter:
             InputError: The image is malformed, or of another or an odd size.
             PosepplError: OpenCV has no such encoder.
         """
-        cv2, checked = opencv(), check_image(image, None, self._count)
-        if self._count == 0:
+        cv2, checked = opencv(), check_image(image, None, self.count)
+        if self.count == 0:
             self._open(checked.shape[1], checked.shape[0])
         elif checked.shape[1::-1] != self._size:
             problem = f"the image has {checked.shape[1]} x {checked.shape[0]} pixels"
-            raise InputError(
-                problem, file=self._path, field=f"frame {self._count}", expected=f"{self._size[0]} x {self._size[1]}"
-            )
+            raise self._at.in_field(f"frame {self.count}").error(problem, f"{self._size[0]} x {self._size[1]}")
         self._writer.write(cv2.cvtColor(checked, cv2.COLOR_GRAY2BGR if checked.ndim == 2 else cv2.COLOR_RGB2BGR))
-        self._count += 1
+        self.count += 1
 
     def release(self) -> None:
         """Close the file, finished or not."""
         self._writer.release()
 
     def check(self) -> None:
-        """Count the frames of the closed file.
+        """Count the frames of the closed file: the encoder reports neither a full disk nor a frame that it dropped.
 
         Raises:
             InputError: No frame was written.
             PosepplError: There are fewer than were written.
         """
-        if self._count == 0:
-            raise InputError("no image to write", file=self._path, expected="at least one")
-        _check_written(self._path, self._temporary, self._count)
+        if self.count == 0:
+            raise self._at.error("no image to write", "at least one")
+        cv2 = opencv()
+        capture = cv2.VideoCapture(str(self._temporary))
+        found = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+        capture.release()
+        if found != self.count:
+            told = f"{found} of {self.count} frames were written (is the disk full?); nothing was kept"
+            raise PosepplError(f"{self._at.file}: {told}")
 
     def _open(self, width: int, height: int) -> None:
         if width % 2 or height % 2:  # OpenCV would cut off the last column or row
-            problem = f"images of {width} x {height} pixels"
-            raise InputError(problem, file=self._path, expected="an even width and height; crop or pad by one pixel")
+            raise self._at.error(f"images of {width} x {height} pixels", "an even width and height; crop or pad by one pixel")
         code = opencv().VideoWriter.fourcc(*self._codec)
         if not self._writer.open(check_name(self._temporary), code, float(self._rate), (width, height)):
-            raise PosepplError(f"{self._path}: this OpenCV cannot encode {self._codec!r} into it; try codec='mp4v'")
+            raise PosepplError(f"{self._at.file}: this OpenCV cannot encode {self._codec!r} into it; try codec='mp4v'")
         self._size = (width, height)
 
 
@@ -98,9 +99,9 @@ def video_writer(path: FilePath, rate: float, *, codec: str = "mp4v") -> Iterato
         PosepplError: OpenCV is not installed, or the disk is full.
     """
     if Path(path).suffix.lower() not in SUFFIXES:
-        raise InputError("unknown kind of video", file=path, expected="a name that ends in " + ", ".join(SUFFIXES))
+        raise Location(path).error("unknown kind of video", "a name that ends in " + ", ".join(SUFFIXES))
     if len(codec) != 4 or not 0 < rate < 1e6:
-        raise InputError(f"rate {rate}, codec {codec!r}", file=path, expected="frames a second above 0, and four letters")
+        raise Location(path).error(f"rate {rate}, codec {codec!r}", "frames a second above 0, and four letters")
     with atomic_path(path) as temporary:
         writer = VideoWriter(path, temporary, rate, codec)
         try:
@@ -130,13 +131,3 @@ def write_video(path: FilePath, images: Iterable[Image], rate: float, *, codec: 
         for image in images:
             writer.write(image)
     return writer.count
-
-
-def _check_written(path: FilePath, temporary: Path, count: int) -> None:
-    # The encoder reports neither a full disk nor a frame that it dropped.
-    cv2 = opencv()
-    capture = cv2.VideoCapture(str(temporary))
-    found = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
-    capture.release()
-    if found != count:
-        raise PosepplError(f"{path}: {found} of {count} frames were written (is the disk full?); nothing was kept")

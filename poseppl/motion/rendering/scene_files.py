@@ -29,7 +29,7 @@ from poseppl.errors import FilePath, InputError
 from poseppl.files.atomic_writing import atomic_folder
 from poseppl.motion.io.cameras import quoted, write_cameras
 from poseppl.motion.io.marker_positions import write_places
-from poseppl.motion.io.masks import pack_mask, write_masks
+from poseppl.motion.io.masks import write_masks
 from poseppl.motion.io.opencv import write_image
 from poseppl.motion.io.video_writing import VideoWriter, video_writer
 from poseppl.motion.rendering.noise import SensorNoise, check_noise, expose, expose_long
@@ -132,9 +132,9 @@ def _write_frames(
                 videos[number].write(picture)
                 if lossless:
                     write_image(folder / name / f"{frame:06d}.png", picture)
-                seen = pack_mask(stage.visible(number))
+                seen = np.packbits(stage.visible(number), axis=-1)
                 visible[name].append(seen)
-                whole[name].append(pack_mask(stage.whole(number)) if setting.furniture else seen)
+                whole[name].append(np.packbits(stage.whole(number), axis=-1) if setting.furniture else seen)
             advance(1)
     for name in names:
         write_masks(folder / f"{name}_visible.npz", visible[name], setting.size)

@@ -18,13 +18,14 @@ from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import CameraRecord, DetectedPeople
-from poseppl.motion.io.camera_fields import MM_PER_UNIT
-from poseppl.motion.io.cameras_yaml import scaled
+from poseppl.motion.io.camera_fields import scaled
+from poseppl.motion.io.length_units import MM_PER_UNIT
 from poseppl.motion.tracking.placing import cameras_of_records
 
 STATURE = 1.75
 """Metres, of the body that the segments below are of."""
 _SEGMENTS = {("hip", "knee"): 430.0, ("knee", "ankle"): 420.0, ("shoulder", "elbow"): 300.0, ("elbow", "wrist"): 260.0}
+_UNITS = ("mm", "cm", "m")
 _LARGEST_FACTOR = 2.0
 _MOST_FRAMES, _LEAST_SEGMENTS = 60, 20
 _CONFIDENT = 0.3
@@ -64,16 +65,16 @@ def infer_unit(
         raise InputError(
             "the calibration does not tell its unit of length, and too little of a person is seen by two cameras to tell it",
             field="--unit",
-            expected=", ".join(MM_PER_UNIT),
+            expected=", ".join(_UNITS),
         )
     middle = float(np.median(ratios))
-    name = min(MM_PER_UNIT, key=lambda unit: abs(np.log(middle * MM_PER_UNIT[unit] / MM_PER_UNIT["m"])))
+    name = min(_UNITS, key=lambda unit: abs(np.log(middle * MM_PER_UNIT[unit] / MM_PER_UNIT["m"])))
     stature = STATURE * middle * MM_PER_UNIT[name] / MM_PER_UNIT["m"]
     if not 1 / _LARGEST_FACTOR <= stature / STATURE <= _LARGEST_FACTOR:
         raise InputError(
             f"the calibration does not tell its unit of length, and in {name} the person would be {stature:.2g} m tall",
             field="--unit",
-            expected=f"{', '.join(MM_PER_UNIT)}, or how many mm it has, perhaps {1000 / middle:.3g}",
+            expected=f"{', '.join(_UNITS)}, or how many mm it has, perhaps {1000 / middle:.3g}",
         )
     return [scaled(record, MM_PER_UNIT[name] / MM_PER_UNIT["m"]) for record in records], Unit(name, stature)
 

@@ -61,7 +61,7 @@ class Exported(NamedTuple):
 
     def motion(self, positions: Floats) -> Motion:
         """Places (T, K, 3) as a motion."""
-        return Motion(tuple(self.names), positions, (), self.clock.rate, "z", self.source)
+        return Motion(tuple(self.names), positions, (), self.clock.rate, self.source)
 
 
 def export(

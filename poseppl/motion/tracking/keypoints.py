@@ -20,7 +20,7 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
-from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.body_sizes import subject_lengths
 from poseppl.motion.tracking.calibration_units import infer_unit
@@ -238,7 +238,7 @@ def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
 
 def _markers_of(found: DetectedPeople) -> Mapping[str, int]:
     """The points' numbers by the names of a body's markers."""
-    return LAYOUTS[found.layout].markers if found.layout else markers_of_names(found.names)
+    return markers_of_names(found.names)
 
 
 def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeople:

@@ -13,13 +13,14 @@ import xarray as xr
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
+from poseppl.files.csv_reading import rows_of_csv
 from poseppl.motion.geometry import project
 from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton
-from poseppl.motion.io.text_parsing import rows_of_csv, some
+from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.keypoint_sources import without_strays
 from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecording
 from poseppl.motion.tracking.placing import cameras_of_records

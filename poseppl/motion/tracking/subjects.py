@@ -57,7 +57,7 @@ def walking_subject(
     if turn is not None:
         bend = bend_along_circle(markers[:, body.tree.marker_names.index(body.root)], rate, turn)
         states, markers = bend.states(body.tree, states)[:stop], bend.places(markers)[:stop]
-    whole = Motion(body.tree.marker_names, markers, (), rate, "z", "built-in walk")
+    whole = Motion(body.tree.marker_names, markers, (), rate, "built-in walk")
     part, index = slice_frames(whole, chosen), np.arange(stop)[chosen.within(stop)]
     return MovingSubject(body, states[index], part.positions, None, index, part.rate, "built-in walk")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import InputError
 from poseppl.motion.io.opencv import opencv, place
 from poseppl.motion.vision.bounding_box import window
 
@@ -85,7 +84,7 @@ def check_mask(mask: Mask, camera: str, frame: int, *, min_share: float = 1e-4, 
     kind = "all black: no foreground" if share == 0 else "all white: no background" if share == 1 else f"{share:.2%} foreground"
     shares = f"{min_share:.2%} to {max_share:.0%} foreground"
     expected = f"{shares}; look at the background plate and the threshold, or mask this camera out"
-    raise InputError(f"the foreground mask is {kind}", field=place(camera, frame), expected=expected)
+    raise place(camera, frame).error(f"the foreground mask is {kind}", expected)
 
 
 def _morphology(operation: str, mask: Mask, diameter: int) -> Mask:

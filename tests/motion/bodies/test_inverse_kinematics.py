@@ -148,10 +148,10 @@ def test_too_few_points_are_refused(data_dir):
     hips = replace(whole, names=tuple(whole.names[i] for i in kept), positions=whole.positions[:, kept])
     with pytest.raises(InputError, match="PiG_Motion3_FF.c3d.*too few for the body: no neck, shoulder_l"):
         fit_subject(hips, full_body)
-    strange = Motion(("a", "b"), np.ones((4, 2, 3)), (), 100.0, "z", "strange.c3d")
+    strange = Motion(("a", "b"), np.ones((4, 2, 3)), (), 100.0, "strange.c3d")
     with pytest.raises(InputError, match="none of its 2 points .a, b. is a joint of the body.*joint centres such as root"):
         fit_subject(strange, full_body)
-    motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), 100.0, "z", "few.c3d")
+    motion = Motion(("Hips", "Neck"), np.ones((4, 2, 3)), (), 100.0, "few.c3d")
     assert match_markers(motion, ("pelvis", "knee_l"), full_body().aliases).shape == (4, 2, 3)
     with pytest.raises(InputError, match="too few for the body: no hip_l, hip_r.*points for .*hip_l.*; name them with --names"):
         fit_subject(motion, full_body)
@@ -175,7 +175,7 @@ def test_legs_alone_are_a_body_in_proportion(data_dir):
 
 def test_names_are_compared_without_case_and_punctuation_where_none_fits():
     places = np.arange(4 * 3.0).reshape(1, 4, 3)
-    motion = Motion(("mixamorig:LeftLeg", "thigh.L", "LFoot", "l_foot"), places, (), 100.0, "z", "rig.bvh")
+    motion = Motion(("mixamorig:LeftLeg", "thigh.L", "LFoot", "l_foot"), places, (), 100.0, "rig.bvh")
     found = match_markers(motion, ("knee_l", "hip_l", "ankle_l"), full_body().aliases)
     np.testing.assert_array_equal(found[0, :2], places[0, :2])
     assert np.isnan(found[0, 2]).all()  # two points are called lfoot
@@ -186,7 +186,7 @@ def test_names_are_compared_without_case_and_punctuation_where_none_fits():
 
 def test_given_names_come_first():
     places = np.arange(4 * 3.0).reshape(1, 4, 3)
-    motion = Motion(("Hips", "LeftLeg", "X1", "X2"), places, (), 100.0, "z", "rig.bvh")
+    motion = Motion(("Hips", "LeftLeg", "X1", "X2"), places, (), 100.0, "rig.bvh")
     found = match_markers(motion, ("pelvis", "knee_l"), full_body().aliases, {"knee_l": ("X1", "X2")})
     np.testing.assert_array_equal(found[0], [places[0, 0], places[0, 2:].mean(0)])
     with pytest.raises(InputError, match="the body has no marker 'knee'"):

@@ -98,7 +98,7 @@ def test_files_of_opencv(tmp_path: Path) -> None:
         assert camera.size == (1088, 1920)
     same(read_calibration(tmp_path / "left.yml", "mm").cameras[0], 1.0)
     same(read_calibration(tmp_path / "left.yml", "25.4").cameras[0], 25.4)
-    with pytest.raises(InputError, match="--unit: 'feet' .expected mm, cm, m, or a number of mm"):
+    with pytest.raises(InputError, match="--unit: 'feet' .expected mm, cm, dm, m, in, or a number of mm"):
         read_calibration(tmp_path, "feet")
 
 

@@ -104,7 +104,7 @@ def test_round_trip(tmp_path):
         (TOML, "camera = 3", "the file holds no camera"),
         (TOML, "camera = {front = 3}", "camera.front: not a table"),
         ("[camera.front]", "[camera.front", "no TOML"),
-        ('"mm"', '"feet"', "units: 'feet'"),
+        ('"mm"', '"feet"', "units: unit 'feet'"),
         ("size = [1920, 1080]\n", "", "camera.front.size: the field is missing"),
         ("1920", "-1920", "camera.front.size"),
         ("[0.0, 1500.0, 540.0]", "[0.0, -1500.0, 540.0]", "camera.front.matrix: a focal length is not positive"),

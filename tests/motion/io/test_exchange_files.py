@@ -11,7 +11,7 @@ from poseppl.errors import InputError
 from poseppl.motion.io.c3d import read_c3d
 from poseppl.motion.io.c3d_writing import load_ezc3d, write_c3d
 from poseppl.motion.io.mot import read_mot, write_mot
-from poseppl.motion.io.motion import Motion, to_z_up, y_up
+from poseppl.motion.io.motion import Motion, y_up, z_up
 from poseppl.motion.io.trc import read_trc, write_trc
 
 FRAMES = np.arange(3, 12, 3)
@@ -22,13 +22,12 @@ def motion(*, gap: bool = False) -> Motion:
     positions = np.random.default_rng(0).normal(0.0, 800.0, (3, 2, 3))
     if gap:
         positions[1, 0] = np.nan
-    return Motion(("knee_r", "crown"), positions, (), 20.0, "z", "made")
+    return Motion(("knee_r", "crown"), positions, (), 20.0, "made")
 
 
 def test_up_and_back() -> None:
     positions = motion().positions
-    turned = Motion(("a", "b"), y_up(positions), (), 20.0, "y", "made")
-    np.testing.assert_array_equal(to_z_up(turned).positions, positions)
+    np.testing.assert_array_equal(z_up(y_up(positions), "y"), positions)
     np.testing.assert_array_equal(y_up(np.eye(3)), [[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
@@ -48,7 +47,7 @@ def test_a_recording_written_again(data_dir: Path, tmp_path: Path, name: str) ->
     whole = np.isfinite(known.positions).all((0, 2))
     names = [each for each, seen in zip(known.names, whole, strict=True) if seen and " " not in each]
     places = known.positions[:, [known.index(each) for each in names]]
-    kept = Motion(tuple(names), places, (), known.rate, "z", known.source)
+    kept = Motion(tuple(names), places, (), known.rate, known.source)
     write_trc(tmp_path / "a.trc", kept, np.arange(len(places)) / known.rate, np.arange(len(places)))
     read = read_trc(tmp_path / "a.trc")
     assert (read.names, read.rate) == (kept.names, known.rate)
@@ -76,7 +75,7 @@ def test_no_nan_reaches_opensim(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["", "left knee", "knee\t", "a\nb"])
 def test_names_that_break_columns_are_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="a column cannot be named"):
-        write_trc(tmp_path / "a.trc", Motion((name, "b"), np.zeros((1, 2, 3)), (), 20.0, "z", "made"), TIMES[:1], FRAMES[:1])
+        write_trc(tmp_path / "a.trc", Motion((name, "b"), np.zeros((1, 2, 3)), (), 20.0, "made"), TIMES[:1], FRAMES[:1])
     with pytest.raises(InputError, match="a column cannot be named"):
         write_mot(tmp_path / "a.mot", TIMES[:1], {name: np.zeros(1)})
 
@@ -135,6 +134,6 @@ def test_c3d_holds_the_spread_and_the_gaps(tmp_path: Path) -> None:
 
 
 def test_c3d_of_too_many_points_is_refused(tmp_path: Path) -> None:
-    many = Motion(tuple(map(str, range(256))), np.zeros((1, 256, 3)), (), 20.0, "z", "made")
+    many = Motion(tuple(map(str, range(256))), np.zeros((1, 256, 3)), (), 20.0, "made")
     with pytest.raises(InputError, match="256 points in 1 frames"):
         write_c3d(tmp_path / "a.c3d", many, np.zeros((1, 256)), FRAMES[:1])

@@ -26,9 +26,9 @@ def test_by_hand(tmp_path):
 @pytest.mark.parametrize(
     ("maps", "skeleton", "message"),
     [
-        (EXPONENTIAL_MAPS[:-4], EXPONENTIAL_SKELETON, "line 2: 11 numbers .expected 12"),
-        (EXPONENTIAL_MAPS.replace("16", "nan"), EXPONENTIAL_SKELETON, "line 1: 'nan' is not a number"),
-        ("0", EXPONENTIAL_SKELETON, "line 1: 1 numbers .expected 12"),
+        (EXPONENTIAL_MAPS[:-4], EXPONENTIAL_SKELETON, "line 2: 11 values .expected 12"),
+        (EXPONENTIAL_MAPS.replace("16", "nan"), EXPONENTIAL_SKELETON, "line 1, translation y: 'nan' is not a number"),
+        ("0", EXPONENTIAL_SKELETON, "line 1: 1 values .expected 12"),
         (EXPONENTIAL_MAPS, "[1, 2]", "skeleton.json: no skeleton"),
         (EXPONENTIAL_MAPS, EXPONENTIAL_SKELETON.replace("0, 1]", "2, 1]"), "parent: the parent of joint 1 is 2"),
         (EXPONENTIAL_MAPS, EXPONENTIAL_SKELETON.replace("[0, -8, 0]", "[0, 0]"), "skeleton.json: no skeleton"),

@@ -164,7 +164,7 @@ def test_what_cannot_be_followed_is_told(tmp_path: Path, growing: GrowingFolders
         with pytest.raises(InputError, match=f"{name}.*{problem}.*one JSON file a frame"):
             GrowingFolders({"cam0": tmp_path / name})
     (tmp_path / "cam0" / "last.json").write_text("{}")
-    with pytest.raises(InputError, match="no frame number"):
+    with pytest.raises(InputError, match="tells no frame"):
         growing.take(NOW())
 
 

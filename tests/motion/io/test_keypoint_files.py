@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from poseppl.errors import InputError
-from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names, plain_name
 from poseppl.motion.io.keypoints import detector_of, read_keypoints
 from poseppl.motion.io.mediapipe import read_mediapipe
 
@@ -79,13 +79,13 @@ def test_names_of_a_file_serve_where_no_layout_does(tmp_path: Path) -> None:
 def test_whole_bodies_are_cut_to_the_body(tmp_path: Path, count: int, layout: str) -> None:
     table = np.random.default_rng(0).uniform(1, 2, (2, 1, count, 3))
     found = read_keypoints(write(tmp_path / "p.json", alphapose(table)))
-    kept = LAYOUTS[layout].num_points
-    assert found.layout == layout and found.names == LAYOUTS[layout].names
+    kept = len(LAYOUTS[layout])
+    assert found.layout == layout and found.names == LAYOUTS[layout]
     np.testing.assert_array_equal(found.points, table[:, :, :kept, :2])
 
 
 def wide(visible: str = "0.9") -> str:
-    names = LAYOUTS["mediapipe33"].names
+    names = LAYOUTS["mediapipe33"]
     header = ["frame", "timestamp", *(f"{name}_{kind}" for name in names for kind in ("x", "y", "z", "visibility"))]
     rows = [
         [str(frame), str(frame / 50), *(w for mark in landmarks(frame) for w in (str(mark["x"]), str(mark["y"]), "0", visible))]
@@ -95,7 +95,7 @@ def wide(visible: str = "0.9") -> str:
 
 
 def long() -> str:
-    names = [*LAYOUTS["mediapipe33"].names[:-1], "32"]
+    names = [*LAYOUTS["mediapipe33"][:-1], "32"]
     rows = [f"{f},{f / 50},{n},{m['x']},{m['y']},0.9" for f in (0, 1) for n, m in zip(names, landmarks(f), strict=True)]
     return "\n".join(["frame,timestamp,landmark,x,y,visibility", *rows]) + "\n"
 
@@ -117,7 +117,8 @@ def test_mediapipe(tmp_path: Path, name: str, document: Any) -> None:
     assert found.layout == "mediapipe33" and found.times is not None
     np.testing.assert_allclose(found.times, [0, 0.02])
     np.testing.assert_allclose(found.points[1, 0, 11], [120.0, 60.0])
-    assert LAYOUTS["mediapipe33"].markers["shoulder_l"] == 11 and LAYOUTS["mediapipe33"].markers["ankle_r"] == 28
+    markers = markers_of_names(LAYOUTS["mediapipe33"])
+    assert markers["shoulder_l"] == 11 and markers["ankle_r"] == 28
     with pytest.raises(InputError, match="shares of the picture's size, which is unknown"):
         read_mediapipe(path)
 
@@ -132,8 +133,8 @@ def test_several_people_and_nobody(tmp_path: Path) -> None:
 def test_names_tell_markers() -> None:
     names = ("LShoulder", "right_knee", "Hip L", "tail", "MidHip", "l_wrist")
     assert markers_of_names(names) == {"shoulder_l": 0, "knee_r": 1, "hip_l": 2, "pelvis": 4, "wrist_l": 5}
-    for layout in ("coco17", "halpe26", "body25", "mediapipe33"):
-        assert markers_of_names(LAYOUTS[layout].names) == LAYOUTS[layout].markers
+    for names in LAYOUTS.values():
+        assert tuple(map(plain_name, names)) == names
 
 
 @pytest.mark.parametrize(

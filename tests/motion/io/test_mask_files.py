@@ -13,14 +13,14 @@ from damage import damaged_copies
 
 from poseppl.errors import InputError
 from poseppl.motion.io import open_masks, read_masks
-from poseppl.motion.io.masks import pack_mask, write_masks
+from poseppl.motion.io.masks import write_masks
 
 MASKS = np.random.default_rng(0).random((4, 7, 13)) < 0.5
 
 
 @pytest.fixture
 def path(tmp_path):
-    write_masks(tmp_path / "masks.npz", [pack_mask(mask) for mask in MASKS], (13, 7))
+    write_masks(tmp_path / "masks.npz", list(np.packbits(MASKS, axis=-1)), (13, 7))
     return tmp_path / "masks.npz"
 
 

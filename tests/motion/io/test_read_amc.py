@@ -54,7 +54,7 @@ def test_kinematics_by_hand(tmp_path):
     toe = ankle + 2 * UNIT * tibia.apply([0.0, 0.0, 1.0])
     expected = np.stack([hip, knee, ankle, toe])[:, [0, 2, 1]] * (1, -1, 1)
     np.testing.assert_allclose(motion.positions[1], expected, rtol=1e-10)
-    assert motion.rate == 120.0 and motion.up == "z"
+    assert motion.rate == 120.0
 
 
 @pytest.mark.parametrize(("subject", "clip", "frames"), [("02", "02_01", 343), ("02", "02_03", 173), ("03", "03_01", 432)])
@@ -150,7 +150,7 @@ def test_amc_without_frames(tmp_path, text):
         ("length 7.5", "length -7.5", "femur length: negative"),
         ("length 0.45", "length 0", "unit of length"),
         ("axis 0 0 20  XYZ", "axis 0 0 20 XYY", "axis order"),
-        ("dof rx ry rz", "dof rx ry tz", "line 20: channel 'tz' is not supported"),
+        ("dof rx ry rz", "dof rx ry tz", "line 20, femur dof: channel 'tz' is not supported"),
         ("name tibia", "name femur", "bone 'femur' is repeated"),
         ("    femur tibia\n", "", "'tibia' is named before its parent"),
         ("femur tibia\n", "femur shin\n", "'shin' is not in :bonedata"),

@@ -16,7 +16,7 @@ def read(tmp_path, clip=CLIP, character=CHARACTER):
 
 def test_forward_kinematics_by_hand(tmp_path):
     motion = read(tmp_path)
-    assert motion.names == ("root", "hip", "knee", "ankle") and motion.rate == 2.0 and motion.up == "z"
+    assert motion.names == ("root", "hip", "knee", "ankle") and motion.rate == 2.0
     # (x, y, z) of the file is (x, -z, y) of ours
     np.testing.assert_allclose(motion.positions[0], [[0, 0, 1000], [0, -100, 1000], [0, -100, 600], [0, -100, 100]], atol=1e-9)
     # the root turned a quarter about y takes z to x; the hip a quarter about z takes -y to x, which the root takes to -z
@@ -31,7 +31,7 @@ def test_forward_kinematics_by_hand(tmp_path):
         (("clip", "-1.57079633]", "-1.57079633, 0]"), "frame 1 is no row of 13 numbers"),
         (("clip", '"Frames"', '"Rows"'), "no frames"),
         (("clip", "[0.5, 0,", "[0, 0,"), "without duration"),
-        (("clip", "{", "("), "not JSON"),
+        (("clip", "{", "("), "malformed JSON"),
         (("character", '"Parent": 2', '"Parent": 7'), "parent of 'ankle' is 7"),
         (("character", '"revolute"', '"ball"'), "joint 'knee' is not supported"),
         (("character", '"AttachZ": 0.1', '"Attach": 0.1'), "not a joint"),

@@ -16,7 +16,7 @@ def read(tmp_path, text=TRC, **options):
 
 def test_by_hand(tmp_path):
     motion = read(tmp_path)
-    assert (motion.names, motion.parents, motion.rate, motion.up) == (("C7", "L.ASIS"), (), 50.0, "z")
+    assert (motion.names, motion.parents, motion.rate) == (("C7", "L.ASIS"), (), 50.0)
     expected = [[[100, -300, 200], [400, -600, 500]], [[110, -310, 210], [np.nan] * 3]]
     np.testing.assert_allclose(motion.positions, expected)
     np.testing.assert_allclose(read(tmp_path, up="z").positions[0, 0], [100, 200, 300])
@@ -30,7 +30,7 @@ def test_untidy_files(tmp_path, change):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("cm", "furlong", "line 3, Units: unit 'furlong' .expected mm, cm, m"),
+        ("cm", "furlong", "line 3, Units: unit 'furlong' .expected .mm. or .cm."),
         ("L.ASIS", "C7", "line 4: two markers are called 'C7'"),
         ("Frame#", "Frame", "line 4: no line Frame#"),
         ("50\t50", "0\t50", "line 3, DataRate: 0 frames a second"),

@@ -12,7 +12,7 @@ from poseppl.motion.io import Motion, resample
 def motion(frames=121, rate=120.0):
     times = np.arange(frames) / rate
     line = np.stack([1000 * times, -500 * times, 10 + 0 * times], -1)
-    return Motion(("line", "arc"), np.stack([line, np.sin(line / 100)], 1), (), rate, "z", "walk")
+    return Motion(("line", "arc"), np.stack([line, np.sin(line / 100)], 1), (), rate, "walk")
 
 
 @pytest.mark.parametrize("wanted", [120.0, 60.0, 30.0, 24.0])

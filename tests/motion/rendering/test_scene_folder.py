@@ -113,7 +113,7 @@ def test_a_video_that_lacks_frames_is_told(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(PosepplError, match="2 of 3 frames"), video_writer(tmp_path / "a.mp4", 30.0) as video:
         video.write(frame)
         video.write(frame)
-        monkeypatch.setattr(video, "_count", 3)
+        monkeypatch.setattr(video, "count", 3)
 
 
 def test_noise_has_the_level_that_was_asked_for() -> None:

@@ -9,11 +9,11 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io import CameraRecord, DetectedPeople, read_cameras
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.calibration_units import infer_unit
 
-MARKERS = LAYOUTS["body25b"].markers
+MARKERS = markers_of_names(LAYOUTS["body25b"])
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,40 @@
+"""Tables of comma-separated values (CSV), as the fields of each row."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+
+from poseppl.errors import FilePath, Location
+from poseppl.files.bounded_reading import read_text
+
+Line = tuple[Location, list[str]]
+"""Where a line stands, and its words."""
+
+
+def rows_of_csv(path: FilePath, *, empty: bool = False) -> Iterator[Line]:
+    """The fields of each row of a CSV file, without white space around them; all as many as the first.
+
+    Args:
+        path: The file.
+        empty: Whether rows are wanted whose fields are all empty, too.
+
+    Raises:
+        InputError: The file cannot be read, its quotes are malformed, or a row has more or fewer fields.
+    """
+    width = 0
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), skipinitialspace=True, strict=True)
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise Location(path, reader.line_num).error(f"malformed CSV: {error}") from error
+        values, at = [value.strip() for value in row], Location(path, reader.line_num)
+        if any(values) or (empty and values):
+            width = width or len(values)
+            if len(values) != width:
+                raise at.error(f"{len(values)} values", f"{width}, one a column; the file may have been cut off")
+            yield at, values
