@@ -71,6 +71,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "keypoints.md": {
         "keypoints": keypoints.keypoints,
         "simulated-keypoints": simulated_keypoints.recorded,
+        "simulated-clocks": simulated_keypoints.clocks,
         "smoother-ranks": simulated_keypoints.ranks,
     },
     "likelihoods.md": {name: claims(name) for name in ("peursum-2010", "darby-2008", "du-guan-2006")},

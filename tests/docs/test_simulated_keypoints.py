@@ -9,7 +9,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
 
-from verdicts.simulated_keypoints import BINS, ranks, recorded  # noqa: E402
+from verdicts.simulated_keypoints import BINS, clocks, ranks, recorded  # noqa: E402
 
 from poseppl.experiments.tables import Table  # noqa: E402
 
@@ -43,11 +43,11 @@ def test_goals_are_judged_by_intervals_over_recordings(errors, held, angles, int
     assert f"4 cameras: within 2 degrees in the median {angles};" in found
     assert f"intervals of the joints {intervals}, of the angles {intervals}." in found
     assert found.endswith("left out of the angles above: head.") and "stiff" not in found
-    assert "| 9 of 1440 | 6 | 3 |" in found and "30 degrees off in the median: none." in found
+    assert "| 9 of 1440 | 6 | 3 |" in found and "30 degrees off in the median, no clutter: none." in found
 
 
 def test_an_angle_that_is_another_one_is_named():
-    assert "off in the median: knee of walk 1 (no clutter, 4 cameras)." in page([1.0, 40.0, 1.0], [0.9, 0.9, 0.9])
+    assert "off in the median, no clutter: knee of walk 1 (4 cameras)." in page([1.0, 40.0, 1.0], [0.9, 0.9, 0.9])
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,11 @@ def test_ranks_are_judged_by_their_chance(smoother, chance, ece, told):
     row = (smoother, 4, "joints", 50, *[0.1] * 10, 9.0, chance, ece, 0.005, 0.5, 0.9)
     found = ranks({"smoother_ranks": Table("", (*columns, "coverage_50", "coverage_90"), [row])})
     assert found.endswith(f"- joints, 4 cameras, {smoother}: {told}")
+
+
+@pytest.mark.parametrize(("mended", "lost", "verdict"), [(0, 0, "holds"), (1, 0, "does not hold"), (0, 1, "does not hold")])
+def test_clocks_that_are_right_are_not_to_be_mended(mended, lost, verdict):
+    columns = ("recording", "clutter", "calibration", "offset", "deviation", "mended", "lost")
+    rows = [("a", "no", "0", 0.2, 0.1, 0, 0), ("b", "no", "0", 0.4, 0.1, mended, lost)]
+    found = clocks({"simulated_clocks": Table("", columns, rows)})
+    assert f"| 0.40 | 0.10 | {mended} of 6 | {lost} of 8 |" in found and found.endswith(f"right {verdict}.")
