@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from poseppl.errors import FilePath, InputError, PosepplError
+from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.files.locks import take_lock
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -28,21 +28,23 @@ _STRAY_SECONDS = 60.0
 
 
 def _check_target(path: FilePath, inputs: Iterable[FilePath]) -> Path:
+    at = Location(path)
     try:
         target = Path(path).resolve()
+        around = Location(target.parent)
         if target.is_dir():
-            raise InputError("the output is a folder", file=path, expected="the name of a file")
+            raise at.error("the output is a folder", "the name of a file")
         if target.exists() and not target.is_file():
-            raise InputError("the output is not a regular file", file=path, expected="the name of a file")
+            raise at.error("the output is not a regular file", "the name of a file")
         if not target.parent.is_dir():
-            raise InputError("the output folder does not exist", file=target.parent, expected="an existing folder")
+            raise around.error("the output folder does not exist", "an existing folder")
         if not os.access(target.parent, os.W_OK | os.X_OK):
-            raise InputError("the output folder cannot be written", file=target.parent, expected="write permission")
+            raise around.error("the output folder cannot be written", "write permission")
         for source in inputs:
             if target == Path(source).resolve() or (target.exists() and Path(source).exists() and target.samefile(source)):
-                raise InputError("the output would overwrite an input", file=path, expected="another name")
+                raise at.error("the output would overwrite an input", "another name")
     except (OSError, ValueError, RuntimeError) as error:
-        raise InputError(f"the output cannot be written: {error}", file=path) from error
+        raise at.error(f"the output cannot be written: {error}") from error
     return target
 
 
@@ -164,7 +166,7 @@ def atomic_folder(path: FilePath) -> Iterator[Path]:
     """
     target = Path(os.path.abspath(path))
     if os.path.lexists(target):
-        raise InputError("the output exists", file=path, expected="a name that is not taken; move it away or choose another")
+        raise Location(path).error("the output exists", "a name that is not taken; move it away or choose another")
     _check_target(path, ())
     with _temporary(target, path) as temporary:
         temporary.mkdir()
@@ -180,4 +182,4 @@ def _tell(error: OSError, path: FilePath) -> None:
     if _is_full(error):
         raise PosepplError(f"{path}: the disk is full; nothing was written (free some space, or write elsewhere)") from error
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG):
-        raise InputError(f"cannot be written: {error.strerror}", file=path) from error
+        raise Location(path).error(f"cannot be written: {error.strerror}") from error

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, Location
 
 MAX_TEXT_BYTES = 64 * 2**20
 
@@ -25,19 +25,19 @@ def check_file(path: FilePath, *, max_bytes: int) -> Path:
     Raises:
         InputError: The file is missing, not a regular file, empty, unreadable or too large.
     """
-    source = Path(path)
+    source, at = Path(path), Location(path)
     try:
         if not source.exists():
-            raise InputError("no such file", file=path, expected="an existing file")
+            raise at.error("no such file", "an existing file")
         if not source.is_file():
-            raise InputError("not a file", file=path, expected="a regular file, not a folder or a device")
+            raise at.error("not a file", "a regular file, not a folder or a device")
         size = source.stat().st_size
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", file=path) from error
+        raise at.error(f"cannot be read: {error}") from error
     if size == 0:
-        raise InputError("the file is empty", file=path)
+        raise at.error("the file is empty")
     if size > max_bytes:
-        raise InputError(f"the file has {size / 2**20:.0f} MiB", file=path, expected=f"at most {max_bytes // 2**20} MiB")
+        raise at.error(f"the file has {size / 2**20:.0f} MiB", f"at most {max_bytes // 2**20} MiB")
     return source
 
 
@@ -52,7 +52,7 @@ def read_bytes(path: FilePath, *, max_bytes: int, first: int = -1) -> bytes:
         with source.open("rb") as stream:
             return stream.read(first)
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from error
+        raise Location(path).error(f"cannot be read: {error.strerror}") from error
 
 
 def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
@@ -70,7 +70,7 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
     """
     data = read_bytes(path, max_bytes=max_bytes)
     if b"\0" in data:
-        raise InputError("the file holds binary data", file=path, expected="a text file")
+        raise Location(path).error("the file holds binary data", "a text file")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -94,7 +94,7 @@ def read_json(path: FilePath) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"malformed JSON: {error}", file=path, expected="a whole file; it may have been cut off") from error
+        raise Location(path).error(f"malformed JSON: {error}", "a whole file; it may have been cut off") from error
 
 
 def read_toml(path: FilePath) -> dict[str, Any]:
@@ -113,4 +113,4 @@ def read_toml(path: FilePath) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"no TOML: {error}", file=path) from error
+        raise Location(path).error(f"no TOML: {error}") from error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from poseppl.arrays import Floats, Integers
-from poseppl.errors import FilePath, InputError, PosepplError
+from poseppl.errors import FilePath, Location, PosepplError
 from poseppl.files.atomic_writing import atomic_path
 from poseppl.motion.io.motion import Motion
 
@@ -36,7 +36,7 @@ def write_c3d(path: FilePath, motion: Motion, spread: Floats, frames: Integers) 
     count, points = motion.positions.shape[:2]
     if points > MAX_POINTS or not 0 < count <= MAX_FRAMES:
         expected = f"at most {MAX_POINTS} points and {MAX_FRAMES} frames in a C3D file"
-        raise InputError(f"{points} points in {count} frames", file=path, expected=expected)
+        raise Location(path).error(f"{points} points in {count} frames", expected)
     seen = np.asarray(np.isfinite(motion.positions).all(-1))
     residuals = np.where(seen & np.isfinite(spread), spread, 0.0)
     unit = max(float(residuals.max()) / LEVELS, 1e-3)

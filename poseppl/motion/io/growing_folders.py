@@ -101,7 +101,7 @@ class _Folder:
     def _add(self, number: int, file: _File) -> None:
         if number in self.files:
             problem = f"frame {number} is also {self.files[number].path.name}"
-            raise InputError(problem, file=file.path, expected="one file a frame")
+            raise Location(file.path).error(problem, "one file a frame")
         self.files[number] = file
         if number > self.last:
             self.last, self._expected = number, _following(file.path)
@@ -148,7 +148,7 @@ class GrowingFolders:
             if not Path(folder).is_dir():
                 problem = "a file" if Path(folder).exists() else "no such folder"
                 expected = "with --live a folder that a detector writes one JSON file a frame to, OpenPose or MMPose"
-                raise InputError(problem, file=folder, field=name, expected=expected)
+                raise Location(folder, field=name).error(problem, expected)
         self._folders = [_Folder(name, folder, detector) for name, folder in folders.items()]
         self._least = min(2, len(self._folders))
         self._wait, self._idle, self._note = wait, idle, note

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.errors import FilePath, InputError, Location
+from poseppl.errors import FilePath, Location
 from poseppl.files.atomic_writing import write_atomically
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.text_parsing import LONGEST, check_distinct, number_rows
@@ -63,7 +63,7 @@ def write_mot(path: FilePath, times: Floats, columns: Mapping[str, Floats], note
     for name, values in columns.items():
         if not np.isfinite(values).all():
             frame = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise InputError(f"{name} is not finite at {times[frame]:g} s", file=path, expected="numbers in every frame")
+            raise Location(path).error(f"{name} is not finite at {times[frame]:g} s", "numbers in every frame")
     header = [
         "Coordinates",
         "version=1",

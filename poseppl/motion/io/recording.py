@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from poseppl.errors import FilePath, InputError
+from poseppl.errors import FilePath, Location
 from poseppl.files.bounded_reading import read_text
 from poseppl.motion.io.amc import CMU_RATE, read_amc
 from poseppl.motion.io.asf import read_asf
@@ -42,17 +42,17 @@ def read_motion(
         InputError: The file is missing, malformed, of an unknown format or without its skeleton.
         PosepplError: The format needs a package that is not installed.
     """
-    suffix = Path(path).suffix.lower()
+    suffix, at = Path(path).suffix.lower(), Location(path)
     if suffix not in SUFFIXES:
-        raise InputError(f"unknown format {suffix!r}", file=path, expected=" or ".join(SUFFIXES))
+        raise at.error(f"unknown format {suffix!r}", " or ".join(SUFFIXES))
     if rate is not None and not 0.0 < rate < 1e6:
-        raise InputError(f"{rate:g} frames a second", field="rate", expected="a positive number")
+        raise Location(field="rate").error(f"{rate:g} frames a second", "a positive number")
     if suffix in (".amc", ".txt"):
         return _read_with_skeleton(path, suffix, skeleton, CMU_RATE if rate is None else rate)
     if skeleton is not None:
-        raise InputError(f"a {suffix} file takes no skeleton", file=path, field="skeleton")
+        raise at.in_field("skeleton").error(f"a {suffix} file takes no skeleton")
     if up is not None and up not in ("x", "y", "z"):
-        raise InputError(f"{up!r} is no axis", field="up", expected="x, y or z")
+        raise Location(field="up").error(f"{up!r} is no axis", "x, y or z")
     if suffix == ".bvh":
         return read_bvh(path, scale=scale, up=up)
     return read_trc(path, up=up) if suffix == ".trc" else read_c3d(path, up=up)
@@ -61,11 +61,11 @@ def read_motion(
 def _read_with_skeleton(path: FilePath, suffix: str, skeleton: FilePath | None, rate: float) -> Motion:
     if suffix == ".amc":
         if skeleton is None:
-            raise InputError("an .amc file needs its skeleton", file=path, expected="--skeleton FILE.asf, or FILE.amc,FILE.asf")
+            raise Location(path).error("an .amc file needs its skeleton", "--skeleton FILE.asf, or FILE.amc,FILE.asf")
         return read_amc(path, read_asf(skeleton), rate=rate)
     mimic = not read_text(path).lstrip().startswith(tuple("+-.0123456789"))
     if skeleton is None:
         wanted = "humanoid3d.txt" if mimic else "skeleton.json"
         problem = "a DeepMimic motion needs its character" if mimic else "exponential maps need their skeleton"
-        raise InputError(problem, file=path, expected=f"--skeleton {wanted}, or FILE.txt,{wanted}")
+        raise Location(path).error(problem, f"--skeleton {wanted}, or FILE.txt,{wanted}")
     return read_deepmimic(path, skeleton) if mimic else read_exponential_maps(path, skeleton, rate=rate)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from poseppl.errors import InputError
+from poseppl.errors import Location
 from poseppl.motion.io.motion import Motion
 
 RATE_TOLERANCE = 1e-3
@@ -42,7 +42,7 @@ def resample(motion: Motion, rate: float) -> Motion:
     """
     if not 0 < rate <= motion.rate * (1 + RATE_TOLERANCE):
         problem = f"{motion.rate:g} frames a second cannot be made {rate:g}"
-        raise InputError(problem, file=motion.source, expected=f"above 0, at most {motion.rate:g}")
+        raise Location(motion.source).error(problem, f"above 0, at most {motion.rate:g}")
     step = whole_step(motion.rate, rate)
     if step is not None:
         return replace(motion, positions=motion.positions[::step], rate=motion.rate / step)
