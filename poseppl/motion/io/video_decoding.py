@@ -84,8 +84,9 @@ def read_video(path: str, camera: str, start: int, facts: VideoFacts) -> Iterato
             intervals = 1.0 if before is None or facts.rate is None else (now - before) * facts.rate / 1000.0
             if intervals > GAP:
                 problem = f"cannot be decoded, or is left out: time goes on from {before:.0f} to {now:.0f} ms"
-                even = f"one frame every {1000.0 / (facts.rate or 1.0):.1f} ms"
-                raise place(camera, frame, path).error(problem, f"{even}; make it so: ffmpeg -i {path} -vsync cfr new.mp4")
+                rate = facts.rate or 25.0
+                expected = f"one frame every {1000.0 / rate:.1f} ms; make it so: ffmpeg -i {path} -r {rate:g} new.mp4"
+                raise place(camera, frame, path).error(problem, expected)
             yield to_rgb(image)
             frame, before = frame + 1, now
     if facts.num_frames is not None and frame < facts.num_frames:
