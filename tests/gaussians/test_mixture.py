@@ -108,3 +108,11 @@ def test_few_draws_in_many_dimensions_leave_no_direction_without_variance(number
     mixture, residuals = fit_mixture(chains, 3)
     assert all(np.isfinite(leaf).all() for leaf in (*mixture, residuals))
     assert np.isfinite(jax.vmap(log_mixture(mixture))(chains.reshape(-1, 10))).all()
+
+
+def test_a_coordinate_that_is_the_same_in_all_draws_has_no_variance():
+    draws = np.random.default_rng(4).normal(size=(6, 50, 3)) * [1.0, 0.0, 1e-3]
+    mixture, residuals = fit_mixture(jnp.asarray(draws, jnp.float32), 3)
+    assert all(np.isfinite(leaf).all() for leaf in (*mixture, residuals))
+    assert np.asarray(mixture.covariances)[:, 1, 1].max() < 1e-15
+    np.testing.assert_allclose(mixture.means[:, 1], 0.0)

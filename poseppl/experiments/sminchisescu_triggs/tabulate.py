@@ -33,13 +33,13 @@ def runs_table(name: str, scene: str, jobs: Sequence[Tracks] | Sequence[Pictures
 
 
 def losses(table: Table) -> list[tuple[Any, ...]]:
-    """Of each tracker at each rate in each room: runs, share lost, seconds kept, each with its 95 % interval, error (mm)."""
+    """Of each tracker at each rate in each room: runs, share lost and seconds kept with 95 % intervals, error (mm), ratio."""
     rows = []
     for room in dict.fromkeys(table.column("room")):
         for rate in dict.fromkeys(table.column("rate", room=room)):
             for tracker in dict.fromkeys(table.column("tracker", room=room, rate=rate)):
-                lost, error, length = (
-                    table.column(name, room=room, rate=rate, tracker=tracker) for name in ("lost", "error", "length")
+                lost, error, length, ratio = (
+                    table.column(name, room=room, rate=rate, tracker=tracker) for name in ("lost", "error", "length", "ratio")
                 )
                 count = int(np.isfinite(lost).sum())
                 low, high = share_interval(count, len(lost))
@@ -53,9 +53,10 @@ def losses(table: Table) -> list[tuple[Any, ...]]:
                         f"{100 * count / len(lost):.0f} % ({100 * low:.0f} to {100 * high:.0f})",
                         f"{kept[0]:.2f} of {length[0]:.3g} s ({max(kept[1], 0):.2f} to {min(kept[2], length[0]):.2f})",
                         f"{np.nanmean(error):.0f}",
+                        f"{np.nanmean(ratio):.0f}",
                     )
                 )
     return rows
 
 
-LOSSES = ("frames a second", "room", "tracker", "runs", "lost", "kept for", "error, mm")
+LOSSES = ("frames a second", "room", "tracker", "runs", "lost", "kept for", "error, mm", "largest / smallest sd")
