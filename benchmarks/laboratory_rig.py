@@ -27,7 +27,7 @@ from poseppl.motion.bodies.subject import MovingSubject, fit_subject
 from poseppl.motion.geometry import project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.motion.io import CameraRecord, DetectedPeople, read_motion
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION
 from poseppl.motion.tracking.data_association import limb_pairs
 from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST
@@ -174,9 +174,9 @@ def _floats(values: dict[str, float]) -> dict[str, Any]:
 def _people(points: Floats, sure: Floats, names: tuple[str, ...]) -> DetectedPeople:
     """One person (T, K) in the detector's layout, which has some of the body's markers."""
     layout = LAYOUTS[LAYOUT]
-    into = [number for name, number in layout.markers.items() if name in names]
-    of = [names.index(name) for name in layout.markers if name in names]
-    laid = np.full((len(points), 1, layout.num_points, 2), np.nan)
+    into = {name: number for name, number in markers_of_names(layout).items() if name in names}
+    of, to = [names.index(name) for name in into], list(into.values())
+    laid = np.full((len(points), 1, len(layout), 2), np.nan)
     confidence = np.zeros(laid.shape[:3])
-    laid[:, 0, into], confidence[:, 0, into] = points[:, of], sure[:, of]
-    return DetectedPeople(laid, confidence, np.arange(len(points)), LAYOUT, layout.names)
+    laid[:, 0, to], confidence[:, 0, to] = points[:, of], sure[:, of]
+    return DetectedPeople(laid, confidence, np.arange(len(points)), LAYOUT, layout)

@@ -103,7 +103,7 @@ for c, record in enumerate(truth):
     folders[record.name] = folder / "pose" / record.name
     folders[record.name].mkdir(parents=True)
     for t in range(len(exact)):
-        person = np.zeros((layout.num_points, 3))  # a point that is not found is 0, 0 with confidence 0
+        person = np.zeros((len(layout), 3))  # a point that is not found is 0, 0 with confidence 0
         person[list(found_by.values())] = np.where(
             absent[t, c, :, None], 0.0, np.concatenate([detected[t, c], confidence[t, c, :, None]], -1)
         )

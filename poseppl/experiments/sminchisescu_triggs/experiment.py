@@ -24,6 +24,7 @@ _DEPARTURES = """\
 - The prior over time is part of what is climbed; the paper's is static, and weighs what was found.
 - MHT in its first form has no joint limits, nor has the tracker named so; all others have. Parts keep apart on the arm, and \
 on bodies where a tracker is named "with non-penetration": there the potential takes most of the time.
+- "Assumed density" is not theirs but ours, the default of `poseppl track`, on the same points, without joint limits.
 - Starts are the modes, and four for each direction (section 4.2 tells no number)."""
 
 

@@ -20,6 +20,7 @@ class Tracker(NamedTuple):
             of the time.
         modes: Modes that are kept, in units of the paper's for this body; 0 for a single one, which is not sampled about.
         hypotheses: Whether it is that of Cham and Rehg (1999): 10 modes, sampled by their covariance and the dynamical noise.
+        draws: Whether it is ours, the assumed density filter at its defaults, whose answer is the mean of draws.
     """
 
     robust: bool = True
@@ -27,6 +28,7 @@ class Tracker(NamedTuple):
     parts: bool | None = None
     modes: int = 1
     hypotheses: bool = False
+    draws: bool = False
 
 
 TRACKERS: Mapping[str, Tracker] = {
@@ -38,8 +40,10 @@ TRACKERS: Mapping[str, Tracker] = {
     "with non-penetration": Tracker(parts=True),
     "covariance scaled": Tracker(),
     "covariance scaled, twice as many": Tracker(modes=2),
+    "assumed density": Tracker(limits=False, draws=True),
 }
 PUBLISHED = "covariance scaled"
+OURS = "assumed density"
 
 
 def search_settings(tracker: Tracker, kind: str) -> dict[str, Any]:

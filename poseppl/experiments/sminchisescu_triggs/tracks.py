@@ -18,8 +18,8 @@ from poseppl.experiments.sminchisescu_triggs.motions import Moving, moving
 from poseppl.experiments.sminchisescu_triggs.programs import shipped
 from poseppl.experiments.sminchisescu_triggs.survival import lost_at
 from poseppl.experiments.sminchisescu_triggs.trackers import TRACKERS, Tracker, search_settings
-from poseppl.filters import Filter, covariance_scaled_filter
-from poseppl.motion.geometry import Cameras, look_at, marker_positions, project
+from poseppl.filters import Filter, FilterState, assumed_density_filter, covariance_scaled_filter
+from poseppl.motion.geometry import Cameras, KinematicTree, look_at, marker_positions, project
 from poseppl.program import CompiledModel, StateSpaceModel
 
 FOCAL, DISTANCE = 1000.0, 4500.0
@@ -107,7 +107,12 @@ def _track_one(job: Tracks, seed: int) -> dict[str, float]:
     tracker, scene = TRACKERS[job.tracker], scene_of(job, seed)
     body, truth = scene.motion.body, scene.motion.markers
     inputs, model = _model(job, tracker, scene)
-    built = covariance_scaled_filter(model, 1, **search_settings(tracker, job.kind))
+    built = (
+        assumed_density_filter(model)
+        if tracker.draws
+        else covariance_scaled_filter(model, 1, **search_settings(tracker, job.kind))
+    )
+    estimate = _of_draws if tracker.draws else _of_modes
     step = _compiled_step(built)
     observations = [model.observe(_data(model, points)) for points in scene.points]
     assert built.initial_state is not None
@@ -117,12 +122,10 @@ def _track_one(job: Tracks, seed: int) -> dict[str, float]:
     errors, ratios, modes, began = [], [], [], time.process_time()
     for frame, observation in enumerate(observations):
         state, _ = step(jax.random.fold_in(key, frame), state, observation, inputs)
-        weights = np.asarray(state.modes.log_weights)
-        best = int(weights.argmax())
-        places = np.asarray(marker_positions(body.tree, state.modes.means[best]), np.float64)
-        errors.append(_error(places, truth[frame]))
-        ratios.append(_ratio(np.asarray(state.modes.covariances[best], np.float64)))
-        modes.append(int(np.isfinite(weights).sum()))
+        found = estimate(state, body.tree)
+        errors.append(_error(found.markers, truth[frame]))
+        ratios.append(_ratio(found.covariance))
+        modes.append(found.modes)
         lost = lost_at(np.array(errors), job.rate)
         if np.isfinite(lost):
             break
@@ -134,6 +137,30 @@ def _track_one(job: Tracks, seed: int) -> dict[str, float]:
         "modes": float(np.mean(modes)),
         "seconds": (time.process_time() - began) / len(errors),
     }
+
+
+class Estimate(NamedTuple):
+    """What a tracker answers: markers (K, 3), the covariance (d, d) of one mode or of all draws, and how many modes it has."""
+
+    markers: Floats
+    covariance: Floats
+    modes: float
+
+
+def _of_modes(state: Any, tree: KinematicTree) -> Estimate:
+    """The heaviest mode."""
+    weights = np.asarray(state.modes.log_weights)
+    best = int(weights.argmax())
+    markers = np.asarray(marker_positions(tree, state.modes.means[best]), np.float64)
+    return Estimate(markers, np.asarray(state.modes.covariances[best], np.float64), int(np.isfinite(weights).sum()))
+
+
+def _of_draws(state: FilterState, tree: KinematicTree) -> Estimate:
+    """The mean of the draws' markers."""
+    draws = state.particles.reshape(-1, state.particles.shape[-1])
+    weights = np.asarray(jax.nn.softmax(state.log_weights.reshape(-1)), np.float64)
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(tree, x))(draws), np.float64)
+    return Estimate(np.tensordot(weights, markers, 1), np.cov(np.asarray(draws, np.float64).T, aweights=weights), np.nan)
 
 
 @lru_cache(maxsize=8)

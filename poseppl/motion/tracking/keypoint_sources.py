@@ -14,7 +14,7 @@ from poseppl.motion.io import CameraRecord, DetectedPeople
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.tracking.clock_offsets import Offsets, coarse_offsets, fine_offsets
 from poseppl.motion.tracking.clocks import Aligned, Clock, align
-from poseppl.motion.tracking.people import choose_person
+from poseppl.motion.tracking.people import LARGEST_DISTANCE, choose_person
 
 FAR_OUTSIDE = 1.0
 """A point farther outside of the picture than this share of its width or height is none."""
@@ -172,7 +172,9 @@ def find_offsets(cameras: Cameras, people: Sequence[DetectedPeople], clocks: Seq
         shifted = [clock._replace(offset=clock.offset + own * clock.ratio) for clock, own in zip(clocks, start, strict=True)]
         try:
             aligned = align(people, shifted).people
-            points, confidence = points_of(aligned, choose_person(cameras, aligned, rate))
+            # cameras that agree no better than this tell nothing of the clocks
+            chosen = choose_person(cameras, aligned, rate, largest_alone=LARGEST_DISTANCE)
+            points, confidence = points_of(aligned, chosen)
         except InputError:  # nobody is seen by two cameras: what follows says so
             return None
         beside = fine_offsets(cameras, points, confidence, rate)

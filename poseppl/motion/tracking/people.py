@@ -21,8 +21,9 @@ from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import nearest_points, ray_distances, viewing_rays
 from poseppl.motion.io import DetectedPeople
 
-LARGEST_DISTANCE = 120.0
-"""Median distance (mm) between the rays of two detections of one person, at most."""
+LARGEST_DISTANCE, LARGEST_DISTANCE_ALONE = 120.0, 300.0
+"""Median distance (mm) between the rays of two detections of one person, at most; and where no camera finds a second person, so
+that cameras whose errors are as large as their refinement's prior are kept."""
 LARGEST_SPEED, LARGEST_JUMP = 10_000.0, 300.0
 """A person's middle moves by at most this many mm a second, and this many mm by errors."""
 LONGEST_ABSENCE = 1.0
@@ -92,7 +93,14 @@ class FollowedPerson:
         return found.chosen
 
 
-def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: float, person: int = 1) -> Integers:
+def choose_person(
+    cameras: Cameras,
+    people: Sequence[DetectedPeople],
+    rate: float,
+    person: int = 1,
+    *,
+    largest_alone: float = LARGEST_DISTANCE_ALONE,
+) -> Integers:
     """Find one person's detections.
 
     Args:
@@ -100,6 +108,7 @@ def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: floa
         people: What each saw, in the same T frames.
         rate: Frames a second.
         person: 1 for the person who is seen best, 2 for the next.
+        largest_alone: Median distance (mm) of rays, at most, in frames where no camera finds a second person.
 
     Returns:
         (T, C) index of the person's detection in each camera, -1 where there is none.
@@ -109,7 +118,7 @@ def choose_person(cameras: Cameras, people: Sequence[DetectedPeople], rate: floa
     """
     rays = [viewing_rays(cameras, index, _confident(found)) for index, found in enumerate(people)]
     scale = _NOMINAL_EXTENT / _extent(people[0])
-    frames = [_groups(cameras, people, rays, frame, scale) for frame in range(len(people[0].points))]
+    frames = [_groups(cameras, people, rays, frame, scale, largest_alone) for frame in range(len(people[0].points))]
     for number in range(1, person + 1):
         path = _best_path(frames, rate)
         if not path:
@@ -135,20 +144,27 @@ def _one_frame(cameras: Cameras, people: Sequence[DetectedPeople], frame: int) -
 
 
 def _groups(
-    cameras: Cameras, people: Sequence[DetectedPeople], rays: Sequence[Floats], frame: int, scale: float
+    cameras: Cameras,
+    people: Sequence[DetectedPeople],
+    rays: Sequence[Floats],
+    frame: int,
+    scale: float,
+    largest_alone: float = LARGEST_DISTANCE_ALONE,
 ) -> list[Group]:
     """The people of a frame; in one camera alone their places are told by so many mm a pixel."""
     detections = [(c, p) for c, found in enumerate(rays) for p in range(found.shape[1]) if np.isfinite(found[frame, p]).any()]
     if len(people) == 1:
         return [_group_of_one(people[0], frame, p, scale) for _, p in detections]
     centres = np.asarray(cameras.centre, np.float64)
+    alone = len({camera for camera, _ in detections}) == len(detections)
+    largest = largest_alone if alone else LARGEST_DISTANCE
     distances = _distances(centres, [(detection, rays[detection[0]][frame, detection[1]]) for detection in detections])
     member = {detection: {detection} for detection in detections}
     for pair, near in sorted(distances.items(), key=lambda item: item[1]):
         first, second = (member[detection] for detection in pair)
-        if near > LARGEST_DISTANCE or first is second:
+        if near > largest or first is second:
             continue
-        if all(distances.get(frozenset([a, b]), np.inf) <= LARGEST_DISTANCE for a in first for b in second):
+        if all(distances.get(frozenset([a, b]), np.inf) <= largest for a in first for b in second):
             first |= second
             for detection in second:
                 member[detection] = first

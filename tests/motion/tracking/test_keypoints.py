@@ -53,6 +53,16 @@ def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, 
         choose_person(cameras, people, 60.0, 200)
 
 
+def test_a_camera_that_is_off_keeps_the_only_person(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
+    """Rays of a camera that is pitched by two degrees pass those of another by some 170 mm."""
+    people = [read_openpose(folders[name]) for name in ("cam_03", "cam_04")]
+    cameras = cameras_of_records([turned(records[2], (2.0, 0.0, 0.0)), records[3]])
+    assert (choose_person(cameras, people, 60.0) >= 0).mean() > 0.98
+    twice = people[1]._replace(**{name: np.repeat(getattr(people[1], name), 2, 1) for name in ("points", "confidence")})
+    with pytest.raises(InputError, match="nobody is seen"):
+        choose_person(cameras, [people[0], twice], 60.0)
+
+
 def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     found = read_openpose(data_dir / "pose2sim_balancing" / "pose" / "cam01_json")
     published = np.load(data_dir / "pose2sim_balancing" / "reference" / "balancing_keypoints.npz")["kp"][:, 0, :, :2]
