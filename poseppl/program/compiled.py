@@ -289,7 +289,7 @@ class CompiledModel:
         """Mean (k,) and covariance (k, k) of a frame's data given `x`, in the order of `flat_observation`.
 
         Raises:
-            ValueError: A site that is not Gaussian, or a factor.
+            ValueError: A site that is not Gaussian, or is masked by the program, or a factor.
         """
         return observation_moments(self.observation_sites, self._feasible_trace(x, inputs))
 

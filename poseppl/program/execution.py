@@ -42,6 +42,13 @@ def unwrap(distribution: dist.Distribution) -> dist.Distribution:
     return distribution
 
 
+def is_masked(distribution: dist.Distribution) -> bool:
+    """Whether there is a mask among its Independent, Masked and Expanded wrappers."""
+    while isinstance(distribution, dist.Independent | dist.ExpandedDistribution):
+        distribution = distribution.base_dist
+    return isinstance(distribution, dist.MaskedDistribution)
+
+
 def base_support(support: Any) -> Any:
     """The elementwise constraint inside `independent` wrappers."""
     while isinstance(support, type(constraints.independent(constraints.unit_interval, 1))):

@@ -1,8 +1,8 @@
 """Data drawn from the observation program, with their moments given the state, as flat vectors.
 
-Heuristic likelihoods (`numpyro.factor`), powers of densities (`handlers.scale`) and distributions that find their data in their
-own arguments (attribute ``is_predictive`` False) say how well a state explains the data, and not what data it would give rise
-to: they predict nothing.
+Heuristic likelihoods (`numpyro.factor`), powers of densities (`handlers.scale`), densities that the program masks
+(`handlers.mask`) and distributions that find their data in their own arguments (attribute ``is_predictive`` False) say how well
+a state explains the data, and not what data it would give rise to: they predict nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.program.execution import is_factor
+from poseppl.program.execution import is_factor, is_masked
 
 
 class DrawnData(NamedTuple):
@@ -59,6 +59,8 @@ def prediction_obstacle(trace: Mapping[str, Any]) -> str | None:
             return f"{name!r} is a factor, a heuristic likelihood"
         if site.get("scale") is not None:
             return f"the density of site {name!r} is scaled"
+        if is_masked(site["fn"]):
+            return f"the program masks site {name!r} itself (leave the mask out, with NaN for the data that it hides)"
         if not getattr(site["fn"], "is_predictive", True):
             return f"the {type(site['fn']).__name__} of site {name!r} are a heuristic likelihood"
     return None

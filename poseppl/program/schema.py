@@ -18,7 +18,7 @@ from jax import Array
 
 from poseppl.program.bijector import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, trace_program
+from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program
 from poseppl.program.explanation import explained, suggestion
 
 
@@ -38,10 +38,19 @@ class Declared(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """All that one program declares: sample sites, factors, deterministic values, and what a draw takes of the generator."""
+    """All that one program declares.
+
+    Attributes:
+        sites: Its sample sites.
+        factors: Its factors.
+        weighed: Sample sites whose density a scale or a mask changes.
+        deterministic: Its deterministic values.
+        randomness: What a draw takes of the generator.
+    """
 
     sites: dict[str, Declared]
     factors: tuple[str, ...]
+    weighed: tuple[str, ...]
     deterministic: tuple[str, ...]
     randomness: Randomness
 
@@ -95,8 +104,9 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
         dtype = np.dtype(jnp.result_type(site["value"]))
         sites[name] = Declared(tuple(fn.shape()), dtype, fn.event_dim, supports[name], bool(site["is_observed"]))
     factors = tuple(name for name, site in found.items() if is_factor(site))
+    weighed = tuple(name for name in sites if found[name].get("scale") is not None or is_masked(found[name]["fn"]))
     deterministic = tuple(name for name, site in found.items() if site["type"] == "deterministic")
-    return Declaration(sites, factors, deterministic, counts[0])
+    return Declaration(sites, factors, weighed, deterministic, counts[0])
 
 
 def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed: dict[str, bool]) -> dict[str, Any]:
@@ -137,6 +147,12 @@ def _check_state_program(which: str, declaration: Declaration) -> None:
         raise ValueError(
             f"The {which} program has a numpyro.factor site {declaration.factors[0]!r}: its density would no longer be the "
             "one that it draws from. Factors belong in the observation program."
+        )
+    if declaration.weighed:
+        raise ValueError(
+            f"The {which} program scales or masks the density of site {declaration.weighed[0]!r}, which would no longer be the "
+            "one that it draws from. Scales and masks belong in the observation program: choose between two laws by jnp.where "
+            "on their arguments."
         )
     _check_not_observed(which, declaration)
     for name, declared in declaration.sites.items():

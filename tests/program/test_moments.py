@@ -66,6 +66,16 @@ def test_masks_scales_and_wrappers():
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("masks", [lambda fn: fn.mask(False), lambda fn: fn.mask(jnp.array([True, False])).to_event(1)])
+def test_moments_know_no_mask_of_the_program(masks):
+    """A Kalman filter would take the data that it hides for seen."""
+    program = lambda p, s, i: numpyro.sample("y", masks(dist.Normal(curved(s), 1.0)))  # noqa: E731
+    compiled = model(observation=program).compile()
+    with pytest.raises(ValueError, match="masks the site 'y' itself.*NaN for the data that it hides"):
+        compiled.observation_moments(X)
+    assert "masks site 'y' itself" in str(compiled.prediction_obstacle())
+
+
 class Known(dist.Normal):
     """A Normal of location `fixed * curved(state)` that knows its Jacobian, and counts how often it is asked."""
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from numpyro import handlers
 from programs import initial, model, observation, transition
 
 
@@ -114,6 +115,25 @@ def test_factor_in_a_state_program(which):
         numpyro.factor("prior", -1.0)
 
     refused(f"{which} program has a numpyro.factor site 'prior'.*belong in the observation", **{which: program})
+
+
+@pytest.mark.parametrize("which", ["initial", "transition"])
+@pytest.mark.parametrize("handler", [handlers.scale(scale=2.0), handlers.mask(mask=jnp.array(False))])
+def test_scale_or_mask_in_a_state_program(which, handler):
+    def program(*arguments):
+        with handler, numpyro.plate("all", 1):
+            numpyro.sample("level", NORMAL)
+
+    refused(f"{which} program scales or masks the density of site 'level'.*belong in the observation", **{which: program})
+
+
+def test_a_plate_is_no_scale():
+    def program(*arguments):
+        with numpyro.plate("all", 2):
+            numpyro.sample("slope", NORMAL)
+        numpyro.sample("level", NORMAL)
+
+    assert model(initial=program, transition=program).compile().coordinate_names == ("slope[0]", "slope[1]", "level")
 
 
 def test_name_used_twice():
