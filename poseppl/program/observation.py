@@ -78,9 +78,11 @@ def observe(
         frames: The expected T; None accepts one frame or any T.
 
     Raises:
-        ValueError: An unknown or missing site, a wrong shape, an infinite value, a NaN that the mask calls observed, an
-            integer outside the site's support, or an event observed in part.
+        ValueError: An unknown or missing site, what is no number, a wrong shape, an infinite value, a NaN that the mask calls
+            observed, an integer outside the site's support, or an event observed in part.
     """
+    if not hasattr(values, "keys"):
+        raise ValueError(f"The data are a {type(values).__name__}. Expected a dict of arrays by site, {list(sites)}.")
     for given, what in ((values, "values"), (mask or {}, "mask")):
         for name in given:
             if name not in sites:
@@ -91,7 +93,7 @@ def observe(
     for name, site in sites.items():
         if name not in values:
             raise ValueError(f"values lacks the observation site {name!r}. Pass an array, with NaN where nothing was seen.")
-        array = np.asarray(values[name])
+        array = number_array(name, values[name])
         lengths[name] = _length(name, site, array, frames)
         given_mask = None if mask is None or name not in mask else np.asarray(mask[name])
         kept[name], masks[name] = _observe_site(name, site, array, given_mask)
@@ -101,6 +103,24 @@ def observe(
         {name: jnp.asarray(value) for name, value in kept.items()},
         {name: jnp.asarray(m) for name, m in masks.items()},
     )
+
+
+def number_array(name: str, given: Any) -> np.ndarray[Any, Any]:
+    """The data as an array of numbers, NaN for entries that a masked array hides or that are None."""
+    try:
+        array = np.asarray(given.astype(float).filled(np.nan) if isinstance(given, np.ma.MaskedArray) else given)
+        if array.dtype.kind in "OSU":
+            array = array.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"Observation site {name!r} cannot be made an array of numbers: {error}. Expected numbers of one shape in every "
+            "frame, with NaN where nothing was seen."
+        ) from error
+    if array.dtype.kind in "cmM":
+        raise ValueError(
+            f"Observation site {name!r} is of the type {array.dtype}. Expected numbers, with NaN where nothing was seen."
+        )
+    return array
 
 
 def _length(name: str, site: Declared, array: np.ndarray[Any, Any], frames: int | None) -> int | None:
@@ -130,8 +150,8 @@ def _observe_site(
     if array.dtype.kind == "f" and np.any(np.isinf(array) & mask):
         index = tuple(int(i) for i in np.argwhere(np.isinf(array) & mask)[0])
         raise ValueError(f"Observation {name!r} is infinite at {index}. Expected finite values, NaN where missing.")
-    events = mask.reshape(*mask.shape[: mask.ndim - site.event_dim], -1) if site.event_dim else mask[..., None]
-    if np.any(events.any(-1) != events.all(-1)):
+    event = tuple(range(mask.ndim - site.event_dim, mask.ndim))
+    if np.any(mask.any(event) != mask.all(event)):
         raise ValueError(
             f"Observation {name!r} has an event that is observed in part. Its distribution has {site.event_dim} event "
             "dimension(s), which are seen or missing together: make them batch dimensions (no to_event, independent Normal) "
@@ -139,9 +159,11 @@ def _observe_site(
         )
     fill = feasible(site)
     safe = np.where(mask, array, np.broadcast_to(fill, array.shape))
-    if site.kind != "float" and np.any(safe != np.round(safe)):
-        raise ValueError(f"Observation {name!r} has values that are no integers. Expected {site.dtype}, NaN where missing.")
-    kept = safe.astype(site.dtype)
+    with np.errstate(invalid="ignore"):
+        kept = safe.astype(site.dtype)
+    if site.kind != "float" and np.any(safe != kept):
+        what = "no integers" if np.any(safe != np.round(safe)) else f"too large for {site.dtype}"
+        raise ValueError(f"Observation {name!r} has values that are {what}. Expected {site.dtype}, NaN where missing.")
     _check_support(name, site, kept)
     return kept, np.array(mask)
 

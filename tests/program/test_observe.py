@@ -73,6 +73,8 @@ def test_explicit_mask():
         (data(np.inf), None, "infinite"),
         (data(), {"height": np.array(1)}, "Expected bool of the shape"),
         (data(), {"points": np.array(True)}, "Expected bool of the shape"),
+        (np.zeros(4), None, r"The data are a ndarray. Expected a dict of arrays by site, \['height', 'points'\]"),
+        ([data()], None, "The data are a list. Expected a dict"),
     ],
 )
 def test_refused(values, mask, match):
@@ -104,6 +106,45 @@ def test_integers():
         die.observe({"y": 1.5})
     with pytest.raises(ValueError, match="outside the support"):
         die.observe({"y": 3})
+
+
+def test_counts_that_their_type_cannot_hold():
+    counts = compiled(lambda params, state, inputs: numpyro.sample("y", dist.Poisson(2.0)))
+    with pytest.raises(ValueError, match="'y' has values that are too large for int32"):
+        counts.observe({"y": [5_000_000_000, 1]})
+
+
+def test_what_a_masked_array_hides_is_missing():
+    hidden = np.ma.masked_array([1.0, 99.0, 2.0], [False, True, False])
+    found = compiled(lambda params, state, inputs: numpyro.sample("y", dist.Normal(0.0, 1.0))).observe({"y": hidden})
+    np.testing.assert_array_equal(found.mask["y"], [True, False, True])
+    counts = compiled(lambda params, state, inputs: numpyro.sample("y", dist.Poisson(2.0)))
+    np.testing.assert_array_equal(counts.observe({"y": hidden.astype(int)}).mask["y"], [True, False, True])
+
+
+@pytest.mark.parametrize("missing", [None, NAN, np.float64(NAN)])
+def test_missing_among_objects(missing):
+    """Columns of a table are often of the type object, which holds numbers and None."""
+    found = compiled(lambda params, state, inputs: numpyro.sample("y", dist.Normal(0.0, 1.0))).observe(
+        {"y": np.array([1.0, missing, 2], object)}
+    )
+    np.testing.assert_array_equal(found.mask["y"], [True, False, True])
+    assert np.isfinite(found.values["y"]).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        (np.array(["2020-01-01", "2020-01-02"], "M8[D]"), r"of the type datetime64\[D\]. Expected numbers"),
+        (np.array([1.0 + 1j]), "of the type complex128"),
+        (["1", "x"], "cannot be made an array of numbers: .*'x'"),
+        (np.array([1.0, {}], object), "cannot be made an array of numbers"),
+        ([[1.0], [1.0, 2.0]], "cannot be made an array of numbers: .*Expected numbers of one shape"),
+    ],
+)
+def test_what_is_no_number(given, match):
+    with pytest.raises(ValueError, match=match):
+        compiled(lambda params, state, inputs: numpyro.sample("y", dist.Normal(0.0, 1.0))).observe({"y": given})
 
 
 def test_unobserved():
