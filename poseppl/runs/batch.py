@@ -10,6 +10,7 @@ series are independent. Those of a filter that draws depend, besides the key, on
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -22,10 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
+from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.compiled_scan import frame_keys, is_finite
 from poseppl.runs.contents import FLAT
@@ -35,6 +38,7 @@ from poseppl.runs.labels import Names, coordinates, labelled, labelled_summary
 from poseppl.runs.results import VERSION, encoded
 from poseppl.runs.run import Collect, Progress
 
+_LOGGER = logging.getLogger("poseppl")
 _DRAWS = 20
 """Draws kept of a frame of each series, unless asked otherwise."""
 
@@ -83,7 +87,10 @@ def infer_batch(
     stacked, ends = _stacked(data, lengths)
     observations = _observed(model, stacked)
     number, frames = next(iter(stacked.values())).shape[:2]
-    rows = _stacked_inputs(inputs, number, frames)
+    called = list(range(number)) if names is None else list(names)
+    if len(called) != number or len(set(called)) != number:
+        raise InputError(f"{len(set(called))} different names", field="names", expected=f"{number}, one for each series")
+    rows = _stacked_inputs(inputs, ends, frames)
     series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect)
     keys = jax.random.split(rng_key, number)
     parts = []
@@ -94,8 +101,8 @@ def infer_batch(
         if progress:
             progress.advance(min(chunk, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    told = {**built.provenance, **(attrs or {})}
-    return _result(whole, model, stacked, ends, list(range(number)) if names is None else list(names), told)
+    _tell_failures(whole, ends, called, progress.note if progress else _LOGGER.warning)
+    return _result(whole, model, stacked, ends, called, {**built.provenance, **(attrs or {})})
 
 
 def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
@@ -139,12 +146,14 @@ def _series_program(filter: Filter, collect: Collect) -> Any:
 
 def _stacked(data: Any, lengths: ArrayLike | None) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
     """Data (S, T, ...) by site, padded with NaN, and the lengths (S,) of the series."""
-    if not isinstance(data, Mapping):
-        if not len(data):
-            raise InputError("there is no series", field="data", expected="at least one")
-        ends = np.array([len(np.asarray(next(iter(each.values())))) for each in data])
-        return {name: _padded([np.asarray(each[name], float) for each in data], ends.max()) for name in data[0]}, ends
-    arrays = {name: np.asarray(values) for name, values in data.items()}
+    if isinstance(data, Sequence):
+        if lengths is not None:
+            raise InputError("given beside a list of series", field="lengths", expected="none, or data in padded arrays")
+        return _stacked_series(data)
+    if not hasattr(data, "keys"):
+        expected = "a dict of arrays (series, frame, ...) by site, or a list of series"
+        raise InputError(f"a {type(data).__name__}", field="data", expected=expected)
+    arrays = {str(name): number_array(str(name), data[name]) for name in data}
     shapes = {values.shape[:2] for values in arrays.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
         expected = "arrays (series, frame, ...), of one number of series and of frames, or a list of series"
@@ -154,6 +163,33 @@ def _stacked(data: Any, lengths: ArrayLike | None) -> tuple[dict[str, NDArray[An
     if ends.shape != (number,) or ends.min() < 1 or ends.max() > frames:
         raise InputError(f"lengths of shape {ends.shape}", field="lengths", expected=f"{number} numbers from 1 to {frames}")
     return {name: _blanked(values, ends) for name, values in arrays.items()}, ends
+
+
+def _stacked_series(data: Sequence[Any]) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+    """The same from a list of series, each of which has all sites, of one number of frames."""
+    if not len(data):
+        raise InputError("there is no series", field="data", expected="at least one")
+    series = [_series(index, each) for index, each in enumerate(data)]
+    wanted = {name: values.shape[1:] for name, values in series[0].items()}
+    for index, each in enumerate(series):
+        given = {name: values.shape[1:] for name, values in each.items()}
+        if given != wanted:
+            expected = f"{wanted}, as series 0 has, in each frame"
+            raise InputError(f"series {index} has sites of the shapes {given}", field="data", expected=expected)
+    ends = np.array([len(next(iter(each.values()))) for each in series])
+    return {name: _padded([each[name] for each in series], ends.max()) for name in wanted}, ends
+
+
+def _series(index: int, data: Any) -> dict[str, NDArray[Any]]:
+    """The arrays (T, ...) of one series by site."""
+    if not hasattr(data, "keys"):
+        raise InputError(f"series {index} is a {type(data).__name__}", field="data", expected="a dict of arrays by site")
+    arrays = {str(name): number_array(str(name), data[name]).astype(float) for name in data}
+    frames = {name: len(values) if values.ndim else 0 for name, values in arrays.items()}
+    if len(set(frames.values())) != 1 or 0 in frames.values():
+        expected = "one number of frames for all sites, at least 1 (NaN where nothing was seen)"
+        raise InputError(f"series {index} has the frames {frames}", field="data", expected=expected)
+    return arrays
 
 
 def _padded(series: list[NDArray[Any]], frames: int) -> NDArray[Any]:
@@ -177,11 +213,14 @@ def _observed(model: CompiledModel, data: Mapping[str, NDArray[Any]]) -> Observa
     return whole
 
 
-def _stacked_inputs(inputs: Any, number: int, frames: int) -> Any:
+def _stacked_inputs(inputs: Any, ends: NDArray[np.int64], frames: int) -> Any:
     """Inputs (S, T, ...): lists padded with their last rows, what is constant repeated."""
+    number = len(ends)
     if isinstance(inputs, list):
         if len(inputs) != number:
             raise InputError(f"inputs of {len(inputs)} series", field="inputs", expected=f"those of {number}")
+        for index, (one, end) in enumerate(zip(inputs, ends, strict=True)):
+            _check_rows(index, one, {int(end), frames})
         padded = [rows_of(jax.tree.map(np.asarray, one), _until_end(one, frames)) for one in inputs]
         return jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded)
 
@@ -196,18 +235,40 @@ def _stacked_inputs(inputs: Any, number: int, frames: int) -> Any:
     return jax.tree.map(stack, inputs, is_leaf=lambda node: isinstance(node, Constant))
 
 
+def _check_rows(index: int, inputs: Any, allowed: set[int]) -> None:
+    """Refuse inputs of a series that has another number of frames."""
+    for leaf in jax.tree.leaves(inputs, is_leaf=lambda node: isinstance(node, Constant)):
+        if isinstance(leaf, Constant) or np.ndim(leaf) == 0 or len(leaf) not in allowed:
+            given = "a Constant" if isinstance(leaf, Constant) else f"an array of shape {np.shape(leaf)}"
+            expected = f"{min(allowed)} rows, one for each frame of the series; in a list, what is constant is repeated"
+            raise InputError(f"series {index} has {given}", field="inputs", expected=expected)
+
+
 def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
     """Rows of inputs for so many frames, the last one again and again after their end."""
     return np.minimum(np.arange(frames), len(jax.tree.leaves(inputs)[0]) - 1)
+
+
+def _tell_failures(kept: Any, ends: NDArray[np.int64], names: list[Any], note: Note) -> None:
+    """Tell in which series data were impossible, or states are not finite."""
+    _, info, finite = kept
+    within = np.arange(finite.shape[1]) < ends[:, None]
+    for what, frames in (
+        ("the data are impossible under the model; such frames are predicted, not updated", info.failed & finite),
+        ("the filter's state is not finite, and nothing from there on can be trusted", ~finite),
+    ):
+        found = np.argwhere(frames & within)
+        if found.size:
+            count, (series, frame) = len(np.unique(found[:, 0])), found[0]
+            note(f"{count} of {len(names)} series, such as {names[series]!r} at frame {frame}: {what}")
 
 
 def _result(
     kept: Any, model: CompiledModel, data: Mapping[str, NDArray[Any]], ends: NDArray[np.int64], names: list[Any], attrs: Any
 ) -> xr.DataTree:
     outputs, info, finite = kept
-    number, frames, chains, draws = outputs.state.shape[:4]
-    if len(names) != number:
-        raise InputError(f"names of {len(names)} series", field="names", expected=f"those of {number}")
+    chains, draws = outputs.state.shape[2:4]
+    frames = finite.shape[1]
     beyond = np.arange(frames) >= ends[:, None]
 
     def blank(values: NDArray[Any]) -> NDArray[Any]:

@@ -64,8 +64,10 @@ def check_coordinates(tree: xr.DataTree, model: CompiledModel) -> None:
     """Refuse a result that is not one of a model.
 
     Raises:
-        ValueError: Its coordinates are others.
+        ValueError: Its coordinates are others, or it is one of many series.
     """
+    if "series" in group_of(tree, FLAT).dims:
+        raise ValueError("The result is one of many series. Take one of them, poseppl.one_series(result, name).")
     names = tuple(names_of(tree, "dof"))
     if names != model.coordinate_names:
         raise ValueError(

@@ -46,6 +46,17 @@ def test_each_series_has_its_own_evidence(batch):
         assert abs(found[0] - other[0]) > 1e-3
 
 
+def test_series_that_fail_are_told(caplog):
+    data, inputs = DATA[:3].copy(), INPUTS[:3].copy()
+    data[1, 4], inputs[2, 3:] = 1e30, np.nan
+    lengths, kalman = [6, 6, 5], poseppl.kalman_filter(POSED.model, num_particles=200)
+    found = poseppl.infer_batch(POSED.model, {"y": data}, kalman, KEY, inputs, lengths=lengths, chunk=3, names=["a", "b", "c"])
+    assert [record.getMessage().partition(",")[0] for record in caplog.records] == ["1 of 3 series"] * 2
+    assert "'b' at frame 4: the data are impossible" in caplog.text and "'c' at frame 3: the filter's state" in caplog.text
+    failed = found["sample_stats/failed"].values
+    assert failed[1].tolist() == [False] * 4 + [True, False] and failed[2, :5].tolist() == [False] * 3 + [True] * 2
+
+
 def test_series_have_the_layout_of_a_result(batch, tmp_path):
     assert batch["posterior/x"].dims[:4] == ("chain", "draw", "series", "frame")
     assert batch["posterior/x"].shape == (1, 20, SERIES, FRAMES, 2)
@@ -58,6 +69,16 @@ def test_series_have_the_layout_of_a_result(batch, tmp_path):
     spread = one["summary/x_sd"].values
     variances = np.diagonal(exact(1).covariances, axis1=1, axis2=2)
     assert (abs(spread**2 / variances - 1) < 5 * np.sqrt(2 / 200)).all()
+
+
+def test_many_series_are_not_taken_for_one(batch):
+    for use in (
+        lambda: poseppl.forecast(batch, POSED.model, 2, KEY),
+        lambda: poseppl.smooth(batch, poseppl.forward_backward_smoother(POSED.model), KEY),
+        lambda: poseppl.add_predictive(batch, POSED.model, KEY),
+    ):
+        with pytest.raises(ValueError, match="one of many series. Take one of them, poseppl.one_series"):
+            use()
 
 
 def test_a_list_of_series_is_padded(batch):
@@ -91,5 +112,39 @@ def test_what_does_not_fit_is_said():
         poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, INPUTS, lengths=[1, 2])
     with pytest.raises(InputError, match="inputs: an array of shape .*Constant"):
         poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, np.zeros((SERIES, 1)))
+    for names in (["a", "b"], ["a"] * SERIES):
+        with pytest.raises(InputError, match="names: . different names .expected 7, one for each series"):
+            poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, INPUTS, names=names)
+    with pytest.raises(InputError, match="lengths: given beside a list of series"):
+        poseppl.infer_batch(POSED.model, [{"y": DATA[0]}], build, KEY, lengths=[4])
     with pytest.raises(InputError, match="no series"):
         poseppl.infer_batch(POSED.model, [], build, KEY)
+
+
+@pytest.mark.parametrize(
+    ("series", "match"),
+    [
+        ([{"y": DATA[0]}, {"z": DATA[1]}], "data: series 1 has sites of the shapes {'z': .*expected {'y': .*as series 0 has"),
+        ([{"y": DATA[0]}, {"y": DATA[1], "z": DATA[1]}], "data: series 1 has sites of the shapes .*'z'"),
+        ([{"y": DATA[0]}, {"y": DATA[1, :, :1]}], r"data: series 1 has sites of the shapes {'y': \(1,\)}"),
+        (
+            [{"y": DATA[0], "z": DATA[0, :4]}],
+            "data: series 0 has the frames {'y': 6, 'z': 4}.*one number of frames for all sites",
+        ),
+        ([{"y": DATA[0, :0]}], "data: series 0 has the frames {'y': 0}"),
+        ([DATA[0]], "data: series 0 is a ndarray .expected a dict of arrays by site"),
+        (DATA, "data: a ndarray .expected a dict of arrays"),
+    ],
+)
+def test_series_that_do_not_belong_together(series, match):
+    """None of it is dropped, or taken for missing."""
+    with pytest.raises(InputError, match=match):
+        poseppl.infer_batch(POSED.model, series, poseppl.kalman_filter, KEY)
+
+
+@pytest.mark.parametrize("rows", [INPUTS[1, :3], INPUTS[1, :5], Constant(np.ones(1)), {"push": 0.0}])
+def test_inputs_of_a_series_have_as_many_frames_as_its_data(rows):
+    """A row that lacks is not the last one again."""
+    series = [{"y": DATA[0]}, {"y": DATA[1, :4]}]
+    with pytest.raises(InputError, match="inputs: series 1 has .*expected 4 rows, one for each frame"):
+        poseppl.infer_batch(POSED.model, series, poseppl.kalman_filter, KEY, [INPUTS[0], rows])
