@@ -29,6 +29,7 @@ from poseppl.particles.stacks import prepend, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.frame_sequence import stacked_inputs
 from poseppl.runs.predictive import Prediction, predictive_checks
+from poseppl.smoothers.inner_filter import filter_for
 
 RHAT_ERROR, RHAT_WARNING = 1.1, 1.02
 """R-hat of a parameter's chains from which they do not agree, and from which they hardly do."""
@@ -79,7 +80,7 @@ def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows:
 
 def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any, rows: Any) -> Prediction:
     bound = model.with_params(params)
-    built, predict = filter(bound), predictive_checks(bound, of_state=False)
+    built, predict = filter_for(bound, filter), predictive_checks(bound, of_state=False)
     key_first, key_later = jax.random.split(rng_key)
     first, later = split_first(rows)
     state, _ = built.init(key_first, *first)

@@ -62,7 +62,7 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.frame_sequence import stacked_inputs
-from poseppl.smoothers.inner_filter import filter_evidence
+from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
 
 def log_likelihood(
@@ -90,13 +90,13 @@ def log_likelihood(
 
     Raises:
         InputError: Params with other names than the parameters program.
-        ValueError: Data or inputs that do not fit the model.
+        ValueError: Data or inputs that do not fit the model, or a filter that is no function of the model.
     """
     observations = data if isinstance(data, Observation) else model.observe(data)
     num_frames = _num_frames(model, observations)
     bound = model if params is None else _with_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key
-    return filter_evidence(filter(bound), key, observations, stacked_inputs(inputs, num_frames))
+    return filter_evidence(filter_for(bound, filter), key, observations, stacked_inputs(inputs, num_frames))
 
 
 def _num_frames(model: CompiledModel, observations: Observation) -> int:

@@ -11,10 +11,25 @@ from jax import Array
 
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.stacks import prepend, split_first
-from poseppl.program import Observation
+from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, collect_history
 
 Keep = Callable[[Any, Info], Any]
+
+
+def filter_for(model: CompiledModel, build_filter: Any) -> Filter:
+    """The filter of a model with its params; `build_filter` has to build it of the very model that it is given.
+
+    Raises:
+        ValueError: It is a filter already, or builds one of another model, so that params would not count.
+    """
+    cure = "a function of the model, such as lambda model: particle_filter(model, 500), for params make another model of it"
+    if not callable(build_filter):
+        raise ValueError(f"The filter is a {type(build_filter).__name__}. Expected {cure}.")
+    built: Filter = build_filter(model)
+    if built.model not in (None, model):
+        raise ValueError(f"The filter was built for another model, whose params are others. Expected {cure}.")
+    return built
 
 
 def scan_filter(filter: Filter, rng_key: Array, observations: Observation, inputs: Any, keep: Keep) -> Any:

@@ -27,8 +27,9 @@ from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.observation import check_is_observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
-from poseppl.smoothers.inner_filter import filter_evidence
+from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
 Evaluate = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -95,15 +96,17 @@ def pmmh(
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, or a parameters program that cannot be learned.
+        ValueError: A number out of range, data that are no Observation, a parameters program that cannot be learned, or a
+            `build_filter` that is no function of the model.
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
+    check_is_observation(observations)
     bijector = parameter_bijector(model)
 
     def evaluate(rng_key: Array, u: Array) -> tuple[Array, Array]:
         """Log-posterior and log-evidence at u."""
-        built = build_filter(model.with_params(bijector.to_params(u)))
+        built = filter_for(model.with_params(bijector.to_params(u)), build_filter)
         log_evidence = filter_evidence(built, rng_key, observations, inputs)
         log_posterior = log_evidence + bijector.log_prior(model, u)
         return jnp.where(jnp.isnan(log_posterior), -jnp.inf, log_posterior), log_evidence

@@ -34,6 +34,7 @@ from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.observation import check_is_observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.base import Smoothed
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
@@ -120,12 +121,14 @@ def particle_gibbs(
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, an unknown method, or a parameters program that cannot be learned.
+        ValueError: A number out of range, an unknown method, data that are no Observation, or a parameters program that cannot
+            be learned.
     """
     check_at_least(2, num_particles=num_particles)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Method, method=method)
+    check_is_observation(observations)
     bijector = parameter_bijector(model)
     setting = _Setting(model, bijector, observations, inputs, num_particles, method, num_warmup)
     key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)

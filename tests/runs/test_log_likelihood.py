@@ -181,6 +181,14 @@ def test_inputs_that_do_not_change():
         np.testing.assert_allclose(found, (value(0.5 + 1e-6) - value(0.5 - 1e-6)) / 2e-6, rtol=1e-5)
 
 
+def test_a_filter_of_other_params_is_refused():
+    """It would give every params the same value."""
+    one = kalman_filter(MODEL.with_params(PARAMS | {"noise": 0.2}))
+    for filter, match in ((one, "The filter is a Filter. Expected a function"), (lambda _: one, "another model, whose params")):
+        with pytest.raises(ValueError, match=match):
+            log_likelihood(MODEL, PARAMS, DATA, filter)
+
+
 def test_other_params_and_data_are_refused():
     with pytest.raises(InputError, match="params are .*memory.*expected those of the parameters program"):
         log_likelihood(MODEL, {"memory": 0.5}, DATA, kalman_filter)

@@ -185,6 +185,22 @@ def test_what_cannot_be_learned_is_told():
         particle_gibbs(model, jax.random.key(0), observations, num_particles=1)
     with pytest.raises(ValueError, match="num_draws"):
         pmmh(model, jax.random.key(0), observations, build_filter=lambda bound: particle_filter(bound, 10), num_draws=0)
+    for sample in (pmmh, particle_gibbs):
+        options = {"build_filter": particle_filter} if sample is pmmh else {}
+        with pytest.raises(ValueError, match="The data are a dict. Expected an Observation"):
+            sample(model, jax.random.key(0), {"y": YS}, **options)
+
+
+def test_a_filter_of_other_params_is_refused_by_pmmh():
+    """It would give every params the same evidence, and the prior for a posterior."""
+    model, observations = posed()
+    one = particle_filter(model.with_params({"noise": 0.5}), 10)
+    for build_filter, match in (
+        (one, "The filter is a Filter. Expected a function"),
+        (lambda _: one, "another model, whose params"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            pmmh(model, jax.random.key(0), observations, build_filter=build_filter)
 
 
 @pytest.mark.parametrize(("number", "stays"), [(0, False), (9, False), (10, True), (500, True)])
