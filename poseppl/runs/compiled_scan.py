@@ -185,7 +185,7 @@ class Calls:
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
-        self._made = self._programs.made.setdefault(_kind(self._first_data()), {})
+        self._made = self._programs.made.setdefault(kind_of(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", self._blank)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
@@ -203,6 +203,10 @@ class Calls:
     def feed(self, sequence: FrameSequence) -> None:
         """Go on with later frames, of the same shapes and constant inputs."""
         self._sequence = sequence
+
+    def inputs_are_finite(self, frame: int) -> bool:
+        """Whether no input of a frame is NaN or infinite."""
+        return self._sequence.inputs_are_finite(frame)
 
     def advance(self, state: Any, start: int, stop: int) -> tuple[Any, Kept]:
         """From the state after the frame before `start`, the state after that before `stop`, and what is kept in between."""
@@ -265,7 +269,7 @@ def joined(parts: list[Kept]) -> Kept:
     return whole
 
 
-def _kind(data: Any) -> Any:
+def kind_of(data: Any) -> Any:
     """What programs are compiled for: structure, shapes, types and places of the data, and type and place of new numbers."""
     leaves, structure = jax.tree.flatten(data)
     new = jnp.asarray(0.0)

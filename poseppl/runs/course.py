@@ -137,13 +137,18 @@ class Course:
         for index in range(len(kept.finite)):
             number = self._numbers[self.stop + index]
             if not kept.finite[index]:
-                return index, not_finite_message(number)
+                return index, not_finite_message(number) + self._about_inputs(index)
             if kept.info.failed[index]:
                 problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
+                problem += self._about_inputs(index)
                 if self._on_failure == "stop":
                     return index, f"{problem}; stopped there, as asked"
                 self._note(f"{problem}; the frame is predicted, not updated")
         return None
+
+    def _about_inputs(self, index: int) -> str:
+        finite = self._calls.inputs_are_finite(self.stop + index)
+        return "" if finite else "; an input of this frame is NaN or infinite, where only data may be missing"
 
     def _error(self, good: int, problem: str) -> RunError:
         kept, state = self._kept, self._state

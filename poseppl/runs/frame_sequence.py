@@ -73,8 +73,8 @@ def stacked_inputs(inputs: Any, num_frames: int) -> Any:
     Raises:
         ValueError: An array does not have T rows.
     """
+    _check_inputs(inputs, num_frames)
     layout, varying, constant = _split_inputs(inputs)
-    _check_rows(jax.tree.map(jnp.asarray, varying), num_frames)
     return _stacked(layout, varying, constant, num_frames)
 
 
@@ -83,12 +83,26 @@ def _stacked(layout: Layout, varying: list[Any], constant: list[Any], num_frames
     return layout.join([jax.tree.map(jnp.asarray, leaf) for leaf in varying], repeated)
 
 
-def _check_rows(arrays: Any, num_frames: int) -> None:
-    for leaf in jax.tree.leaves(arrays):
+def _check_rows(observations: Observation, num_frames: int) -> None:
+    for leaf in jax.tree.leaves(observations):
         if leaf.ndim == 0 or leaf.shape[0] != num_frames:
             raise ValueError(
-                f"an array of the observations or inputs has shape {leaf.shape}; expected a leading axis of {num_frames} "
-                "frames (wrap inputs that do not change in Constant)"
+                f"an array of the observations has shape {leaf.shape}; expected a leading axis of {num_frames} frames"
+            )
+
+
+def _check_inputs(inputs: Any, num_frames: int) -> None:
+    for path, leaf in jax.tree_util.tree_flatten_with_path(inputs, is_leaf=lambda node: isinstance(node, Constant))[0]:
+        if isinstance(leaf, Constant):
+            continue
+        name, expected = f"inputs{jax.tree_util.keystr(path)}", f"a leading axis of {num_frames} frames"
+        array: Any = leaf if isinstance(leaf, Array) else np.asarray(leaf)
+        if array.dtype.kind in "OmMSU":
+            raise ValueError(f"{name} is of the type {array.dtype}; expected numbers, with {expected}")
+        if array.ndim == 0 or len(array) != num_frames:
+            raise ValueError(
+                f"{name} has shape {array.shape}; expected {expected} (numpy.asarray makes an array of a list of numbers; "
+                "wrap inputs that do not change in Constant)"
             )
 
 
@@ -115,6 +129,11 @@ class FrameSequence(NamedTuple):
         """The inputs of all frames as JAX arrays, each with a leading T, what is constant repeated."""
         return _stacked(self.layout, self.varying, self.constant, self.num_frames)
 
+    def inputs_are_finite(self, frame: int) -> bool:
+        """Whether no input of a frame, nor a constant one, is NaN or infinite."""
+        given = jax.tree.leaves((rows_of(self.varying, frame - self.before), self.constant))
+        return all(bool(np.isfinite(leaf).all()) for leaf in map(np.asarray, given) if leaf.dtype.kind == "f")
+
     def frame(self, index: int) -> tuple[Observation, list[Any]]:
         """Data and varying inputs of one frame."""
         return rows_of((self.observations, self.varying), index)
@@ -132,7 +151,6 @@ def frame_sequence(observations: Observation, inputs: Any, num_frames: int | Non
         ValueError: The data are no Observation, or an array does not have T rows.
     """
     check_is_observation(observations)
-    layout, varying, constant = _split_inputs(inputs)
     if num_frames is None:
         leaves = jax.tree.leaves(observations)
         if not leaves or np.ndim(leaves[0]) == 0:
@@ -141,6 +159,8 @@ def frame_sequence(observations: Observation, inputs: Any, num_frames: int | Non
             )
         num_frames = len(leaves[0])
     check_at_least(1, num_frames=num_frames)
+    _check_inputs(inputs, num_frames)
+    layout, varying, constant = _split_inputs(inputs)
     seen, varying = jax.tree.map(np.asarray, (observations, varying))
-    _check_rows((seen, varying), num_frames)
+    _check_rows(seen, num_frames)
     return FrameSequence(seen, layout, varying, constant, num_frames)

@@ -25,7 +25,7 @@ from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.compilation import compile_lowered
-from poseppl.runs.compiled_scan import is_finite
+from poseppl.runs.compiled_scan import is_finite, kind_of
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
 from poseppl.runs.run import Collect
@@ -98,8 +98,7 @@ def run_smoother(
     whole = sequence.stacked_inputs()
     data = mask_failed(sequence.observations, np.asarray(history.failed))
     started = time.perf_counter()
-    lowered = _smoothing(smoother).lower(rng_key, history, data, whole)
-    compiled = compile_lowered(lowered, history.particles.shape[1])
+    compiled = _compiled(smoother, rng_key, history, data, whole)
     ready = time.perf_counter()
     smoothed: Smoothed = compiled(rng_key, history, data, whole)
     smoothed.particles.block_until_ready()
@@ -120,14 +119,23 @@ def mask_failed(observations: Observation, failed: Array | Booleans) -> Observat
     return observations._replace(mask=jax.tree.map(hide, observations.mask))
 
 
+def _compiled(smoother: Smoother, *given: Any) -> Any:
+    """The smoother's function of the key of the run, the history, data and inputs, compiled once for data of one kind."""
+    smooth, made = _smoothing(smoother)
+    kind = kind_of(given)
+    if kind not in made:
+        made[kind] = compile_lowered(smooth.lower(*given), given[1].particles.shape[1])
+    return made[kind]
+
+
 @built_once
-def _smoothing(smoother: Smoother) -> Any:
-    """The smoother's function, jitted, from the key of the run."""
+def _smoothing(smoother: Smoother) -> tuple[Any, dict[Any, Any]]:
+    """The smoother's function, jitted, from the key of the run; and, by the kind of its data, what was compiled of it."""
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any) -> Smoothed:
         return smoother.smooth(jax.random.split(rng_key)[0], history, observations, inputs)
 
-    return jax.jit(smooth)
+    return jax.jit(smooth), {}
 
 
 @built_once

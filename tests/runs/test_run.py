@@ -170,6 +170,43 @@ def test_a_wrong_number_of_frames_is_refused() -> None:
         )
 
 
+@pytest.mark.parametrize(
+    ("inputs", "match"),
+    [
+        ({"push": np.zeros(4)}, r"inputs\['push'\] has shape \(4,\); expected a leading axis of 5 frames"),
+        ({"push": [0.0] * 5}, r"inputs\['push'\]\[0\] has shape \(\); .*numpy.asarray makes an array of a list of numbers"),
+        ({"push": np.arange(5).astype("M8[D]")}, r"inputs\['push'\] is of the type datetime64\[D\]; expected numbers"),
+        ({"push": ["a"] * 5}, r"inputs\['push'\]\[0\] is of the type <U1; expected numbers"),
+    ],
+)
+def test_inputs_that_do_not_fit_are_named(inputs: Any, match: str) -> None:
+    model, observations = toy(5)
+    with pytest.raises(ValueError, match=match):
+        run_filter(particle_filter(model, 4), jax.random.key(0), observations, inputs, collect=collect_draws(model))
+
+
+def test_inputs_that_are_not_finite_are_named() -> None:
+    """In a transition they break the state, in an observation they make data impossible."""
+    inputs = {"drift": np.array([0.0, 0.0, np.nan]), "height": np.zeros(3)}
+
+    def initial(params: Any, inputs: Any) -> None:
+        numpyro.sample("level", dist.Normal(0.0, 1.0))
+
+    def transition(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("level", dist.Normal(state["level"] + inputs["drift"], 1.0))
+
+    def observation(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("y", dist.Normal(state["level"] + inputs["height"], 1.0))
+
+    model = StateSpaceModel(initial, transition, observation).compile({"drift": 0.0, "height": 0.0})
+    filter, observations = particle_filter(model, 4), model.observe({"y": np.zeros(3)})
+    with pytest.raises(RunError, match="frame 2: .*not finite.*an input of this frame is NaN or infinite"):
+        run_filter(filter, jax.random.key(0), observations, inputs, collect=collect_draws(model))
+    swapped = {"drift": inputs["height"], "height": inputs["drift"]}
+    with pytest.raises(RunError, match="frame 2: the data are impossible.*an input of this frame is NaN or infinite"):
+        run_filter(filter, jax.random.key(0), observations, swapped, collect=collect_draws(model), on_failure="stop")
+
+
 def failing(at: int, broken: bool = False) -> tuple[Any, Filter]:
     """A random walk whose filter says that it failed at a frame, or whose state is NaN from there on."""
     model, _ = toy(2)

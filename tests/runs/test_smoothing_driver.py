@@ -58,6 +58,23 @@ def test_a_result_knows_the_smoothed_states(tmp_path):
     assert load_result(tmp_path / "smoothed.nc").attrs["num_particles"] == 400
 
 
+def test_an_equal_smoothing_compiles_nothing():
+    traced = []
+
+    def copied(rng_key, history, observations, inputs=None):
+        traced.append(len(history.particles))
+        return Smoothed(history.particles, history.log_weights, smoothing_info(len(history.particles), jnp.asarray(1.0)))
+
+    run, collect = filtered(POSED.observations, 10), collect_draws(POSED.model)
+    smoother = Smoother(copied, joint=False, model=POSED.model)
+    first, second = (
+        run_smoother(smoother, KEY, run.outputs, POSED.observations, POSED.inputs, collect=collect) for _ in range(2)
+    )
+    assert traced == [5]
+    assert second.compile_seconds < first.compile_seconds / 3
+    np.testing.assert_array_equal(first.outputs.state, second.outputs.state)
+
+
 def test_trajectories_stay_whole():
     """Draw k is one trajectory: its steps have the spread of the transition, which shuffled ones would not."""
     model = linear_gaussian(1, Q=[[1e-4]], P=[[25.0]], R=[[25.0]], A=[[1.0]]).compile()
