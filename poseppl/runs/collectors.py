@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least
+from poseppl.errors import InputError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.quantiles import column_quantiles
 from poseppl.particles.resampling import systematic
@@ -31,6 +32,8 @@ from poseppl.runs.site_summary import sites_of, summary_of_sites
 Extras = Callable[[Array, Any], Mapping[str, Array]]
 """`(x, inputs) -> values by name` for one state (d,)."""
 
+_DIMENSIONS = ("chain", "draw", "frame", "series", "dof", "quantile")
+"""Of results, beside those of sites."""
 _NUM_QUANTILE_DRAWS = 2000
 """Weighted particles are resampled to so many draws for their quantiles: a standard error of 1 % of a probability."""
 
@@ -73,8 +76,12 @@ def collect_draws(
 
     Returns:
         The collector; it returns :class:`Draws`.
+
+    Raises:
+        InputError: A site has a name that results give to something else.
     """
     check_at_least(1, max_draws=max_draws)
+    _check_names(model)
     of_state, levels = model.extras if extras is None else extras, jnp.asarray(quantiles)
 
     def values_of(states: Array, inputs: Any) -> dict[str, Array]:
@@ -123,6 +130,15 @@ def collect_draws(
         return (of_chains if state.particles.ndim == 3 else of_particles)(rng_key, state, inputs)
 
     return collect
+
+
+def _check_names(model: CompiledModel) -> None:
+    """Refuse sites that a result would mistake for one of its dimensions, or for the flat state."""
+    for name, site in model.sites.items():
+        taken = name in _DIMENSIONS or (name == "state" and not (site.identity and (len(model.sites) == 1 or not site.shape)))
+        if taken:
+            what = "the flat state of all sites" if name == "state" else "a dimension"
+            raise InputError(f"a site is called {name!r}, as results call {what}", field=name, expected="another name")
 
 
 def _summary(

@@ -17,6 +17,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
@@ -64,7 +65,7 @@ def infer(
             None.
         predict: Predictive checks, of :func:`~poseppl.runs.predictive.predictive_checks`.
         truth: The true flat states (T, d), where known.
-        frames: Frame numbers (T,); 0, 1, ... if None.
+        frames: Frame numbers (T,), whole and increasing; 0, 1, ... if None.
         rate: Frames a second.
         attrs: Provenance: anything that JSON can hold.
         progress: Who is told how the run goes.
@@ -72,14 +73,16 @@ def infer(
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
 
     Returns:
-        The result, which ArviZ's functions take; see :mod:`poseppl.runs.results`.
+        The result, which ArviZ's functions take, before ArviZ 1 by :func:`poseppl.to_arviz`; see :mod:`poseppl.runs.results`.
 
     Raises:
-        ValueError: The model is not compiled, the filter is one of another model, or data, inputs or frames do not fit.
+        ValueError: The model is not compiled, the filter is one of another model, or data or inputs do not fit.
+        InputError: The truth or the frame numbers do not fit.
         RunError: The run cannot go on.
     """
     built = filter_of(filter, model)
     observations = data if isinstance(data, Observation) else model.observe(data)
+    _check_labels(model, observations, truth, frames)
     run = run_filter(
         built,
         rng_key,
@@ -150,6 +153,21 @@ def _check_compiled(model: Any) -> None:
         raise ValueError("The model is not compiled: infer(model.compile(inputs, params), ...), with the inputs of one frame.")
     if not isinstance(model, CompiledModel):
         raise ValueError(f"The model is a {type(model).__name__}. Expected what StateSpaceModel.compile returns.")
+
+
+def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayLike | None, frames: ArrayLike | None) -> None:
+    """Refuse a truth or frame numbers that are not those of T frames, before anything is computed."""
+    number = max((len(leaf) for leaf in observations.values.values() if np.ndim(leaf)), default=None)
+    if truth is not None and number is not None and np.shape(truth) != (number, model.dimension):
+        expected = f"({number}, {model.dimension}), in each frame the coordinates {', '.join(model.coordinate_names)}"
+        raise InputError(f"an array of shape {np.shape(truth)}", field="truth", expected=expected)
+    if frames is None:
+        return
+    given, expected = np.asarray(frames), f"{number} whole numbers that increase" if number else "whole numbers that increase"
+    if given.dtype.kind not in "fiu" or given.ndim != 1:
+        raise InputError(f"{given.dtype} of shape {given.shape}", field="frames", expected=expected)
+    if number not in (None, len(given)) or np.any(given != np.round(given)) or np.any(np.diff(given) <= 0):
+        raise InputError(f"{len(given)} numbers from {given.min()} to {given.max()}", field="frames", expected=expected)
 
 
 def filter_of(filter: Any, model: CompiledModel) -> Filter:

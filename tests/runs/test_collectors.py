@@ -5,16 +5,22 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 from poseppl_models.linear_gaussian import linear_gaussian
 
+from poseppl.errors import InputError
 from poseppl.filters import Info, ParticleState
 from poseppl.filters.chains import chain_state
+from poseppl.program import StateSpaceModel
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.results import QUANTILES
 
 MODEL = linear_gaussian(2).compile()
 KEY = jax.random.key(0)
+NORMAL = dist.Normal(0.0, 1.0)
+PAIR = dist.Normal(0.0, 1.0).expand([2])
 INFO = Info(*[jnp.zeros(())] * 9)
 
 
@@ -88,3 +94,31 @@ def test_no_key_is_used_twice() -> None:
             lambda key: collect_draws(MODEL, max_draws=4)(key, ParticleState(particles, particles[:, 0]), INFO, None)
         )
         assert collect(jax.random.key(0)).state.shape == (1, 4, 2)
+
+
+@pytest.mark.parametrize(
+    ("sites", "taken"),
+    [
+        ({"state": dist.LogNormal(0.0, 1.0)}, "state"),
+        ({"state": PAIR, "level": NORMAL}, "state"),
+        ({"level": NORMAL, "frame": NORMAL}, "frame"),
+        ({"state": PAIR}, None),
+        ({"state": dist.Categorical(jnp.array([0.4, 0.6])), "level": NORMAL}, None),
+    ],
+)
+def test_names_that_results_give_to_something_else(sites, taken):
+    """The mean of the flat state would pass for that of a positive site called state."""
+
+    def program(*arguments):
+        for name, distribution in sites.items():
+            numpyro.sample(name, distribution)
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(0.0, 1.0))
+
+    model = StateSpaceModel(program, program, observation).compile()
+    if taken is None:
+        collect_draws(model)
+        return
+    with pytest.raises(InputError, match=f"{taken}: a site is called '{taken}', as results call .*expected another name"):
+        collect_draws(model)

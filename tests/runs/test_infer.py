@@ -16,6 +16,7 @@ from law_problems import problem
 import poseppl
 from poseppl.diagnostics.evidence import NONE, WEIGHTS, evidence_of_run
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
+from poseppl.errors import InputError
 from poseppl.filters import Filter, annealed_filter
 from poseppl.runs import recompilation
 from poseppl.smoothers import Smoother, genealogy_smoother, rauch_tung_striebel_smoother
@@ -39,6 +40,22 @@ def test_a_dict_of_arrays_gives_what_the_long_form_gives():
         xr.testing.assert_identical(result[name].to_dataset(), long[name].to_dataset())
     assert set(result.attrs) == set(long.attrs)
     assert arviz_stats.ess(result["posterior"])["x"].shape == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"truth": np.zeros(5)}, r"truth: an array of shape \(5,\) .expected \(5, 2\), .*coordinates x\[0\], x\[1\]"),
+        ({"truth": {"x": np.zeros((5, 2))}}, "truth: an array of shape"),
+        ({"frames": range(4)}, "frames: 4 numbers from 0 to 3 .expected 5 whole numbers that increase"),
+        ({"frames": [0, 1, 1, 2, 3]}, "frames: .*expected 5 whole numbers that increase"),
+        ({"frames": np.arange(5) / 2}, "frames: .*expected 5 whole numbers"),
+        ({"frames": np.arange(5).astype("M8[D]")}, r"frames: datetime64\[D\] of shape \(5,\) .expected 5 whole numbers"),
+    ],
+)
+def test_labels_that_do_not_fit_are_refused_before_the_run(options, match):
+    with pytest.raises(InputError, match=match):
+        filtered(**options)
 
 
 @pytest.mark.parametrize("filter", [poseppl.kalman_filter, partial(poseppl.kalman_filter, num_particles=1000)])
