@@ -1,4 +1,4 @@
-"""Result of a run: an xarray DataTree with named coordinates, which ArviZ's functions take as it is.
+"""Result of a run: an xarray DataTree with named coordinates, which ArviZ's functions take as it is from version 1 on.
 
 ===========================  =================================================================================================
 group                        variables
