@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
+_COUNTS = ("num_", "max_")
+"""What the names of counts begin with."""
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
 
 
@@ -28,17 +30,19 @@ class RangeError(ValueError):
 
 
 def check_at_least(least: float, **settings: float) -> None:
-    """Refuse settings below a number.
+    """Refuse settings below a number, and counts (``num_...``, ``max_...``) that are no whole numbers.
 
     Args:
         least: The smallest number that is accepted.
         **settings: Values by name.
 
     Raises:
-        RangeError: A value is smaller.
+        RangeError: A value is smaller, or no number of its kind.
     """
     for name, value in settings.items():
-        if value < least:
+        if name.startswith(_COUNTS) and not hasattr(value, "__index__"):
+            raise RangeError(name, value, f"a whole number, at least {least}")
+        if isinstance(value, str) or value < least:
             raise RangeError(name, value, f"at least {least}")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 import pytest
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
@@ -14,6 +15,15 @@ def test_numbers_that_are_too_small_are_refused():
     with pytest.raises(RangeError, match=r"num_draws is 0\. Expected at least 1\.") as caught:
         check_at_least(1, num_chains=1, num_draws=0)
     assert (caught.value.setting, caught.value.value, caught.value.expected) == ("num_draws", 0, "at least 1")
+
+
+@pytest.mark.parametrize("value", ["100", 1e3, 1.5, None])
+def test_counts_are_whole_numbers(value):
+    check_at_least(1, num_draws=np.int64(7), max_draws=True)
+    with pytest.raises(RangeError, match=rf"num_draws is {value!r}\. Expected a whole number, at least 1\."):
+        check_at_least(1, num_draws=value)
+    with pytest.raises(RangeError, match=r"chunk is '8'\. Expected at least 1\."):
+        check_at_least(1, chunk="8")
 
 
 @pytest.mark.parametrize(("interval", "refused"), [("[0, 1]", ()), ("[0, 1)", (1,)), ("(0, 1)", (0, 1))])

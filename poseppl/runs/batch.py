@@ -237,7 +237,11 @@ def _stacked_inputs(inputs: Any, ends: NDArray[np.int64], frames: int) -> Any:
 
 def _check_rows(index: int, inputs: Any, allowed: set[int]) -> None:
     """Refuse inputs of a series that has another number of frames."""
-    for leaf in jax.tree.leaves(inputs, is_leaf=lambda node: isinstance(node, Constant)):
+    leaves = jax.tree.leaves(inputs, is_leaf=lambda node: isinstance(node, Constant))
+    if not leaves:
+        expected = "arrays of its frames, or inputs=None where the model takes none"
+        raise InputError(f"series {index} has none", field="inputs", expected=expected)
+    for leaf in leaves:
         if isinstance(leaf, Constant) or np.ndim(leaf) == 0 or len(leaf) not in allowed:
             given = "a Constant" if isinstance(leaf, Constant) else f"an array of shape {np.shape(leaf)}"
             expected = f"{min(allowed)} rows, one for each frame of the series; in a list, what is constant is repeated"

@@ -121,8 +121,9 @@ def test_factor_in_a_state_program(which):
 @pytest.mark.parametrize("handler", [handlers.scale(scale=2.0), handlers.mask(mask=jnp.array(False))])
 def test_scale_or_mask_in_a_state_program(which, handler):
     def program(*arguments):
-        with handler, numpyro.plate("all", 1):
+        with handler:
             numpyro.sample("level", NORMAL)
+        numpyro.sample("slope", PAIR)
 
     refused(f"{which} program scales or masks the density of site 'level'.*belong in the observation", **{which: program})
 

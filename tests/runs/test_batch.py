@@ -117,6 +117,8 @@ def test_what_does_not_fit_is_said():
             poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, INPUTS, names=names)
     with pytest.raises(InputError, match="lengths: given beside a list of series"):
         poseppl.infer_batch(POSED.model, [{"y": DATA[0]}], build, KEY, lengths=[4])
+    with pytest.raises(InputError, match="inputs: series 0 has none .expected .* inputs=None"):
+        poseppl.infer_batch(POSED.model, {"y": DATA}, build, KEY, [None] * SERIES)
     with pytest.raises(InputError, match="no series"):
         poseppl.infer_batch(POSED.model, [], build, KEY)
 
