@@ -107,8 +107,9 @@ def observe(
 
 def number_array(name: str, given: Any) -> np.ndarray[Any, Any]:
     """The data as an array of numbers, NaN for entries that a masked array hides or that are None."""
+    hidden: Any = given if isinstance(given, np.ma.MaskedArray) else None
     try:
-        array = np.asarray(given.astype(float).filled(np.nan) if isinstance(given, np.ma.MaskedArray) else given)
+        array = np.asarray(given if hidden is None else hidden.astype(float).filled(np.nan))
         if array.dtype.kind in "OSU":
             array = array.astype(float)
     except (TypeError, ValueError) as error:
