@@ -18,7 +18,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.bodytrack import ALL, FEW, benchmark_score, outline_sums
+from poseppl_models.bodytrack import benchmark_score
 from poseppl_models.bodytrack_files import Bodytrack, read_bodytrack
 from timing import interleave, show
 
@@ -31,7 +31,7 @@ def score_of(data: Bodytrack, every: bool):
     inputs, body = data.inputs(), data.body
 
     def score(state: jax.Array) -> jax.Array:
-        return benchmark_score(outline_sums(body.tree, body.flesh, state, inputs, ALL if every else FEW, every=every))
+        return benchmark_score(body, state, inputs, every=every)
 
     return jax.pmap(jax.vmap(score))
 

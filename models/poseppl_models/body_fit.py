@@ -6,18 +6,17 @@ between the shoulders, the end of the head (``crown``), and six joints of the li
 >>> import numpy as np
 >>> from poseppl_models.darby_body import darby_body
 >>> body = darby_body()
->>> places = place_markers(body, body.rest[None])
->>> round(fitted_stature(measured_lengths(places)), 1)
+>>> rest = dict(zip(body.tree.marker_names, np.asarray(marker_positions(body.tree, jnp.asarray(body.rest)))[:, None]))
+>>> round(fitted_stature(measured_lengths(rest)), 1)
 1750.0
->>> states = fitted_states(body, places)
->>> float(np.abs(place_markers(body, states)["wrist_l"] - places["wrist_l"]).max()) < 1.0
+>>> states = fitted_states(body, rest)
+>>> bool(np.allclose(marker_positions(body.tree, jnp.asarray(states[0])), np.concatenate(list(rest.values())), atol=1.0))
 True
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import jax
@@ -73,12 +72,6 @@ def fitted_stature(lengths: Mapping[str, float]) -> float:
     """Stature (mm) whose segments come closest to measured ones by least squares; the head is left out."""
     pairs = np.array([(LENGTH_SHARES[name], length) for name, length in lengths.items() if name != "head"])
     return float(pairs[:, 0] @ pairs[:, 1] / (pairs[:, 0] @ pairs[:, 0]))
-
-
-def place_markers(body: ConeBody, states: Any) -> dict[str, Floats]:
-    """Places (T, 3) in mm of all of a body's markers in states (T, d)."""
-    found = np.asarray(jax.vmap(partial(marker_positions, body.tree))(jnp.asarray(states, float)), np.float64)
-    return {name: found[:, number] for number, name in enumerate(body.tree.marker_names)}
 
 
 def fitted_states(body: ConeBody, places: Mapping[str, Any]) -> Floats:

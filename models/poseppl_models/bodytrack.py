@@ -3,7 +3,7 @@
 31 coordinates and 10 elliptical cones. The benchmark's rotation from three angles is E(a, b, c) = Rz(c) Rx(a) Ry(b), inverted
 at every joint except the pelvis, with fixed quarter turns between the joints. Here the fixed turns are carried out to the
 leaves: they only permute axes and turn signs, so that the body is a plain kinematic tree, and a pose of the benchmark is a
-state with its coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`, :meth:`BodytrackBody.pose_of`).
+state with its coordinates reordered and some of them negated (:meth:`BodytrackBody.state_of`).
 
 The likelihood has no noise of its own: of edge samples along the sides of all parts in all cameras, and of samples inside,
 
@@ -23,6 +23,7 @@ import numpy as np
 import numpyro
 from jax import Array
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras, Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of, parts_of
@@ -30,8 +31,6 @@ from poseppl.motion.geometry.outline_samples import Room, Spacing, Sums, fixed_s
 from poseppl.motion.geometry.outlines import outline_corners
 from poseppl.program import StateSpaceModel
 from poseppl_models.random_walk import walking_body
-
-Floats = np.ndarray[Any, Any]
 
 
 class ImageInputs(NamedTuple):
@@ -73,12 +72,6 @@ class BodytrackBody(NamedTuple):
         """States (..., 31) of poses (..., 31) of the benchmark: position in mm, angles in radians."""
         state: Floats = np.asarray(pose)[..., self.order] * self.signs
         return state
-
-    def pose_of(self, state: Any) -> Floats:
-        """Poses of states."""
-        pose = np.empty_like(np.asarray(state))
-        pose[..., self.order] = np.asarray(state) * self.signs
-        return pose
 
 
 class _Joint(NamedTuple):
@@ -221,44 +214,40 @@ _CHUNK = 128
 """Particles at a time: some 500 samples of each in 4 cameras fit the cache."""
 
 
-def outline_sums(
-    tree: KinematicTree, flesh: Flesh, state: Array, inputs: ImageInputs, rooms: Sequence[Room], *, every: bool = False
-) -> Sums:
+def outline_sums(body: BodytrackBody, state: Array, inputs: ImageInputs, *, every: bool = False) -> Sums:
     """Sums of the errors over the samples, camera by camera, of one state (d,).
 
     Args:
-        tree: The body.
-        flesh: Its parts.
+        body: The body.
         state: Shape (d,).
         inputs: Cameras and maps.
-        rooms: Numbers of intervals of each part.
-        every: Whether every sample is taken that the benchmark takes, for which there must be room.
+        every: Whether every sample is taken that the benchmark takes, as far as there is room; otherwise few.
     """
 
     def sums(tree: KinematicTree, flesh: Flesh, state: Array, cameras: Cameras, edge: Any, inside: Any) -> Sums:
         corners = outline_corners(cameras, flesh, parts_of(tree, flesh, state))
-        return (spaced_sums if every else fixed_sums)(corners, edge[..., 0], inside[..., 0], Spacing(), rooms)
+        return (spaced_sums if every else fixed_sums)(corners, edge[..., 0], inside[..., 0], Spacing(), ALL if every else FEW)
 
-    result: Sums = batch_last(sums, chunk=_CHUNK)(tree, flesh, state, inputs.cameras, inputs.edge_error, inputs.inside_error)
+    seen = inputs.cameras, inputs.edge_error, inputs.inside_error
+    result: Sums = batch_last(sums, chunk=_CHUNK)(body.tree, body.flesh, state, *seen)
     return result
 
 
-def benchmark_score(sums: Sums) -> Array:
-    """Score of the sums, log L, pooled over cameras."""
+def benchmark_score(body: BodytrackBody, state: Array, inputs: ImageInputs, *, every: bool = False) -> Array:
+    """Score of a state, log L, pooled over cameras; arguments as of :func:`outline_sums`."""
+    sums = outline_sums(body, state, inputs, every=every)
     return -(jnp.sum(sums.edge) / jnp.sum(sums.num_edge) + jnp.sum(sums.inside) / jnp.sum(sums.num_inside))
 
 
-def bodytrack(body: BodytrackBody, rooms: Sequence[Room] = FEW, *, every: bool = False) -> StateSpaceModel:
+def bodytrack(body: BodytrackBody, *, every: bool = False) -> StateSpaceModel:
     """Write the programs: a Gaussian random walk seen through the benchmark's likelihood; inputs are :class:`ImageInputs`.
 
     Args:
         body: The body.
-        rooms: Numbers of intervals of each part.
         every: Whether every sample of the benchmark is taken.
     """
 
     def observe(params: Any, pose: Array, inputs: ImageInputs) -> None:
-        score = benchmark_score(outline_sums(body.tree, body.flesh, pose, inputs, rooms, every=every))
-        numpyro.factor("image", params["beta"] * score)
+        numpyro.factor("image", params["beta"] * benchmark_score(body, pose, inputs, every=every))
 
     return walking_body(body.tree.coordinates, observe)

@@ -34,6 +34,7 @@ from poseppl_models.bodytrack import BodytrackBody, ImageInputs, bodytrack_body
 
 Pixels = NDArray[np.uint8]
 _DIMENSION = 31
+_CAMERAS = (1, 2, 3, 4)
 _ORTHOGONAL = 1e-3
 """Largest entry of R R' - 1 of a rotation whose entries are written to a few digits."""
 
@@ -77,13 +78,12 @@ class Bodytrack(NamedTuple):
         return ImageInputs(self.cameras, edges, inside, start, scale, scale)
 
 
-def read_bodytrack(folder: FilePath, frames: Sequence[int] = (0,), *, cameras: Sequence[int] = (1, 2, 3, 4)) -> Bodytrack:
+def read_bodytrack(folder: FilePath, frames: Sequence[int] = (0,)) -> Bodytrack:
     """Read frames of the benchmark.
 
     Args:
         folder: Such as ``sequenceB_1``.
         frames: Numbers of the frames, at least one.
-        cameras: Numbers of the cameras, at least one.
 
     Raises:
         InputError: A file is missing, holds other numbers than expected, or images differ in size.
@@ -92,20 +92,20 @@ def read_bodytrack(folder: FilePath, frames: Sequence[int] = (0,), *, cameras: S
     place = Path(folder)
     if not place.is_dir():
         raise InputError("no such folder", file=folder, expected="the benchmark's folder, such as sequenceB_1")
-    if not frames or not cameras:
-        raise InputError("nothing to read", file=folder, expected="the number of at least one frame and of one camera")
+    if not frames:
+        raise InputError("nothing to read", file=folder, expected="the number of at least one frame")
     body = bodytrack_body(_numbers(place / "BodyShapeParameters.txt", (58,), "10 parts of 4, and 18 lengths (mm)"))
     pose = _numbers(place / "InitialPose.txt", (_DIMENSION,), "one pose")
     kinds = "standard deviations, lower and upper limits, one of each for every entry of a pose"
     scale, *limits = _numbers(place / "PoseParameters.txt", (3, _DIMENSION), kinds)
-    images = _images(place, "CAM", frames, cameras)
-    foregrounds = _images(place, "FG", frames, cameras)
+    images = _images(place, "CAM", frames)
+    foregrounds = _images(place, "FG", frames)
     if images.shape != foregrounds.shape:
         sizes = [f"{shape[3]} x {shape[2]}" for shape in (images.shape, foregrounds.shape)]
         raise InputError(f"foregrounds of {sizes[1]} pixels", file=folder, expected=f"{sizes[0]}, as the images have")
     return Bodytrack(
         body=body,
-        cameras=_join([_camera(place / "CALIB" / f"Camera{number}.cal") for number in cameras]),
+        cameras=_join([_camera(place / "CALIB" / f"Camera{number}.cal") for number in _CAMERAS]),
         frames=tuple(frames),
         images=images,
         foregrounds=(foregrounds[..., 0] > 0).astype(np.uint8),
@@ -157,11 +157,11 @@ def _join(cameras: Sequence[dict[str, Floats]]) -> Cameras:
     return Cameras(**stacked)
 
 
-def _images(folder: Path, kind: str, frames: Sequence[int], cameras: Sequence[int]) -> Pixels:
+def _images(folder: Path, kind: str, frames: Sequence[int]) -> Pixels:
     """Images (T, C, H, W, 3) of one size."""
     found: list[Pixels] = []
     for frame in frames:
-        for camera in cameras:
+        for camera in _CAMERAS:
             path = folder / f"{kind}{camera}" / f"image{frame:04d}.bmp"
             image = read_image(path, str(camera), frame)
             if found and image.shape != found[0].shape:
@@ -169,4 +169,4 @@ def _images(folder: Path, kind: str, frames: Sequence[int], cameras: Sequence[in
                 problem = f"an image of {image.shape[1]} x {image.shape[0]} pixels"
                 raise InputError(problem, file=path, expected=f"{width} x {height}, as the first has")
             found.append(image)
-    return np.stack(found).reshape(len(frames), len(cameras), *found[0].shape)
+    return np.stack(found).reshape(len(frames), len(_CAMERAS), *found[0].shape)

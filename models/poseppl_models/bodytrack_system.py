@@ -11,7 +11,7 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.errors import FilePath
 from poseppl.program import StateSpaceModel
-from poseppl_models.bodytrack import ALL, FEW, benchmark_score, bodytrack, limb_groups, outline_sums
+from poseppl_models.bodytrack import benchmark_score, bodytrack, limb_groups
 from poseppl_models.bodytrack_files import read_bodytrack
 
 
@@ -37,12 +37,11 @@ class BodytrackSystem(NamedTuple):
     scores: Mapping[str, Callable[[Array], Array]]
 
 
-def bodytrack_system(folder: FilePath, *, every: bool = True) -> BodytrackSystem:
-    """Read the benchmark's folder.
+def bodytrack_system(folder: FilePath) -> BodytrackSystem:
+    """Read the benchmark's folder; the programs take every sample.
 
     Args:
         folder: Such as ``sequenceB_1``.
-        every: Whether the programs take every sample of the benchmark, or few.
 
     Raises:
         InputError: As :func:`poseppl_models.bodytrack_files.read_bodytrack`.
@@ -50,12 +49,9 @@ def bodytrack_system(folder: FilePath, *, every: bool = True) -> BodytrackSystem
     data = read_bodytrack(folder)
     inputs, body = data.inputs(), data.body
 
-    def score(rooms: Sequence[Any], every: bool) -> Callable[[Array], Array]:
-        return lambda state: benchmark_score(
-            outline_sums(body.tree, body.flesh, jnp.asarray(state, float), inputs, rooms, every=every)
-        )
+    def score(every: bool) -> Callable[[Array], Array]:
+        return lambda state: benchmark_score(body, jnp.asarray(state, float), inputs, every=every)
 
     poses = {"initial": data.start} | ({"reference": data.reference[0]} if len(data.reference) else {})
-    program = bodytrack(body, ALL if every else FEW, every=every)
-    scores = {"every": score(ALL, True), "few": score(FEW, False)}
+    program, scores = bodytrack(body, every=True), {"every": score(True), "few": score(False)}
     return BodytrackSystem(program, {"beta": 1.0}, inputs, limb_groups(body), poses, data.step_scale, scores)

@@ -17,17 +17,16 @@ middle of the spine, both ends of the head, shoulders, elbows, wrists, hips, kne
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
-from poseppl.program import StateSpaceModel
 from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.random_walk import walking_body
 from poseppl_models.seen import see_points
+from poseppl_models.sides import edges_along
 
 NOISE = 0.003
 """Standard deviation of the image noise at focal length 1 (section 7.3)."""
@@ -37,6 +36,8 @@ SIGMA_POSITION = 15.0 * RATE**0.5
 """Standard deviation of the random walk of translations, mm a root of a second: 15 mm a frame of the paper."""
 SIGMA_ANGLE = 0.15 * RATE**0.5
 """Standard deviation of the random walk of angles, radians a root of a second: 0.15 a frame of the paper."""
+WALK: Mapping[str, float] = {"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE}
+"""Both, as the params of a body that is seen as points."""
 REST_ANGLE = 0.1
 """Flexion of the hips at rest (radians); knees and elbows are bent twice as far."""
 
@@ -63,16 +64,8 @@ middle between both shoulders against the neck and the middle between both hips 
 from optical markers put the shoulders 30 to 60 mm above the end of the spine, and the hips 45 to 75 mm in front of its root.
 """
 
-EDGES = (
-    ("pelvis", "chest"),
-    ("chest", "neck"),
-    ("neck", "skull"),
-    ("skull", "crown"),
-    *((a.format(s), b.format(s)) for s in "lr" for a, b in (("neck", "shoulder_{}"), ("shoulder_{}", "elbow_{}"))),
-    *((f"elbow_{s}", f"wrist_{s}") for s in "lr"),
-    *((a.format(s), b.format(s)) for s in "lr" for a, b in (("pelvis", "hip_{}"), ("hip_{}", "knee_{}"))),
-    *((f"knee_{s}", f"ankle_{s}") for s in "lr"),
-)
+LIMBS = (("neck", "shoulder", "elbow", "wrist"), ("pelvis", "hip", "knee", "ankle"))
+EDGES = edges_along(("pelvis", "chest", "neck", "skull", "crown"), LIMBS)
 
 
 def choo_fleet_tree(lengths: Mapping[str, float] = LENGTHS) -> KinematicTree:
@@ -114,20 +107,6 @@ def _tree(size: Mapping[str, float]) -> KinematicTree:
     return kinematic_tree(joints, markers)
 
 
-def choo_fleet_programs(tree: KinematicTree) -> StateSpaceModel:
-    """Write initial, transition and observation programs for any kinematic tree, one site for each joint.
-
-    Args:
-        tree: The coordinates; offsets are the inputs'. Trees of the same coordinates have the same programs.
-    """
-    return _programs(tree.coordinates)
-
-
-@lru_cache(maxsize=8)
-def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    return walking_body(coordinates, see_points)
-
-
 def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ...] | None = None) -> Body:
     """Build the 28-DOF body.
 
@@ -137,10 +116,8 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
     """
     sizes = {**LENGTHS, **(lengths or {})}
     tree = choo_fleet_tree(sizes)
-    params = {"sigma_position": SIGMA_POSITION, "sigma_angle": SIGMA_ANGLE}
-    programs, rest = choo_fleet_programs(tree), _rest(tree, sizes)
-    turned = segments("spine")
-    return Body(programs, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, params, NOISE, segments=turned)
+    program, rest = walking_body(tree.coordinates, see_points), _rest(tree, sizes)
+    return Body(program, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, WALK, NOISE, segments=segments("spine"))
 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:

@@ -7,19 +7,17 @@ Widths are chosen here to look like a clothed adult; no table stands behind them
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 from poseppl.motion.geometry.flesh import Cone
-from poseppl_models.anthropometry import LENGTH_SHARES, RADIUS_SHARES
+from poseppl_models.anthropometry import LENGTH_SHARES, segment_lengths, segment_radii
 from poseppl_models.choo_fleet import LENGTHS
 
 
-def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1.0) -> list[Cone]:
+def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS) -> list[Cone]:
     """Cones of a subject.
 
     Args:
         lengths: Segment lengths (mm) that differ from the standard subject's.
-        girth: Factor of all widths.
     """
     size = {**LENGTHS, **lengths}
     spine, shoulders = size["spine"], size["shoulder_width"]
@@ -29,7 +27,7 @@ def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1
             "torso",
             "spine",
             spine + 0.12 * spine + size["hip_drop"] * 0.5,
-            (girth * 0.74 * shoulders, girth * 0.86 * shoulders),
+            (0.74 * shoulders, 0.86 * shoulders),
             (1.0, 0.66),
             origin=(0.0, 0.0, -0.12 * spine - size["hip_drop"] * 0.5),
         ),
@@ -37,7 +35,7 @@ def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1
             "head",
             "head",
             0.92 * (size["neck"] + size["head"]),
-            (girth * 0.26 * torso, girth * 0.36 * torso),
+            (0.26 * torso, 0.36 * torso),
             (0.9, 1.1),
             origin=(0.0, 0.0, 0.12 * size["neck"]),
         ),
@@ -45,42 +43,30 @@ def choo_fleet_flesh(lengths: Mapping[str, float] = LENGTHS, *, girth: float = 1
     for side in "lr":
         arm, forearm, thigh, shank = (size[name] for name in ("upper_arm", "forearm", "thigh", "shank"))
         parts += [
-            _limb(f"upper_arm_{side}", f"shoulder_{side}", arm, 0.19, 0.155, girth),
-            _limb(f"forearm_{side}", f"elbow_{side}", 1.45 * forearm, 0.12, 0.11, girth),
-            _limb(f"thigh_{side}", f"hip_{side}", thigh, 0.205, 0.145, girth),
-            _limb(f"shank_{side}", f"knee_{side}", 1.06 * shank, 0.148, 0.115, girth),
-            _foot(side, shank, girth),
+            _limb(f"upper_arm_{side}", f"shoulder_{side}", arm, 0.19, 0.155),
+            _limb(f"forearm_{side}", f"elbow_{side}", 1.45 * forearm, 0.12, 0.11),
+            _limb(f"thigh_{side}", f"hip_{side}", thigh, 0.205, 0.145),
+            _limb(f"shank_{side}", f"knee_{side}", 1.06 * shank, 0.148, 0.115),
+            _foot(side, shank),
         ]
     return parts
 
 
-def _limb(name: str, joint: str, length: float, base: float, tip: float, girth: float) -> Cone:
+def _limb(name: str, joint: str, length: float, base: float, tip: float) -> Cone:
     """A cone down its joint's z, its radii in proportion to its length."""
-    return Cone(name, joint, length, (girth * base * length, girth * tip * length), axis=(0.0, 0.0, -1.0))
+    return Cone(name, joint, length, (base * length, tip * length), axis=(0.0, 0.0, -1.0))
 
 
 TOES = (0.0, 1.0, 0.36)
 """Direction of a foot in the frame of its shank, y forward: 20 degrees up; recorded toes are 16 to 26 on three walks."""
 
 
-class FootSize(NamedTuple):
-    """Sizes of a foot, mm: its length from heel to toes, how far the heel is below the ankle, radii at both ends."""
+def _foot(side: str, shank: float) -> Cone:
+    """A cone from the heel to the toes, fixed to the shank, since the body has no joint at the ankle.
 
-    length: float
-    height: float
-    radii: tuple[float, float]
-
-    @classmethod
-    def of_shank(cls, shank: float) -> FootSize:
-        """The foot of somebody whose shank is so long, mm; its heel is a quarter of its length behind the ankle."""
-        stature = shank / LENGTH_SHARES["shank"]
-        base, tip = RADIUS_SHARES["foot"]
-        return cls(LENGTH_SHARES["foot"] * stature, LENGTH_SHARES["ankle_height"] * stature, (base * stature, tip * stature))
-
-
-def _foot(side: str, shank: float, girth: float) -> Cone:
-    """A cone from the heel to the toes, fixed to the shank, since the body has no joint at the ankle."""
-    size = FootSize.of_shank(shank)
-    heel = (0.0, -0.25 * size.length, -shank - size.height)
-    base, tip = size.radii
-    return Cone(f"foot_{side}", f"knee_{side}", size.length, (girth * base, girth * tip), origin=heel, axis=TOES)
+    It is the foot of somebody whose shank is so long, mm; its heel is a quarter of its length behind the ankle.
+    """
+    stature = shank / LENGTH_SHARES["shank"]
+    size = segment_lengths(stature)
+    heel = (0.0, -0.25 * size["foot"], -shank - size["ankle_height"])
+    return Cone(f"foot_{side}", f"knee_{side}", size["foot"], segment_radii(stature)["foot"], origin=heel, axis=TOES)

@@ -10,10 +10,11 @@ turns about Y, right ones by negative ones. Parts are called after the segment, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.flesh import Cone, Flesh, flesh_of
 from poseppl_models.anthropometry import TORSO_DEPTH, segment_lengths, segment_radii
@@ -22,7 +23,8 @@ from poseppl_models.sides import mirrored_angle, neighbours_in
 
 Pairs = tuple[tuple[int, int], ...]
 _CHAINS = (("torso", "upper_arm", "forearm", "hand"), ("torso", "thigh", "shank", "foot"), ("torso", "head"))
-_REST = {("knee", "X"): -0.2, ("hip", "X"): 0.1, ("elbow", "X"): 0.2, ("shoulder", "Y"): 0.2}
+REST = {("knee", "X"): -0.2, ("hip", "X"): 0.1, ("elbow", "X"): 0.2, ("shoulder", "Y"): 0.2}
+"""Angles (radians) of a person who stands at ease, of the left side; a little bent, which tells front from back."""
 
 
 class ConeBody(NamedTuple):
@@ -38,9 +40,9 @@ class ConeBody(NamedTuple):
 
     tree: KinematicTree
     flesh: Flesh
-    limits: np.ndarray[Any, Any]
+    limits: Floats
     apart: Pairs
-    rest: np.ndarray[Any, Any]
+    rest: Floats
 
 
 def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequence[Cone]) -> ConeBody:
@@ -52,7 +54,7 @@ def cone_body(lengths: Mapping[str, float], axes: Mapping[str, str], cones: Sequ
         cones: The parts.
     """
     tree = kinematic_tree(_joints(lengths, axes), _markers(lengths))
-    rest = np.array([mirrored_angle(_REST, joint, axis) for joint, axis in tree.coordinates])
+    rest = np.array([mirrored_angle(REST, joint, axis) for joint, axis in tree.coordinates])
     rest[2] = lengths["thigh"] * np.cos(0.1) + lengths["shank"] * np.cos(0.1) + lengths["ankle_height"]
     return ConeBody(tree, flesh_of(tree, cones), joint_limits(tree), _apart([cone.name for cone in cones]), rest)
 

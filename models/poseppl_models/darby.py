@@ -18,24 +18,17 @@ import numpy as np
 
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
-from poseppl_models import choo_fleet
 from poseppl_models.anthropometry import STATURE, segment_lengths
 from poseppl_models.body_fit import fitted_stature, measured_lengths
+from poseppl_models.choo_fleet import LIMBS, NOISE, WALK
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.darby_body import darby_body
 from poseppl_models.joint_names import ALIASES, segments
+from poseppl_models.random_walk import walking_body
+from poseppl_models.seen import see_points
+from poseppl_models.sides import edges_along
 
-_LIMBS = (("neck", "shoulder", "elbow", "wrist"), ("pelvis", "hip", "knee", "ankle"))
-EDGES = (
-    ("pelvis", "neck"),
-    ("neck", "crown"),
-    *(
-        (a if number == 0 else f"{a}_{side}", f"{b}_{side}")
-        for side in "lr"
-        for chain in _LIMBS
-        for number, (a, b) in enumerate(zip(chain, chain[1:], strict=False))
-    ),
-)
+EDGES = edges_along(("pelvis", "neck", "crown"), LIMBS)
 _MIDDLES = {"pelvis": "hip", "neck": "shoulder"}
 
 
@@ -60,12 +53,10 @@ def full_body(lengths: Mapping[str, float] | None = None) -> Body:
 def seen_as_points(cones: ConeBody, sizes: Mapping[str, float]) -> Body:
     """A body of cones whose joints are seen as points, with the lengths (mm) that it was built with."""
     tree = cones.tree.with_markers([name for name in cones.tree.marker_names if name in _ALIASES])
-    program = choo_fleet.choo_fleet_programs(tree)
-    params = {"sigma_position": choo_fleet.SIGMA_POSITION, "sigma_angle": choo_fleet.SIGMA_ANGLE}
+    program = walking_body(tree.coordinates, see_points)
     aliases = {name: _ALIASES[name] for name in tree.marker_names}
-    lengths, noise = dict(sizes), choo_fleet.NOISE
-    turned = segments("thorax")
-    return Body(program, tree, EDGES, "pelvis", aliases, lengths, measure, None, cones.rest, params, noise, segments=turned)
+    lengths, turned = dict(sizes), segments("thorax")
+    return Body(program, tree, EDGES, "pelvis", aliases, lengths, measure, None, cones.rest, WALK, NOISE, segments=turned)
 
 
 def measure(markers: Mapping[str, Any]) -> dict[str, float]:

@@ -21,6 +21,9 @@ from poseppl_models.cone_body import ConeBody
 Images = NDArray[Any]
 GRID = (6, 4)
 """Rows and columns of the pixels of a part whose colours are looked up."""
+DESCRIPTORS = 20
+_MAX_CORNERS = 256
+"""Room for the corners of a contour, of which there is one every 4 steps of the grid."""
 
 
 class DuGuanEvidence(NamedTuple):
@@ -51,10 +54,8 @@ def du_guan_evidence(
     part_weights: Images,
     *,
     stride: int = 4,
-    descriptors: Images | None = None,
-    count: int = 20,
 ) -> DuGuanEvidence:
-    """Take the evidence of a frame from its features and colours.
+    """Take the evidence of a frame from its features and colours; contours are those on the grid, where thin gaps close.
 
     Args:
         foreground: (C, H, W), not 0 at the person.
@@ -63,25 +64,21 @@ def du_guan_evidence(
         colours: (C, P, bins) histograms of the parts, such as :func:`part_colours` of a frame whose pose is known.
         part_weights: (C, P) weights of the parts.
         stride: Pixels between points of the grid.
-        descriptors: (C, count) Fourier descriptors of the foreground; None for those of its contour on the grid, where thin
-            gaps close as those of the projected body do.
-        count: How many are computed of the grid.
     """
     there = np.asarray(known, bool)
     shown, seen = pack_mask(foreground, stride), pack_mask(there, stride)
-    if descriptors is None:
-        found = np.asarray(jax.jit(grid_descriptors, static_argnums=1)((shown & seen)[..., None], count))[..., 0]
-        descriptors = np.where(np.any(np.asarray(shown & seen), axis=(1, 2))[:, None], found, np.nan)
+    found = np.asarray(jax.jit(grid_descriptors)((shown & seen)[..., None]))[..., 0]
+    descriptors = np.where(np.any(np.asarray(shown & seen), axis=(1, 2))[:, None], found, np.nan)
     floats = (jnp.asarray(values, float) for values in (colours, part_weights, descriptors))
     return DuGuanEvidence(shown, seen, pad_bins(bins, there), *floats)
 
 
-def grid_descriptors(bits: Array, count: int, max_corners: int = 256) -> Array:
-    """Fourier descriptors (C, count, N) of silhouettes (C, rows, words, N); 0 for an empty one."""
+def grid_descriptors(bits: Array) -> Array:
+    """Fourier descriptors (C, DESCRIPTORS, N) of silhouettes (C, rows, words, N); 0 for an empty one."""
     cameras = bits.shape[0]
-    contours = trace_contours(jnp.moveaxis(bits, 0, 2).reshape(*bits.shape[1:3], -1), max_corners)
-    found = polygon_descriptors(contours.x.astype(float), contours.y.astype(float), count)
-    return jnp.moveaxis(found.reshape(count, cameras, -1), 1, 0)
+    contours = trace_contours(jnp.moveaxis(bits, 0, 2).reshape(*bits.shape[1:3], -1), _MAX_CORNERS)
+    found = polygon_descriptors(contours.x.astype(float), contours.y.astype(float), DESCRIPTORS)
+    return jnp.moveaxis(found.reshape(DESCRIPTORS, cameras, -1), 1, 0)
 
 
 def pad_bins(bins: Images, known: Images) -> Array:

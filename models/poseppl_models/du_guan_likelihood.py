@@ -31,12 +31,11 @@ from poseppl_models.image_program import CameraScore, SeenBody
 _LEAST_OVERLAP = 1e-6
 
 
-def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
+def du_guan_score(stride: int) -> CameraScore:
     """Write log p_1 p_2 p_3 for each camera, without a gradient.
 
     Args:
         stride: Of the evidence's grid, px.
-        max_corners: Room for the corners of a boundary, of which there is one every 4 steps of the grid.
     """
 
     def score(seen: SeenBody) -> Array:
@@ -45,7 +44,7 @@ def du_guan_score(stride: int, *, max_corners: int = 256) -> CameraScore:
         body = computed_once(seen.silhouette(stride))
         overlap = overlap_ratio(evidence.foreground & evidence.known, body)
         colour = colour_distance(evidence, corners)
-        boundary = boundary_distance(evidence.descriptors, body, max_corners)
+        boundary = boundary_distance(evidence.descriptors, body)
         exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
         value: Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) / seen.params["overlap_scale"] - exponent
         return value
@@ -74,8 +73,8 @@ def colour_distance(evidence: DuGuanEvidence, corners: Array) -> Array:
     return jnp.sqrt(jnp.clip(1 - overlap, 0.0, 1.0))
 
 
-def boundary_distance(descriptors: Array, body: Array, max_corners: int) -> Array:
+def boundary_distance(descriptors: Array, body: Array) -> Array:
     """Euclidean distance (C, N) between descriptors (C, count, 1) and those of words (C, rows, words, N)."""
-    found = grid_descriptors(body, descriptors.shape[1], max_corners)
+    found = grid_descriptors(body)
     there = jnp.isfinite(descriptors)
     return jnp.sqrt(jnp.sum(jnp.where(there, (found - jnp.where(there, descriptors, 0.0)) ** 2, 0.0), 1))

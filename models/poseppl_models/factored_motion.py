@@ -33,25 +33,6 @@ from poseppl.program import StateSpaceModel
 from poseppl_models.random_walk import Observe
 
 
-def factored_rotations(observe: Observe) -> StateSpaceModel:
-    """Write the programs of phase and rotations alone, sites ``phase`` and ``bins`` (D,).
-
-    Args:
-        observe: What is observed of the bins (D,). Inputs have ``motion``, a :class:`FactoredTables`.
-    """
-
-    def initial(params: Any, inputs: Any) -> None:
-        _first(inputs.motion)
-
-    def transition(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        _next(inputs.motion, state)
-
-    def observation(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        observe(params, state["bins"], inputs)
-
-    return StateSpaceModel(initial, transition, observation)
-
-
 def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) -> StateSpaceModel:
     """Write the programs of a body, sites ``phase``, ``bins``, ``heading`` () and ``position`` (3,).
 
@@ -65,14 +46,14 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
     pose_of = pose_of_bins(coordinates)
 
     def initial(params: Any, inputs: Any) -> None:
-        _first(inputs.motion)
+        first_frame(inputs.motion)
         mean, scale = inputs.start[places], inputs.start_scale[places]
         numpyro.sample("heading", dist.Normal(mean[3], scale[3]))
         numpyro.sample("position", dist.Normal(mean[:3], scale[:3]).to_event(1))
 
     def transition(params: Any, state: dict[str, Any], inputs: Any) -> None:
         motion: FactoredTables = inputs.motion
-        phase = _next(motion, state)
+        phase = next_frame(motion, state)
         scale = inputs.step_scale[places]
         heading = numpyro.sample("heading", dist.Normal(state["heading"], scale[3]))
         means = state["position"] + jnp.stack([jnp.zeros(3), turned(motion.strides[phase], heading)])
@@ -107,12 +88,14 @@ def turned(step: Array, heading: Array) -> Array:
     return jnp.stack([-sine * forwards - cosine * left, cosine * forwards - sine * left, up])
 
 
-def _first(motion: FactoredTables) -> None:
+def first_frame(motion: FactoredTables) -> None:
+    """Sample ``phase`` and ``bins`` (D,) of the first frame."""
     phase = numpyro.sample("phase", dist.Categorical(probs=motion.first_phase))
     numpyro.sample("bins", dist.Categorical(probs=motion.first_bins[phase]))
 
 
-def _next(motion: FactoredTables, state: dict[str, Any]) -> Array:
+def next_frame(motion: FactoredTables, state: dict[str, Any]) -> Array:
+    """Sample ``phase``, which is returned, and ``bins`` (D,) after a state."""
     phase: Array = numpyro.sample("phase", dist.Categorical(probs=motion.phases[state["phase"]]))
     numpyro.sample("bins", dist.Categorical(probs=motion.successors(phase, state["bins"])))
     return phase

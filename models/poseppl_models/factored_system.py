@@ -20,7 +20,7 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.learned import FactoredTables, bin_angles, read_factored_tables, root_places
-from poseppl_models.body_constraints import hard_constraints
+from poseppl_models.body_constraints import within_limits
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.factored_motion import factored_motion, pose_of_bins
 from poseppl_models.image_program import camera_likelihood
@@ -62,7 +62,6 @@ def peursum_factored_system(
     model: str,
     views: int = 4,
     exponent: float = 8.0,
-    stride: int = STRIDE,
 ) -> ImageSystem:
     """Build it.
 
@@ -71,23 +70,22 @@ def peursum_factored_system(
         model: File of the learned tables.
         views: How many cameras are used, the first ones.
         exponent: lambda of Eq. 9.
-        stride: Pixels between points of the likelihood's grid.
 
     Raises:
         InputError: The file cannot be read, its rotations are beyond the body's limits, or no two cameras see the person in the
             first frame.
     """
     body, fitted = peursum_person(person.markers)
-    likelihood, limits = camera_likelihood(body, peursum_score(stride)), hard_constraints()["limits"]
+    likelihood = camera_likelihood(body, peursum_score(STRIDE))
     motion = read_factored_tables(model)
     check_limits(body, motion, model)
     start, start_scale = first_place(body, person, views, fitted[0])
 
     def observe(params: Any, pose: Array, inputs: FactoredInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
-        numpyro.factor("limits", limits(body, pose, params))
+        numpyro.factor("limits", within_limits(body, pose, params))
 
-    seen = two_way_inputs(person, views, start, published_scale(body, person.rate), stride)
+    seen = two_way_inputs(person, views, start, published_scale(body, person.rate))
 
     def inputs_of(sight: Sight) -> FactoredInputs:
         plain = seen(sight)._replace(start_scale=jnp.asarray(start_scale, float))

@@ -20,19 +20,20 @@ import numpyro.distributions as dist
 
 from poseppl.program import StateSpaceModel
 
+VARIANCE = 10.0
+"""Of the transition and of the first state."""
+
 
 def growth_mean(x: Any, time: Any) -> Any:
     """Mean of x_t given x_(t-1), with t the time of the new state (Eq. 28)."""
     return x / 2 + 25 * x / (1 + x * x) + 8 * jnp.cos(1.2 * time)
 
 
-def growth(dimension: int = 1, transition_variance: float = 10.0, observation_variance: float = 1.0) -> StateSpaceModel:
+def growth(dimension: int = 1) -> StateSpaceModel:
     """Build the model.
 
     Args:
         dimension: Number of independent coordinates; 1 gives scalar sites.
-        transition_variance: Variance of the transition and of the first state.
-        observation_variance: Variance of the observation noise.
 
     Raises:
         ValueError: A dimension below 1.
@@ -40,7 +41,7 @@ def growth(dimension: int = 1, transition_variance: float = 10.0, observation_va
     if dimension < 1:
         raise ValueError(f"dimension is {dimension}. Expected at least 1.")
     shape = () if dimension == 1 else (dimension,)
-    spread, noise = transition_variance**0.5, observation_variance**0.5
+    spread = VARIANCE**0.5
 
     def initial(params: Any, inputs: Any) -> None:
         numpyro.sample("x", dist.Normal(0.0, spread).expand(shape))
@@ -49,6 +50,6 @@ def growth(dimension: int = 1, transition_variance: float = 10.0, observation_va
         numpyro.sample("x", dist.Normal(growth_mean(state["x"], inputs), spread))
 
     def observation(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        numpyro.sample("y", dist.Normal(state["x"] ** 2 / 20, noise))
+        numpyro.sample("y", dist.Normal(state["x"] ** 2 / 20, 1.0))
 
     return StateSpaceModel(initial, transition, observation)

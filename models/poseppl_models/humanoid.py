@@ -19,10 +19,10 @@ near 0 in the standard have 10 mm; widths of the flesh, for which we have no sur
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
+from poseppl.arrays import Floats
 from poseppl_models.anthropometry import LENGTH_SHARES, RADIUS_SHARES, STATURE, TORSO_DEPTH
 
 H_ANIM_STATURE = 1.7504
@@ -100,17 +100,16 @@ def humanoid_sizes(stature: float = STATURE) -> dict[str, float]:
     return {name: share * stature for name, share in (_lengths() | _widths()).items()}
 
 
-def anthropometric_prior(names: Sequence[str], stature: float = STATURE) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Mean (n,) and covariance (n, n) of sizes, mm.
+def anthropometric_prior(names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Mean (n,) and covariance (n, n) of sizes, mm; the stature's standard deviation is part of the covariance.
 
     Args:
         names: Of :func:`humanoid_sizes`.
-        stature: The stature's mean, mm; its standard deviation is part of the covariance.
 
     Raises:
         ValueError: A name that is none of them.
     """
-    sizes = humanoid_sizes(stature)
+    sizes = humanoid_sizes()
     unknown = [name for name in names if name not in sizes]
     if unknown:
         raise ValueError(f"no size {unknown[0]!r}; expected names of {sorted(sizes)}")

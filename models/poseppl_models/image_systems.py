@@ -23,7 +23,7 @@ from poseppl.arrays import Floats
 from poseppl.motion.bodies.image_system import ImageSystem, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
 from poseppl_models.anthropometry import STATURE
-from poseppl_models.body_constraints import hard_constraints
+from poseppl_models.body_constraints import parts_apart, within_limits
 from poseppl_models.body_fit import fitted_states, fitted_stature, measured_lengths
 from poseppl_models.cone_body import ConeBody, with_crown
 from poseppl_models.darby_body import darby_body
@@ -31,12 +31,14 @@ from poseppl_models.darby_likelihood import darby_monocular_score, darby_score
 from poseppl_models.du_guan_body import du_guan_body
 from poseppl_models.du_guan_likelihood import du_guan_score
 from poseppl_models.feature_evidence import colours_at, du_guan_of_features, two_way_of_features
-from poseppl_models.image_program import ImageInputs, image_program
+from poseppl_models.image_program import CameraScore, ImageInputs, image_program
 from poseppl_models.peursum_body import peursum_body
 from poseppl_models.peursum_likelihood import peursum_score
 
 STRIDE = 4
 """Pixels between points of the likelihoods' grids."""
+BETA = 10.0
+"""Inverse temperature of Darby's weight."""
 VARIANCES = {"tx": 300.0, "ty": 300.0, "tz": 100.0, "Z": 6.0, "X": 8.0, "Y": 4.0}
 """Peursum's, mm^2 and square degrees: azimuth, elevation and roll are taken for turns about z, x and y."""
 HEADING = 20.0
@@ -45,9 +47,7 @@ _LEAST_ANGLE, _LEAST_PLACE = 0.01, 2.0
 _LIMBS = (("clavicle", "shoulder", "elbow"), ("hip", "knee"))
 
 
-def peursum_system(
-    person: SeenPerson, *, views: int = 4, measured: bool = False, exponent: float = 10.0, stride: int = STRIDE
-) -> ImageSystem:
+def peursum_system(person: SeenPerson, *, views: int = 4, measured: bool = False, exponent: float = 10.0) -> ImageSystem:
     """Peursum, Venkatesh and West (2010).
 
     Args:
@@ -55,29 +55,26 @@ def peursum_system(
         views: How many cameras are used, the first ones.
         measured: Whether the diffusion is that of the other two systems instead of the published one.
         exponent: lambda of Eq. 9.
-        stride: Pixels between points of the likelihood's grid.
     """
     body, fitted = peursum_person(person.markers)
     scale = half_of_largest(body, fitted) if measured else published_scale(body, person.rate)
-    program = image_program(body, peursum_score(stride), {"limits": hard_constraints()["limits"]})
-    inputs = two_way_inputs(person, views, fitted[0], scale, stride)
+    program = image_program(body, peursum_score(STRIDE), {"limits": within_limits})
+    inputs = two_way_inputs(person, views, fitted[0], scale)
     return ImageSystem(body.tree, program, {"lambda": exponent}, inputs, fitted, limbs_of(body))
 
 
-def darby_system(person: SeenPerson, *, views: int = 4, equation: int = 8, stride: int = STRIDE) -> ImageSystem:
+def darby_system(person: SeenPerson, *, views: int = 4, equation: int = 8) -> ImageSystem:
     """Darby, Li and Costen (2008), without the learned model.
 
     Args:
         person: Who is seen.
         views: How many cameras are used, the first ones.
         equation: 8, the standard weight, or 9, that for one camera.
-        stride: Pixels between points of the likelihood's grid.
     """
     body, fitted, scale = measured_body(darby_body, person)
-    score = darby_score() if equation == 8 else darby_monocular_score(stride)
-    inputs = two_way_inputs(person, views, fitted[0], scale, stride)
-    params = {"beta": 10.0, "gamma": 5.0}
-    return ImageSystem(body.tree, image_program(body, score, hard_constraints()), params, inputs, fitted, limbs_of(body))
+    program = image_program(body, darby_weight(equation), {"limits": within_limits, "parts": parts_apart})
+    inputs = two_way_inputs(person, views, fitted[0], scale)
+    return ImageSystem(body.tree, program, {"beta": BETA, "gamma": 5.0}, inputs, fitted, limbs_of(body))
 
 
 def du_guan_system(
@@ -87,7 +84,6 @@ def du_guan_system(
     overlap_scale: float = 1.0,
     colour_scale: float = 0.3,
     boundary_scale: float = 0.3,
-    stride: int = STRIDE,
 ) -> ImageSystem:
     """Du and Guan (2006); the colours of the parts are learned in the first frame.
 
@@ -97,18 +93,22 @@ def du_guan_system(
         overlap_scale: Of the logarithm of the overlap of silhouettes.
         colour_scale: Scale of the distance of colours.
         boundary_scale: Scale of the distance of boundaries.
-        stride: Pixels between points of the likelihood's grid.
     """
     body, fitted, scale = measured_body(du_guan_body, person)
     first = person.first.of_cameras(views)
     colours = colours_at(body, fitted[0], _first(person.cameras, views), first.features, first.images)
 
     def evidence(sight: Sight) -> Any:
-        return du_guan_of_features(sight.features, sight.images, colours, stride=stride)
+        return du_guan_of_features(sight.features, sight.images, colours, stride=STRIDE)
 
-    program = image_program(body, du_guan_score(stride), {"limits": hard_constraints()["limits"]})
+    program = image_program(body, du_guan_score(STRIDE), {"limits": within_limits})
     params = {"overlap_scale": overlap_scale, "colour_scale": colour_scale, "boundary_scale": boundary_scale}
     return ImageSystem(body.tree, program, params, _inputs(person, views, evidence, fitted[0], scale), fitted, limbs_of(body))
+
+
+def darby_weight(equation: int) -> CameraScore:
+    """Darby's weight: 8, the standard one, or 9, that for one camera."""
+    return darby_score() if equation == 8 else darby_monocular_score(STRIDE)
 
 
 def peursum_person(markers: Mapping[str, Floats]) -> tuple[ConeBody, Floats]:
@@ -151,9 +151,9 @@ def measured_body(build: Callable[..., ConeBody], person: SeenPerson) -> tuple[C
     return body, fitted, half_of_largest(body, fitted)
 
 
-def two_way_inputs(person: SeenPerson, views: int, start: Floats, scale: Floats, stride: int) -> Callable[[Sight], ImageInputs]:
+def two_way_inputs(person: SeenPerson, views: int, start: Floats, scale: Floats) -> Callable[[Sight], ImageInputs]:
     """Inputs of likelihoods by silhouettes and edges, from the first cameras; start and scale of the walk (d,)."""
-    return _inputs(person, views, lambda sight: two_way_of_features(sight.features, stride=stride), start, scale)
+    return _inputs(person, views, lambda sight: two_way_of_features(sight.features, stride=STRIDE), start, scale)
 
 
 def _inputs(

@@ -27,8 +27,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import KinematicTree
 
+LIMIT_WIDTH = 0.05
+"""Radians over which the smooth limits set in."""
 DEGREES: Mapping[tuple[str, str], tuple[float, float]] = {
     ("thorax", "X"): (-80, 30),
     ("thorax", "Y"): (-35, 35),
@@ -52,7 +55,7 @@ DEGREES: Mapping[tuple[str, str], tuple[float, float]] = {
 """Least and largest angle (degrees) of a joint about an axis, for the left side; the right one mirrors Y and Z."""
 
 
-def joint_limits(tree: KinematicTree) -> np.ndarray[Any, Any]:
+def joint_limits(tree: KinematicTree) -> Floats:
     """Limits (d, 2) in radians of the coordinates of a body; infinite for the root and for what the table leaves out."""
     limits = np.tile([-np.inf, np.inf], (tree.dimension, 1))
     for row, (joint, axis) in enumerate(tree.coordinates):
@@ -69,9 +72,9 @@ def hard_limits(limits: Any, state: Array) -> Array:
     return jnp.where(jnp.all((state >= low) & (state <= high)), 0.0, -jnp.inf)
 
 
-def smooth_limits(limits: Any, state: Array, width: Array | float) -> Array:
-    """Log-barrier () of a state (d,), at most 0, for limits (d, 2) and a width in radians."""
+def smooth_limits(limits: Any, state: Array) -> Array:
+    """Log-barrier () of a state (d,), at most 0, for limits (d, 2), that sets in over :data:`LIMIT_WIDTH`."""
     limited = np.flatnonzero(np.isfinite(np.asarray(limits)).all(1))
     low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T
     angles = state[limited]
-    return jnp.sum(jax.nn.log_sigmoid((angles - low) / width) + jax.nn.log_sigmoid((high - angles) / width))
+    return jnp.sum(jax.nn.log_sigmoid((angles - low) / LIMIT_WIDTH) + jax.nn.log_sigmoid((high - angles) / LIMIT_WIDTH))

@@ -11,12 +11,6 @@ them as far and for as long as those of the recordings did: with psi and rho of 
 What somebody does need not be the activity at all. :meth:`Activity.with_other_motion` adds a phase that stands for anything
 else: in it w walks at random, and so do the angles, which come back to their mean within a memory; on the way back to the
 activity f and e are drawn as at first. So the probability of that phase tells when the activity does not hold.
-
-:func:`observed_phases` has f summed out, for data in which it is linear:
-
-    y ~ N(mean + Phi f, R)    gives    p(y_t | s_t) = N(y_t; mean + Phi mu_s, Phi Sigma_s Phi^T + R),
-
-a model of finitely many states, which the filter of hidden Markov models solves exactly.
 """
 
 from __future__ import annotations
@@ -310,30 +304,3 @@ def _seen(
         return 1.0 - activity.is_other(state["phase"])
 
     return learned_motion(coordinates, learned, observe), learned_pose(coordinates, learned), follows
-
-
-def observed_phases(activity: Activity, noise: Any = None) -> StateSpaceModel:
-    """Write the model of the phase alone, its features observed, or summed out where their angles are observed with noise.
-
-    Args:
-        activity: The activity.
-        noise: Covariance R (L, L) of observed angles, data site ``angles`` (L,); None observes the features themselves, data
-            site ``features`` (eta,).
-    """
-    covariances = activity.scales @ jnp.swapaxes(activity.scales, 1, 2)
-    name, means = "features", activity.means
-    if noise is not None:
-        name, means = "angles", jax.vmap(activity.angles)(activity.means)
-        covariances = activity.components @ covariances @ activity.components.T + jnp.asarray(noise)
-    lower = jnp.linalg.cholesky(covariances)
-
-    def initial(params: Any, inputs: Any) -> None:
-        numpyro.sample("phase", dist.Categorical(probs=activity.initial))
-
-    def transition(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        numpyro.sample("phase", dist.Categorical(probs=activity.transition[state["phase"]]))
-
-    def observation(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        numpyro.sample(name, dist.MultivariateNormal(means[state["phase"]], scale_tril=lower[state["phase"]]))
-
-    return StateSpaceModel(initial, transition, observation)

@@ -20,12 +20,11 @@ from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.learned import MotionModel, read_motion_model
-from poseppl_models.body_constraints import hard_constraints
+from poseppl_models.body_constraints import parts_apart
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.darby_body import darby_body
-from poseppl_models.darby_likelihood import darby_monocular_score, darby_score
 from poseppl_models.image_program import camera_likelihood
-from poseppl_models.image_systems import STRIDE, limbs_of, measured_body, two_way_inputs
+from poseppl_models.image_systems import BETA, darby_weight, limbs_of, measured_body, two_way_inputs
 from poseppl_models.joint_limits import hard_limits
 from poseppl_models.learned_motion import Activity, learned_motion
 from poseppl_models.random_walk import walking_body
@@ -66,7 +65,6 @@ def darby_learned_system(
     views: int = 2,
     equation: int = 8,
     gamma: float = 5.0,
-    stride: int = STRIDE,
 ) -> ImageSystem:
     """Build it.
 
@@ -78,7 +76,6 @@ def darby_learned_system(
         views: How many cameras are used, the first ones.
         equation: 8, the standard weight, or 9, that for one camera.
         gamma: Exponent of Eq. 9.
-        stride: Pixels between points of the likelihood's grid.
 
     Raises:
         InputError: The model is of another body or rate.
@@ -86,13 +83,12 @@ def darby_learned_system(
     trained = read_motion_model(model)
     body, fitted, scale = measured_body(darby_body, person)
     _check(trained, body, person.rate, model)
-    score = darby_score() if equation == 8 else darby_monocular_score(stride)
-    likelihood, parts = camera_likelihood(body, score), hard_constraints()["parts"]
+    likelihood = camera_likelihood(body, darby_weight(equation))
 
     def observe(params: Any, pose: Array, inputs: LearnedInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
         numpyro.factor("limits", hard_limits(inputs.limits, pose))
-        numpyro.factor("parts", parts(body, pose, params))
+        numpyro.factor("parts", parts_apart(body, pose, params))
 
     def taught(inputs: Any, model: MotionModel) -> LearnedInputs:
         walk = jnp.asarray(model.largest_step / 2, float)
@@ -101,12 +97,12 @@ def darby_learned_system(
         seen = inputs.cameras, inputs.camera_weight, inputs.evidence, inputs.start
         return LearnedInputs(*seen, walk, walk, limits, features, Activity.of_model(model, subject))
 
-    seen = two_way_inputs(person, views, fitted[0], scale, stride)
+    seen = two_way_inputs(person, views, fitted[0], scale)
 
     def inputs_of(sight: Sight) -> LearnedInputs:
         return taught(seen(sight), trained)
 
-    coordinates, params = body.tree.coordinates, {"beta": 10.0, "gamma": gamma}
+    coordinates, params = body.tree.coordinates, {"beta": BETA, "gamma": gamma}
     if not guided:
         program, motion = walking_body(coordinates, observe), LearnedMotion(lambda x, _: x, taught, lambda x: x.start)
         return ImageSystem(body.tree, program, params, inputs_of, fitted, limbs_of(body), motion)

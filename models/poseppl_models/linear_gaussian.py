@@ -15,6 +15,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 
+from poseppl.arrays import Floats
 from poseppl.program import StateSpaceModel
 
 Matrix = Any
@@ -23,54 +24,33 @@ Matrix = Any
 class LinearGaussian(NamedTuple):
     """The matrices of the model, as NumPy arrays."""
 
-    A: np.ndarray[Any, Any]
-    Q: np.ndarray[Any, Any]
-    H: np.ndarray[Any, Any]
-    R: np.ndarray[Any, Any]
-    m: np.ndarray[Any, Any]
-    P: np.ndarray[Any, Any]
-    B: np.ndarray[Any, Any] | None
+    A: Floats
+    Q: Floats
+    H: Floats
+    R: Floats
+    m: Floats
+    P: Floats
+    B: Floats | None
 
 
-def linear_gaussian_matrices(
-    dimension: int = 1,
-    num_observed: int | None = None,
-    *,
-    A: Matrix = None,
-    Q: Matrix = None,
-    H: Matrix = None,
-    R: Matrix = None,
-    m: Matrix = None,
-    P: Matrix = None,
-    B: Matrix = None,
-) -> LinearGaussian:
+def linear_gaussian_matrices(dimension: int = 1, num_observed: int | None = None, **given: Matrix | None) -> LinearGaussian:
     """Fill in defaults: a damped chain of coordinates, its first `num_observed` (all) seen with noise.
 
     Args:
         dimension: d.
         num_observed: k, the rows of the default H.
-        A: Transition matrix (d, d); by default 0.9 on the diagonal and 0.1 above it.
-        Q: Covariance (d, d) of the transition; by default 0.25 I.
-        H: Observation matrix (k, d); by default the first k rows of the identity.
-        R: Covariance (k, k) of the observation; by default 0.25 I.
-        m: Initial mean (d,); by default 0.
-        P: Initial covariance (d, d); by default I.
-        B: Input matrix (d, l); by default no inputs.
+        given: Those that differ. Of the transition A (d, d), by default 0.9 on the diagonal and 0.1 above it, and Q (d, d),
+            0.25 I; of the observation H (k, d), the first k rows of the identity, and R (k, k), 0.25 I; of the first state
+            m (d,), 0, and P (d, d), I; B (d, l) of the inputs, of which there are none by default.
 
     Raises:
         ValueError: Shapes that do not fit together.
     """
-    d = dimension if A is None else np.shape(A)[0]
-    k = np.shape(H)[0] if H is not None else (num_observed or d)
-    filled = LinearGaussian(
-        A=np.asarray(0.9 * np.eye(d) + 0.1 * np.eye(d, k=1) if A is None else A, float),
-        Q=np.asarray(0.25 * np.eye(d) if Q is None else Q, float),
-        H=np.asarray(np.eye(k, d) if H is None else H, float),
-        R=np.asarray(0.25 * np.eye(k) if R is None else R, float),
-        m=np.asarray(np.zeros(d) if m is None else m, float),
-        P=np.asarray(np.eye(d) if P is None else P, float),
-        B=None if B is None else np.asarray(B, float),
-    )
+    known = {name: np.asarray(matrix, float) for name, matrix in given.items() if matrix is not None}
+    d = len(known["A"]) if "A" in known else dimension
+    k = len(known["H"]) if "H" in known else (num_observed or d)
+    chain, eye = 0.9 * np.eye(d) + 0.1 * np.eye(d, k=1), np.eye(d)
+    filled = LinearGaussian(chain, 0.25 * eye, np.eye(k, d), 0.25 * np.eye(k), np.zeros(d), eye, None)._replace(**known)
     expected = {"A": (d, d), "Q": (d, d), "H": (k, d), "R": (k, k), "m": (d,), "P": (d, d)}
     for name, shape in expected.items():
         if getattr(filled, name).shape != shape:
@@ -104,11 +84,11 @@ def linear_gaussian_model(matrices: LinearGaussian) -> StateSpaceModel:
     return StateSpaceModel(initial, transition, observation)
 
 
-def _is_full(covariance: np.ndarray[Any, Any]) -> bool:
+def _is_full(covariance: Floats) -> bool:
     return bool(np.any(covariance != np.diag(np.diagonal(covariance))))
 
 
-def _gaussian(mean: Any, covariance: np.ndarray[Any, Any]) -> dist.Distribution:
+def _gaussian(mean: Any, covariance: Floats) -> dist.Distribution:
     if _is_full(covariance):
         return dist.MultivariateNormal(mean, scale_tril=jnp.asarray(np.linalg.cholesky(covariance)))
     return dist.Normal(mean, jnp.asarray(np.sqrt(np.diagonal(covariance))))

@@ -9,8 +9,8 @@ surface, and w = 20: flesh that touches at one node of twenty costs 1.
 >>> import jax.numpy as jnp
 >>> from poseppl_models.sminchisescu_body import superquadric_body
 >>> body = superquadric_body()
->>> penalty = non_penetration(body.flesh.names)
->>> bool(penalty(jnp.asarray(body.rest, float), body.tree, body.flesh) < 0.5)
+>>> residuals = non_penetration_residuals(body.flesh.names)
+>>> bool(jnp.sum(residuals(jnp.asarray(body.rest, float), body.tree, body.flesh) ** 2) < 1)
 True
 """
 
@@ -35,6 +35,7 @@ SOFTNESS = 15.0
 DECAY = 2.0
 """p."""
 WEIGHT = 20.0
+"""w."""
 _TINY = 1e-8
 _LATITUDES = np.array([-1.2, -0.55, 0.0, 0.55, 1.2])
 _LONGITUDES = np.arange(4) * np.pi / 2
@@ -47,25 +48,14 @@ _CHAINS = (
 """Parts that meet: each with the next."""
 
 Penalty = Callable[[Array, KinematicTree, Superquadrics], Array]
-"""A state (d,), the tree and the flesh to a cost () or residuals, with a gradient by the state."""
+"""A state (d,), the tree and the flesh to residuals, with a gradient by the state."""
 
 
-def non_penetration(names: Sequence[str], **settings: float) -> Penalty:
-    """Write the cost f_pa; arguments as of :func:`non_penetration_residuals`."""
-    residuals = non_penetration_residuals(names, **settings)
-    return lambda state, tree, flesh: 0.5 * jnp.sum(residuals(state, tree, flesh) ** 2)
-
-
-def non_penetration_residuals(
-    names: Sequence[str], *, softness: float = SOFTNESS, decay: float = DECAY, weight: float = WEIGHT
-) -> Penalty:
+def non_penetration_residuals(names: Sequence[str]) -> Penalty:
     """Write the cost as residuals (P,), one for what is inside of each part, whose squares add up to 2 f_pa.
 
     Args:
         names: Of the P parts; those that meet at a joint are told by them.
-        softness: Unit of the implicit surfaces, mm.
-        decay: p, how fast the potential falls.
-        weight: w.
     """
     pairs = apart(names)
     walls = np.array([[float(wall == part) for wall, _ in pairs] for part in range(len(names))])
@@ -75,9 +65,9 @@ def non_penetration_residuals(
             return jnp.zeros((len(names), state.shape[-1]), state.dtype)
         axes, centres = part_axes(flesh, frames_of(tree, state))
         nodes = place_in(axes, centres, local_nodes(flesh, jnp.asarray(_LATITUDES, float), jnp.asarray(_LONGITUDES, float)))
-        found = penetration(flesh, axes, centres, nodes, pairs, softness=softness, decay=decay)
+        found = penetration(flesh, axes, centres, nodes, pairs, softness=SOFTNESS, decay=DECAY)
         inside = jnp.tensordot(jnp.asarray(walls, found.dtype), found, 1, precision="highest")
-        return jnp.sqrt(2 * weight * inside + _TINY)
+        return jnp.sqrt(2 * WEIGHT * inside + _TINY)
 
     return batched_score(residuals, chunk=CHUNK)
 

@@ -25,15 +25,14 @@ SHORT_HAND = 0.5
 AXES = {"pelvis": "ZX", "thorax": "ZYX", "neck": "ZX", "shoulder": "ZYX", "elbow": "X", "hip": "ZYX", "knee": "X", "ankle": "X"}
 
 
-def peursum_body(scale: float = 1.0, looseness: float = LOOSENESS) -> ConeBody:
+def peursum_body(scale: float = 1.0) -> ConeBody:
     """Build the body.
 
     Args:
         scale: Of the whole body, 1 for a stature of 1.75 m.
-        looseness: Thickness of the cylinders over that of the segments, at least 1 for a body that contains them.
     """
     lengths = segment_lengths(scale * STATURE)
-    middles = {name: looseness * sum(pair) / 2 for name, pair in segment_radii(scale * STATURE).items()}
+    middles = {name: LOOSENESS * sum(pair) / 2 for name, pair in segment_radii(scale * STATURE).items()}
     radii = {name: (radius, radius) for name, radius in middles.items()}
     reach = {**lengths, "forearm": lengths["forearm"] + SHORT_HAND * lengths["hand"]}
     limbs = limb_cones(reach, radii, ("upper_arm", "forearm", "thigh", "shank", "foot"))

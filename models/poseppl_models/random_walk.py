@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import jax.numpy as jnp
@@ -47,10 +48,11 @@ Observe = Callable[[Any, Array, Any], None]
 """``(params, pose, inputs)``: what is observed of a pose (d,)."""
 
 
+@lru_cache(maxsize=32)
 def walking_body(
-    coordinates: Sequence[tuple[str, str]], observe: Observe, walk: Callable[[Mapping[str, slice]], Programs] = random_walk
+    coordinates: tuple[tuple[str, str], ...], observe: Observe, walk: Callable[[Mapping[str, slice]], Programs] = random_walk
 ) -> StateSpaceModel:
-    """Write the programs of a body that walks at random and is observed in a pose.
+    """Write the programs of a body that walks at random and is observed in a pose; the same again, so that bodies share them.
 
     Args:
         coordinates: Joint and axis of each coordinate.

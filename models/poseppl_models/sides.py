@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 
 def mirrored_angle(angles: Mapping[tuple[str, str], float], joint: str, axis: str) -> float:
@@ -12,9 +13,15 @@ def mirrored_angle(angles: Mapping[tuple[str, str], float], joint: str, axis: st
     return -value if side == "r" and axis in "YZ" else value
 
 
+def edges_along(trunk: Sequence[str], limbs: Sequence[Sequence[str]]) -> tuple[tuple[str, str], ...]:
+    """Pairs of markers that follow each other, along the trunk and along the limbs of both sides, which begin on it."""
+    sided = [(start, *(f"{name}_{side}" for name in limb)) for side in "lr" for start, *limb in limbs]
+    return tuple(pair for chain in (trunk, *sided) for pair in pairwise(chain))
+
+
 def neighbours_in(chains: Sequence[Sequence[str]]) -> Callable[[str, str], bool]:
     """Tell whether two parts meet: each with the next of a chain, on one side or across the middle."""
-    neighbours = {frozenset(pair) for chain in chains for pair in zip(chain, chain[1:], strict=False)}
+    neighbours = {frozenset(pair) for chain in chains for pair in pairwise(chain)}
 
     def meet(first: str, second: str) -> bool:
         (one, side), (other, other_side) = (_split(name) for name in (first, second))

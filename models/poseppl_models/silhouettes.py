@@ -8,29 +8,21 @@ its exponent is 1, and its noise was chosen by how often intervals hold the trut
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry.flesh import flesh_of
-from poseppl.program import StateSpaceModel
 from poseppl_models.choo_fleet import full_body as pointed_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.random_walk import walking_body
 from poseppl_models.seen import see_silhouettes
 
 
-def full_body(lengths: Mapping[str, float] | None = None, *, girth: float = 1.0) -> Body:
+def full_body(lengths: Mapping[str, float] | None = None) -> Body:
     """Build the body; its programs' inputs are :class:`poseppl.motion.bodies.body.SilhouetteInputs`.
 
     Args:
         lengths: Segment lengths in mm that differ from the standard subject's.
-        girth: Factor of all widths.
     """
     body = pointed_body(lengths)
-    flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths, girth=girth))
-    return body._replace(program=_programs(body.tree.coordinates), flesh=flesh)
-
-
-@lru_cache(maxsize=8)
-def _programs(coordinates: tuple[tuple[str, str], ...]) -> StateSpaceModel:
-    return walking_body(coordinates, see_silhouettes)
+    flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths))
+    return body._replace(program=walking_body(body.tree.coordinates, see_silhouettes), flesh=flesh)

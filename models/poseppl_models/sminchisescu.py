@@ -24,12 +24,13 @@ from poseppl.motion.geometry import marker_positions
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
 from poseppl_models import choo_fleet
-from poseppl_models.body_constraints import LIMIT_WIDTH
+from poseppl_models.choo_fleet import NOISE, WALK
 from poseppl_models.humanoid import LENGTHS
 from poseppl_models.joint_limits import smooth_limits
 from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.random_walk import Observe, walking_body
+from poseppl_models.sides import edges_along
 from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
 
 Limits = Literal["support", "barrier", "none"]
@@ -40,13 +41,8 @@ _ALIASES = {
         for s, left in (("l", "Left"), ("r", "Right"))
     },
 }
-_TRUNK = (("pelvis", "chest"), ("chest", "neck"), ("neck", "skull"), ("skull", "crown"))
-EDGES = _TRUNK + tuple(
-    (f"{a}_{s}" if a not in ("neck", "pelvis") else a, f"{b}_{s}")
-    for s in "lr"
-    for chain in (("neck", "shoulder", "elbow", "wrist"), ("pelvis", "hip", "knee", "ankle", "toe"))
-    for a, b in zip(chain, chain[1:], strict=False)
-)
+_ARM, _LEG = choo_fleet.LIMBS
+EDGES = edges_along(("pelvis", "chest", "neck", "skull", "crown"), (_ARM, (*_LEG, "toe")))
 
 
 def full_body(lengths: Mapping[str, float] | None = None, *, limits: Limits = "support") -> Body:
@@ -72,16 +68,13 @@ def arm(lengths: Mapping[str, float] | None = None, *, limits: Limits = "support
 def _body(kind: Kind, known: Mapping[str, float] | None, limits: Limits) -> Body:
     body = superquadric_body(kind, known)
     program = _programs(kind, limits)
-    params = {"sigma_position": choo_fleet.SIGMA_POSITION, "sigma_angle": choo_fleet.SIGMA_ANGLE}
-    sizes = {name: body.sizes[name] for name in LENGTHS}
-    if kind == "arm":
-        edges = (("shoulder_r", "elbow_r"), ("elbow_r", "wrist_r"), ("wrist_r", "thumb_r"))
-        aliases = {name: ALIASES.get(name, (name,)) for name in body.tree.marker_names}
-        return Body(
-            program, body.tree, edges, "shoulder_r", aliases, sizes, measure_arm, None, body.rest, params, choo_fleet.NOISE
-        )
-    noise, turned = choo_fleet.NOISE, segments("thorax")
-    return Body(program, body.tree, EDGES, "pelvis", _ALIASES, sizes, measure, None, body.rest, params, noise, segments=turned)
+    sizes, turned = {name: body.sizes[name] for name in LENGTHS}, segments("thorax")
+    whole = Body(program, body.tree, EDGES, "pelvis", _ALIASES, sizes, measure, None, body.rest, WALK, NOISE, segments=turned)
+    if kind != "arm":
+        return whole
+    edges = (("shoulder_r", "elbow_r"), ("elbow_r", "wrist_r"), ("wrist_r", "thumb_r"))
+    aliases = {name: ALIASES.get(name, (name,)) for name in body.tree.marker_names}
+    return whole._replace(edges=edges, root="shoulder_r", aliases=aliases, measure=measure_arm, segments={})
 
 
 @lru_cache(maxsize=8)
@@ -108,7 +101,7 @@ def limited_body(body: SuperquadricBody, limits: Limits, observe: Observe) -> St
     def limited(params: Any, pose: Array, inputs: Any) -> None:
         observe(params, pose, inputs)
         if limits == "barrier":
-            numpyro.factor("limits", smooth_limits(body.limits, pose, LIMIT_WIDTH))
+            numpyro.factor("limits", smooth_limits(body.limits, pose))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
     return walking_body(body.tree.coordinates, limited, lambda spans: limited_walk(spans, bounds, body.stabilisers))

@@ -9,7 +9,7 @@ vertical, has no limit. Axes and signs are those of :mod:`poseppl_models.cone_bo
 the arm: their shapes are ours.
 
 All offsets, centres and half-axes are linear in the sizes of :mod:`poseppl_models.humanoid`, so that tree and flesh of other
-sizes are arrays of the same programs (:meth:`SuperquadricBody.sized`), with gradients.
+sizes are arrays of the same programs (:meth:`SuperquadricBody.sized_in`), with gradients.
 
 >>> [superquadric_body(kind).tree.dimension for kind in AXES]
 [8, 30, 34]
@@ -27,16 +27,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl.motion.geometry.superquadrics import Superquadrics, superquadrics_of
-from poseppl_models.anthropometry import STATURE
+from poseppl_models.cone_body import REST
 from poseppl_models.humanoid import humanoid_sizes
 from poseppl_models.joint_limits import joint_limits
 from poseppl_models.sides import mirrored_angle
 from poseppl_models.sminchisescu_flesh import arm_parts, body_parts
 
 Kind = Literal["arm", "stiff_shoulders", "full"]
-Sizes = Mapping[str, Any]
 _BODY = {
     "pelvis": "ZYX",
     "thorax": "ZYX",
@@ -55,7 +55,7 @@ AXES: Mapping[Kind, Mapping[str, str]] = {
 """Axes of each joint, sides left out."""
 STABILISERS: Mapping[str, float] = {"clavicle": 0.15, "thorax": 0.6, "neck": 0.5, "ankle": 0.4}
 """Standard deviations (radians) of joints about their equilibrium, all angles 0; ours."""
-_REST = {("knee", "X"): -0.2, ("hip", "X"): 0.1, ("elbow", "X"): 0.2, ("shoulder", "Y"): 0.2, ("ankle", "X"): 0.1}
+_REST = {**REST, ("ankle", "X"): 0.1}
 
 
 class SuperquadricBody(NamedTuple):
@@ -73,23 +73,11 @@ class SuperquadricBody(NamedTuple):
 
     tree: KinematicTree
     flesh: Superquadrics
-    limits: np.ndarray[Any, Any]
-    stabilisers: np.ndarray[Any, Any]
-    rest: np.ndarray[Any, Any]
+    limits: Floats
+    stabilisers: Floats
+    rest: Floats
     sizes: Mapping[str, float]
     kind: Kind
-
-    def sized(self, sizes: Sizes) -> tuple[KinematicTree, Superquadrics]:
-        """Tree and flesh of other sizes.
-
-        Args:
-            sizes: Lengths and half-widths (mm) that differ from the body's, numbers or scalar arrays.
-        """
-        unknown = [name for name in sizes if name not in self.sizes]
-        if unknown:
-            raise ValueError(f"no size {unknown[0]!r}; expected names of {sorted(self.sizes)}")
-        own = {**self.sizes, **sizes}
-        return self.sized_in(self.tree, self.flesh, jnp.stack([jnp.asarray(own[name], float) for name in self.sizes]))
 
     def sized_in(self, tree: KinematicTree, flesh: Superquadrics, sizes: Array) -> tuple[KinematicTree, Superquadrics]:
         """A given tree and flesh with sizes (S,) or (S, N), mm, in the order of the body's; batch last where there is one."""
@@ -98,25 +86,23 @@ class SuperquadricBody(NamedTuple):
         return tree.with_offsets(offsets, markers), replace(flesh, centres=centres, half_axes=half_axes)
 
 
-def superquadric_body(
-    kind: Kind = "full", sizes: Mapping[str, float] | None = None, stature: float = STATURE
-) -> SuperquadricBody:
+def superquadric_body(kind: Kind = "full", sizes: Mapping[str, float] | None = None) -> SuperquadricBody:
     """Build a body.
 
     Args:
         kind: "arm" (8 coordinates), "stiff_shoulders" (30) or "full" (34).
         sizes: Lengths and half-widths (mm) that differ from the standard humanoid's.
-        stature: Of the standard humanoid, mm.
 
     Raises:
         ValueError: An unknown size.
     """
-    standard = humanoid_sizes(stature)
+    standard = humanoid_sizes()
     unknown = set(sizes or {}) - set(standard)
     if unknown:
         raise ValueError(f"no size {sorted(unknown)[0]!r}; expected names of {sorted(standard)}")
     own = {**standard, **(sizes or {})}
-    tree, parts = _laid_out(kind, own)
+    joints, markers, parts = _laid_out(kind, own)
+    tree = kinematic_tree(joints, markers).with_pattern_of(_pattern(kind))
     stabilisers = np.array([STABILISERS.get(joint.partition("_")[0], np.inf) for joint, _ in tree.coordinates])
     flesh = superquadrics_of(tree, parts, pieces=1)
     limits = joint_limits(tree)
@@ -125,26 +111,26 @@ def superquadric_body(
     return SuperquadricBody(tree, flesh, limits, stabilisers, _rest(tree, own), own, kind)
 
 
-def _laid_out(kind: Kind, size: Mapping[str, float]) -> tuple[KinematicTree, list[Any]]:
-    joints, markers, parts = (_arm if kind == "arm" else _body)(size, AXES[kind])
-    return kinematic_tree(joints, markers).with_pattern_of(_pattern(kind)), parts
+def _laid_out(kind: Kind, size: Mapping[str, float]) -> tuple[list[Joint], list[Marker], list[Any]]:
+    """Joints, markers and parts."""
+    return (_arm if kind == "arm" else _body)(size, AXES[kind])
 
 
 @lru_cache(maxsize=8)
 def _pattern(kind: Kind) -> KinematicTree:
     """A tree none of whose offsets is 0 that depends on a size."""
-    joints, markers, _ = (_arm if kind == "arm" else _body)(dict.fromkeys(humanoid_sizes(), 1.0), AXES[kind])
+    joints, markers, _ = _laid_out(kind, dict.fromkeys(humanoid_sizes(), 1.0))
     return kinematic_tree(joints, markers)
 
 
 @lru_cache(maxsize=8)
-def _basis(kind: Kind) -> tuple[np.ndarray[Any, Any], ...]:
+def _basis(kind: Kind) -> tuple[Floats, ...]:
     """What a mm of each size adds (sizes, ...) to the tree's offsets, the markers', the parts' centres and half-axes."""
     names = tuple(humanoid_sizes())
     rows = []
     for name in names:
         one = dict.fromkeys(names, 0.0) | {name: 1.0}
-        joints, markers, parts = (_arm if kind == "arm" else _body)(one, AXES[kind])
+        joints, markers, parts = _laid_out(kind, one)
         with jax.ensure_compile_time_eval():  # also where it is first called by a program that is traced
             tree = kinematic_tree(joints, markers)
         shapes = (np.array([getattr(part, field) for part in parts]) for field in ("centre", "half_axes"))
@@ -203,7 +189,7 @@ def _limb_joints(size: Mapping[str, float], axes: Mapping[str, str], side: str, 
     }
 
 
-def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray[Any, Any]:
+def _rest(tree: KinematicTree, size: Mapping[str, float]) -> Floats:
     """Standing at ease, a little bent, which is what tells front from back."""
     rest = np.array([mirrored_angle(_REST, joint, axis) for joint, axis in tree.coordinates])
     legs = (size["thigh"] + size["shank"]) * np.cos(0.1) + size["ankle_height"] + size["hip_drop"]

@@ -35,7 +35,7 @@ from poseppl.motion.vision import (
 )
 from poseppl.program import StateSpaceModel
 from poseppl_models.non_penetration import non_penetration_residuals
-from poseppl_models.sminchisescu import Limits, limited_body
+from poseppl_models.sminchisescu import limited_body
 from poseppl_models.sminchisescu_body import Kind, superquadric_body
 from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen
 from poseppl_models.sminchisescu_likelihood import ContourAndFlow
@@ -69,37 +69,26 @@ class CostInputs(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def image_programs(
-    kind: Kind = "full", settings: CostSettings | None = None, *, limits: Limits = "support", parts: bool = True
-) -> StateSpaceModel:
+def image_programs(kind: Kind = "full", *, parts: bool = True) -> StateSpaceModel:
     """Write the programs; their inputs are :class:`CostInputs`.
 
     Args:
         kind: Which body.
-        settings: The cost's numbers; the usual ones if None.
-        limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor.
         parts: Whether parts are kept out of each other.
     """
-    body, chosen = superquadric_body(kind), settings or CostSettings()
+    body, settings = superquadric_body(kind), CostSettings()
     repelled = non_penetration_residuals(body.flesh.names)
 
     def observe(params: Any, pose: Array, inputs: CostInputs) -> None:
         arguments = (inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise)
-        numpyro.sample("image", ContourAndFlow(*arguments, chosen))
+        numpyro.sample("image", ContourAndFlow(*arguments, settings))
         if parts:
             numpyro.sample("parts", dist.Normal(repelled(pose, inputs.tree, inputs.flesh), 1.0))
 
-    return limited_body(body, limits, observe)
+    return limited_body(body, "support", observe)
 
 
-def seen_in_images(
-    images: Images,
-    previous: Any,
-    before: Images | None = None,
-    *,
-    settings: EnergySettings | None = None,
-    levels: Levels = (1.0,),
-) -> ImageSeen:
+def seen_in_images(images: Images, previous: Any, before: Images | None = None, *, levels: Levels = (1.0,)) -> ImageSeen:
     """Take edge energy, flow and motion boundaries from a frame.
 
     Args:
@@ -107,12 +96,11 @@ def seen_in_images(
         previous: The pose in the frame before (d,), at which the flow starts; any pose where there is no such frame.
         before: The images of the frame before; None for none, and then there is no flow, and every edge counts as one at a
             motion boundary.
-        settings: Of the edge energy.
         levels: Of a pyramid: how many times the smoothing edges are taken at. Each camera has a row for each of L levels, and
             flow at the first.
     """
-    chosen = settings or EnergySettings()
-    energy = np.stack([edge_energy(image, chosen.at_level(level)) for image in images for level in levels])
+    settings = EnergySettings()
+    energy = np.stack([edge_energy(image, settings.at_level(level)) for image in images for level in levels])
     boundary, trust = np.ones_like(energy), np.zeros((len(energy), 3, *energy.shape[1:]), np.float32)
     flow = np.zeros((len(energy), 2, *energy.shape[1:]), np.float32)
     for number, (first, second) in enumerate(zip(before or (), images, strict=before is not None)):
@@ -120,7 +108,7 @@ def seen_in_images(
         forth, back = dense_flow(first, second, "dis_medium"), dense_flow(second, first, "dis_medium")
         flow[row] = np.moveaxis(forth, 2, 0)
         trust[row] = flow_weights(first, second, forth, flow_outliers(forth, back))
-        boundary[rows] = motion_boundaries(flow_outliers(back, forth), back, chosen)
+        boundary[rows] = motion_boundaries(flow_outliers(back, forth), back, settings)
     arrays = energy, boundary, flow, trust, np.ones(len(energy)), previous
     return ImageSeen(*(jnp.asarray(each, float) for each in arrays))
 
@@ -131,23 +119,14 @@ def at_levels(cameras: Cameras, levels: Levels) -> Cameras:
     return repeated
 
 
-def cost_noise(
-    cameras: int = 1, *, edges: float = 2.0, flow: float = 1.5, weight: float = 8.0, levels: Levels = (1.0,)
-) -> CostNoise:
-    """Noise of cameras that are all alike.
+def cost_noise(*, edges: float = 2.0, flow: float = 1.5, weight: float = 8.0, levels: Levels = (1.0,)) -> CostNoise:
+    """Noise of one camera.
 
     Args:
-        cameras: C.
         edges: Standard deviation of edges, px at the first level; in proportion to the smoothing at the others.
         flow: Standard deviation of flow, px.
-        weight: Of each camera at each level.
+        weight: At each level.
         levels: As in :func:`seen_in_images`.
     """
     spread = edges * jnp.asarray(levels, float) / levels[0]
-    return CostNoise(jnp.tile(spread, cameras), *(jnp.full(cameras * len(levels), value) for value in (flow, weight)))
-
-
-def cost_data(program: StateSpaceModel, inputs: CostInputs) -> dict[str, NDArray[Any]]:
-    """The data of a frame by site: all residuals are 0."""
-    compiled = program.compile(inputs, {})
-    return {name: np.zeros(site.shape) for name, site in compiled.observation_sites.items()}
+    return CostNoise(spread, *(jnp.full(len(levels), value) for value in (flow, weight)))

@@ -108,10 +108,39 @@ def _backward(settings: CostSettings, kept: Any, cotangent: Array) -> Any:
 _log_density.defvjp(_forward, _backward)
 
 
-class ContourAndFlow(dist.Normal):  # type: ignore[misc]
-    """The residuals of a pose in images; the value is 0, of batch shape (C, P * entries a part).
+class ImageResiduals(dist.Normal):  # type: ignore[misc]
+    """Residuals (C, entries) of a state in images; the value is 0. Only differentiated by the state.
 
-    Only differentiated by the state.
+    Args:
+        residuals: Of a state and what is known of its images.
+        jacobian: Their derivatives (C, entries, d).
+        state: Shape (d,).
+        known: Of the images.
+    """
+
+    is_predictive = False
+    """The images are among the arguments: a draw is of no image."""
+
+    def __init__(
+        self, residuals: Any, jacobian: Any, state: Array, known: tuple[Any, ...], *, validate_args: Any = None
+    ) -> None:
+        self.jacobian, self.state, self.known = jacobian, state, known
+        super().__init__(residuals(state, *known), 1.0, validate_args=validate_args)
+
+    @property
+    def fixed(self) -> tuple[Any, ...]:
+        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
+        return self.known
+
+    def whitened_jacobian(self, mask: Array | None) -> Array:
+        """Derivative of the residuals by ``state`` (C * entries, d), 0 where masked."""
+        rows: Array = self.jacobian(self.state, *self.known)
+        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
+        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])
+
+
+class ContourAndFlow(ImageResiduals):
+    """The residuals of a pose, of batch shape (C, P * entries a part); their derivatives hold fixed what other parts hide.
 
     Args:
         tree: The body.
@@ -122,9 +151,6 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         noise: Standard deviations and weights.
         settings: The cost's numbers.
     """
-
-    is_predictive = False
-    """The images are among the arguments: a draw is of no image."""
 
     def __init__(
         self,
@@ -138,22 +164,10 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         *,
         validate_args: Any = None,
     ) -> None:
-        self.state, self.settings = state, settings
-        self.known = (tree, flesh, cameras, seen, noise)
-        super().__init__(_functions(settings).residuals(state, *self.known), 1.0, validate_args=validate_args)
+        self.settings, own = settings, _functions(settings)
+        super().__init__(own.residuals, own.jacobian, state, (tree, flesh, cameras, seen, noise), validate_args=validate_args)
 
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
         return _log_density(self.settings, self.state, (*self.known, value, weight))
-
-    @property
-    def fixed(self) -> tuple[Any, ...]:
-        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
-        return self.known
-
-    def whitened_jacobian(self, mask: Array | None) -> Array:
-        """Derivative of the residuals by ``state`` (C * entries, d), what other parts hide held fixed; 0 where masked."""
-        rows: Array = _functions(self.settings).jacobian(self.state, *self.known)
-        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
-        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])

@@ -25,6 +25,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
+from poseppl.arrays import Floats
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.batched_score import batched_score
@@ -32,12 +33,12 @@ from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.geometry.superquadrics import part_axes
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import StateSpaceModel
-from poseppl_models.anthropometry import STATURE
 from poseppl_models.humanoid import INTERNAL, LIMBS, anthropometric_prior
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.random_walk import joint_sites
 from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
 from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen, residuals_of
+from poseppl_models.sminchisescu_likelihood import ImageResiduals
 
 SHAPES = ("chest_width", "pelvis_width", "head_width", "upper_arm_width", "forearm_width", "thigh_width", "shank_width")
 SIZES = (*INTERNAL, "thorax", "shoulder_side", *LIMBS, *SHAPES)
@@ -70,28 +71,19 @@ class SizeInputs(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def size_programs(
-    kind: Kind = "full",
-    names: tuple[str, ...] = SIZES,
-    settings: CostSettings | None = None,
-    *,
-    stature: float = STATURE,
-    contours: bool = True,
-) -> StateSpaceModel:
+def size_programs(kind: Kind = "full", names: tuple[str, ...] = SIZES, *, contours: bool = True) -> StateSpaceModel:
     """Write the programs; their inputs are :class:`SizeInputs`.
 
     Args:
         kind: Which body.
         names: The sizes that are estimated; the others are those of the standard humanoid.
-        settings: Of the contours' cost.
-        stature: The stature's mean, mm.
         contours: Whether contours are seen beside the joints.
     """
-    body = superquadric_body(kind, stature=stature)
+    prior = _prior(kind, names)
+    body = prior.body
     spans = joint_sites(body.tree.coordinates)
     first, then = limited_walk(spans, body.limits, body.stabilisers)
-    prior = _prior(body, names, stature)
-    functions = _functions(kind, names, stature, settings or CostSettings())
+    functions = _functions(kind, names)
 
     def initial(params: Any, inputs: SizeInputs) -> None:
         first(params, inputs)
@@ -108,7 +100,7 @@ def size_programs(
         numpyro.sample("points", ProjectedMarkers(tree, inputs.cameras, pose, inputs.marked))
         if contours:
             both = jnp.concatenate([pose, state["sizes"]])
-            numpyro.sample("image", SizedContours(functions, both, inputs))
+            numpyro.sample("image", ImageResiduals(*functions, both, (inputs.cameras, inputs.seen, inputs.noise)))
         numpyro.deterministic("millimetres", own[prior.place])
 
     return StateSpaceModel(initial, transition, observation)
@@ -118,9 +110,9 @@ class _Prior(NamedTuple):
     """The body, its sizes (S,), and the prior of those that are estimated: place (n,), mean (n,) and Cholesky factor (n, n)."""
 
     body: SuperquadricBody
-    place: np.ndarray[Any, Any]
-    mean: np.ndarray[Any, Any]
-    root: np.ndarray[Any, Any]
+    place: Floats
+    mean: Floats
+    root: Floats
 
     def sizes_of(self, white: Array) -> Array:
         """All sizes (S, ...), mm, from whitened ones (n, ...)."""
@@ -130,16 +122,18 @@ class _Prior(NamedTuple):
         return jnp.broadcast_to(own, (len(own), *white.shape[1:])).at[self.place].set(found)
 
 
-def _prior(body: SuperquadricBody, names: tuple[str, ...], stature: float) -> _Prior:
-    mean, covariance = anthropometric_prior(names, stature)
-    return _Prior(body, np.array([list(body.sizes).index(name) for name in names]), mean, np.linalg.cholesky(covariance))
+def _prior(kind: Kind, names: tuple[str, ...]) -> _Prior:
+    body, (mean, covariance) = superquadric_body(kind), anthropometric_prior(names)
+    return _Prior(
+        body, np.array([list(body.sizes).index(name) for name in names]), mean, np.asarray(np.linalg.cholesky(covariance))
+    )
 
 
 @lru_cache(maxsize=8)
-def _functions(kind: Kind, names: tuple[str, ...], stature: float, settings: CostSettings) -> tuple[Any, Any]:
+def _functions(kind: Kind, names: tuple[str, ...]) -> tuple[Any, Any]:
     """Residuals (C, entries) of poses and sizes, and their Jacobian (C, entries, d + n), of single states."""
-    body = superquadric_body(kind, stature=stature)
-    prior = _prior(body, names, stature)
+    prior, settings = _prior(kind, names), CostSettings()
+    body = prior.body
 
     def residuals(both: Array, cameras: Cameras, seen: ImageSeen, noise: CostNoise) -> Array:
         split = body.tree.dimension
@@ -157,32 +151,3 @@ def _functions(kind: Kind, names: tuple[str, ...], stature: float, settings: Cos
         return jnp.moveaxis(jax.vmap(along)(jnp.eye(both.shape[0], dtype=both.dtype)), 0, 2)
 
     return batched_score(residuals, chunk=_CHUNK), batch_last(jacobian, chunk=_CHUNK)
-
-
-class SizedContours(dist.Normal):  # type: ignore[misc]
-    """The residuals of a pose and a body's sizes in images; the value is 0.
-
-    Args:
-        functions: The residuals and their Jacobian, of single states.
-        state: Pose and whitened sizes (d + n,).
-        inputs: The picture's.
-    """
-
-    is_predictive = False
-    """The images are among the arguments: a draw is of no image."""
-
-    def __init__(self, functions: tuple[Any, Any], state: Array, inputs: SizeInputs, *, validate_args: Any = None) -> None:
-        residuals, self.jacobian = functions
-        self.state, self.known = state, (inputs.cameras, inputs.seen, inputs.noise)
-        super().__init__(residuals(state, *self.known), 1.0, validate_args=validate_args)
-
-    @property
-    def fixed(self) -> tuple[Any, ...]:
-        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
-        return self.known
-
-    def whitened_jacobian(self, mask: Array | None) -> Array:
-        """Derivative of the residuals by ``state`` (C * entries, d + n), 0 where masked."""
-        rows: Array = self.jacobian(self.state, *self.known)
-        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
-        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])

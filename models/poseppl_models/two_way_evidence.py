@@ -49,7 +49,6 @@ def two_way_evidence(
     stride: int = 4,
     inside_error: Images | None = None,
     edge_error: Images | None = None,
-    num_points: int = POINTS,
 ) -> TwoWayEvidence:
     """Take the evidence of a frame from its features, of :func:`poseppl.motion.vision.extract`.
 
@@ -60,13 +59,11 @@ def two_way_evidence(
         stride: Pixels between points of the grid.
         inside_error: (C, H, W) in [0, 1]; None for 1 - foreground.
         edge_error: (C, H, W) in [0, 1], such as 1 - proximity; None for 1 - edges.
-        num_points: Points of foreground and of edges that are kept, spread evenly over them row by row.
     """
     shown, here, there = (np.asarray(image) != 0 for image in (foreground, edges, known))
     errors = (1.0 - shown if inside_error is None else inside_error, 1.0 - here if edge_error is None else edge_error)
     inside_map, edge_map = (pad_maps(jnp.asarray(np.where(there, error, -1.0), float)) for error in errors)
-    points = (_spread(mask & there, num_points) for mask in (shown, here))
-    (inside_points, inside_weights), (edge_points, edge_weights) = points
+    (inside_points, inside_weights), (edge_points, edge_weights) = (_spread(mask & there) for mask in (shown, here))
     return TwoWayEvidence(
         pack_mask(shown, stride),
         pack_mask(there, stride),
@@ -79,7 +76,7 @@ def two_way_evidence(
     )
 
 
-def _spread(masks: Images, count: int) -> tuple[Array, Array]:
+def _spread(masks: Images, count: int = POINTS) -> tuple[Array, Array]:
     """Points (C, count, 2) of masks (C, H, W) and their weights (C, count): evenly among those of a grid as fine as need be."""
     points, weights = np.zeros((len(masks), count, 2)), np.zeros((len(masks), count))
     for camera, mask in enumerate(masks):

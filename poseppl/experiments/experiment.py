@@ -19,7 +19,7 @@ row in :mod:`poseppl.experiments.catalogue` puts it on the command line.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from poseppl.experiments.recordings import Recording
@@ -55,6 +55,10 @@ class Claim(NamedTuple):
     ours: str
     verdict: str
     why: str
+
+
+Decide = Callable[[Tables], Claim | Iterable[Claim]]
+"""What tables decide."""
 
 
 class Task(NamedTuple):
@@ -127,6 +131,16 @@ class Experiment(NamedTuple):
     shown: Sequence[str] = ()
 
 
-def verdict_of(holds: bool) -> str:
-    """Word a verdict that is decided."""
-    return HOLDS if holds else FAILS
+def verdict_of(holds: bool, fails: bool | None = None) -> str:
+    """Word a verdict: undecided where a claim neither holds nor fails; what does not hold fails, if it is not told."""
+    return HOLDS if holds else FAILS if fails is None or fails else UNDECIDED
+
+
+def claims_by_table(claims: Mapping[str, Sequence[Decide]]) -> Callable[[Tables], list[Claim]]:
+    """Claims by the table that decides them; those whose table is not at hand are left out."""
+
+    def decided(tables: Tables) -> list[Claim]:
+        found = [claim(tables) for name, own in claims.items() if name in tables for claim in own]
+        return [each for one in found for each in ([one] if isinstance(one, Claim) else one)]
+
+    return decided

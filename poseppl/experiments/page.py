@@ -50,8 +50,7 @@ def page_of(experiment: Experiment, folder: Path) -> str:
 
 def claims_of(experiment: Experiment, tables: Tables) -> str:
     """The claims as a Markdown table; nothing where the tables decide none."""
-    rows = experiment.claims(tables)
-    return markdown(CLAIM_COLUMNS, rows) if rows else ""
+    return markdown(CLAIM_COLUMNS, experiment.claims(tables))
 
 
 def _shown(name: str, kept: Kept) -> list[str]:

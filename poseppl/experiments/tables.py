@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from poseppl.files.atomic_writing import write_rows
 from poseppl.files.netcdf_writing import write_netcdf as write_tree
+
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 
 
 class Table(NamedTuple):
@@ -42,6 +45,24 @@ class Table(NamedTuple):
         """The same rows by the names of their columns."""
         return [dict(zip(self.columns, row, strict=True)) for row in self.select(**where)]
 
+    def values(self, name: str, **where: Any) -> list[Any]:
+        """The different values of a column in those rows, in their order."""
+        index = self.columns.index(name)
+        return list(dict.fromkeys(row[index] for row in self.select(**where)))
+
+
+def rows_of(tables: Mapping[str, Table], name: str, **where: Any) -> list[dict[str, Any]]:
+    """The rows of a table whose columns have the given values, as records; none where there is no such table."""
+    return tables[name].records(**where) if name in tables else []
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Rows, jobs or whatever by a key of theirs, in their order."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
 
 def write_csv(table: Table, folder: Path) -> None:
     """Write a table as FOLDER/NAME.csv, with six significant digits."""
@@ -68,9 +89,9 @@ def _dataset(table: Table) -> xr.Dataset:
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table; floats with three significant digits."""
+    """A Markdown table, floats with three significant digits; nothing for no rows."""
     lines = [f"| {' | '.join(columns)} |", "|" + " --- |" * len(columns)]
     for row in rows:
         cells = (f"{value:.3g}" if isinstance(value, float | np.floating) else str(value) for value in row)
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    return "\n".join(lines) if lines[2:] else ""

@@ -61,18 +61,3 @@ def test_particles_without_weight_do_not_matter():
     states = particles(3)
     states[1] = np.nan
     np.testing.assert_allclose(mean_posture(states, [0.3, 0.0, 0.1]), (3 * states[0] + states[2]) / 4)
-
-
-@pytest.mark.parametrize(
-    ("states", "weights", "truth"),
-    [
-        (REST, [1.0], markers(REST)),
-        (REST[None], [1.0, 2.0], markers(REST)),
-        (REST[None], [0.0], markers(REST)),
-        (REST[None], [np.nan], markers(REST)),
-        (REST[None], [1.0], markers(REST)[:13]),
-    ],
-)
-def test_bad_input_is_told(states, weights, truth):
-    with pytest.raises(ValueError, match="Expected"):
-        posture_error(TREE, states, weights, truth)

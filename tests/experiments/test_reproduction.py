@@ -9,7 +9,7 @@ import pytest
 
 from poseppl.experiments.choo_fleet import EXPERIMENT, Scale
 from poseppl.experiments.choo_fleet.estimators import block_size, particle_estimates
-from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame, model_of
+from poseppl.experiments.choo_fleet.single_frame import FrameRuns, estimate_frame
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.variances import frame_errors, geometric_variance, log_standard_error
 from poseppl.experiments.page import page_of
@@ -77,7 +77,7 @@ def test_blocks_of_particles_are_one_large_filter():
     system = SYSTEMS["arm"]
     frame = frame_of(BUILT_IN, "arm", 20)
     inputs, observation = frame.inputs, frame.observe(0)
-    model = model_of(BUILT_IN, "arm")
+    model = frame_of(BUILT_IN, "arm", 1).problem.model
     found = jax.jit(particle_estimates(model, system, 2))(jax.random.key(3), observation, inputs)
     size, number = block_size(system.num_particles)
     assert (size, number) == (320, 1)

@@ -18,7 +18,7 @@ from poseppl.experiments.sminchisescu_triggs import EXPERIMENT
 from poseppl.experiments.sminchisescu_triggs.claims import claims
 from poseppl.experiments.sminchisescu_triggs.motions import PROGRAMS, moving
 from poseppl.experiments.sminchisescu_triggs.plan import FULL, QUICK, plan_arm, plan_complex, plan_pivot
-from poseppl.experiments.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, share_interval
+from poseppl.experiments.sminchisescu_triggs.survival import LOST, kept_seconds, lost_at, percent_lost
 from poseppl.experiments.sminchisescu_triggs.tabulate import COLUMNS, losses
 from poseppl.experiments.sminchisescu_triggs.trackers import PUBLISHED, TRACKERS
 from poseppl.experiments.sminchisescu_triggs.tracks import Tracks, scene_of, track
@@ -43,7 +43,8 @@ def test_intervals():
     share = count / runs
     middle = (share + z**2 / (2 * runs)) / (1 + z**2 / runs)
     half = z / (1 + z**2 / runs) * np.sqrt(share * (1 - share) / runs + z**2 / (4 * runs**2))
-    np.testing.assert_allclose(share_interval(count, runs), (middle - half, middle + half), rtol=1e-9)
+    lost = np.where(np.arange(runs) < count, 0.4, np.inf)
+    np.testing.assert_allclose(percent_lost(lost), np.multiply(100, (share, middle - half, middle + half)), rtol=1e-9)
     values = np.array([1.0, 2.0, 4.0, 4.5])
     expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     np.testing.assert_allclose(mean_interval(values), (values.mean(), expected.low, expected.high), rtol=1e-9)

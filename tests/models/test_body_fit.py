@@ -1,15 +1,26 @@
 """A body made to fit a person: lengths, stature and poses, against a person who is such a body."""
 
+from functools import partial
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from poseppl_models.anthropometry import segment_lengths
-from poseppl_models.body_fit import MARGIN, fitted_states, fitted_stature, measured_lengths, place_markers
+from poseppl_models.body_fit import MARGIN, fitted_states, fitted_stature, measured_lengths
 from poseppl_models.cone_body import with_crown
 from poseppl_models.darby_body import darby_body
 from poseppl_models.du_guan_body import du_guan_body
 
 from poseppl.diagnostics import VIRTUAL_MARKERS
 from poseppl.errors import InputError
+from poseppl.motion.geometry import marker_positions
+
+
+def place_markers(body, states):
+    """Places (T, 3) in mm of all of a body's markers in states (T, d)."""
+    found = jax.vmap(partial(marker_positions, body.tree))(jnp.asarray(states, float))
+    return dict(zip(body.tree.marker_names, np.moveaxis(np.asarray(found, np.float64), 1, 0), strict=True))
 
 
 def walk(body):

@@ -11,10 +11,11 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from poseppl_models.factored_motion import factored_motion, factored_rotations, pose_of_bins, turned
+from poseppl_models.factored_motion import factored_motion, first_frame, next_frame, pose_of_bins, turned
 
 from poseppl.filters import hidden_markov_filter, particle_filter
 from poseppl.motion.learned import FactoredTables, bin_angles
+from poseppl.program import StateSpaceModel
 
 PHASES, ROTATIONS, BINS, FRAMES = 2, 2, 3, 3
 
@@ -81,7 +82,12 @@ def enumerated(tables: FactoredTables, seen: np.ndarray) -> tuple[float, np.ndar
 
 
 def rotations_model():
-    return factored_rotations(lambda params, bins, inputs: observe(params, bins, inputs))
+    """Phase and rotations alone."""
+    return StateSpaceModel(
+        lambda params, inputs: first_frame(inputs.motion),
+        lambda params, state, inputs: next_frame(inputs.motion, state),
+        lambda params, state, inputs: observe(params, state["bins"], inputs),
+    )
 
 
 SEEN = np.array([0.4, 2.1, 1.2])

@@ -135,7 +135,7 @@ def plain_du_guan(body, state, evidence, known):
     there = known[grid]
     claimed, shown = masks(body, state, view, STRIDE) & there, masks(body, true_pose(body), view)[grid] & there
     bins = np.asarray(evidence.bins)[:, :-1]
-    described = du_guan_evidence.grid_descriptors(pack_mask(claimed, 1)[..., None], 20)[..., 0]
+    described = du_guan_evidence.grid_descriptors(pack_mask(claimed, 1)[..., None])[..., 0]
     boundary = np.linalg.norm(np.asarray(described) - np.asarray(evidence.descriptors), axis=1)
     total = 0.0
     for c, parts in enumerate(outlines(body, state, view)):

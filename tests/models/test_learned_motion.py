@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hmmlearn.hmm
 import jax
+import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 import scipy.stats
 from law_problems import run
 from poseppl_models.darby import full_body
-from poseppl_models.learned_motion import Activity, observed_phases
+from poseppl_models.learned_motion import Activity
 from precision import precision
 from synthetic_walks import walk, walks
 
@@ -17,9 +20,35 @@ from poseppl.filters import hidden_markov_filter
 from poseppl.motion.bodies.subject import fit_subject
 from poseppl.motion.io import slice_frames
 from poseppl.motion.learned import TrainingSettings, pose_recording, read_recording, train_motion_model
+from poseppl.program import StateSpaceModel
 from poseppl.smoothers import collect_history, forward_backward_smoother
 
 SETTINGS = TrainingSettings(num_components=2, num_states=6, num_rounds=10)
+
+
+def observed_phases(activity, noise=None):
+    """The model of the phase alone: its features observed, or summed out where their angles are observed with noise R (L, L).
+
+    y ~ N(mean + Phi f, R) gives p(y | s) = N(y; mean + Phi mu_s, Phi Sigma_s Phi^T + R): finitely many states, solved exactly.
+    """
+    covariances = activity.scales @ jnp.swapaxes(activity.scales, 1, 2)
+    name, means = "features", activity.means
+    if noise is not None:
+        name, means = "angles", jax.vmap(activity.angles)(activity.means)
+        covariances = activity.components @ covariances @ activity.components.T + jnp.asarray(noise)
+    lower = jnp.linalg.cholesky(covariances)
+
+    def sample(probabilities):
+        numpyro.sample("phase", dist.Categorical(probs=probabilities))
+
+    def observation(params, state, inputs):
+        numpyro.sample(name, dist.MultivariateNormal(means[state["phase"]], scale_tril=lower[state["phase"]]))
+
+    return StateSpaceModel(
+        lambda params, inputs: sample(activity.initial),
+        lambda params, state, inputs: sample(activity.transition[state["phase"]]),
+        observation,
+    )
 
 
 def posteriors(model, data):

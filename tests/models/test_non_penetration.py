@@ -5,12 +5,18 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.non_penetration import apart, non_penetration
+from poseppl_models.non_penetration import apart, non_penetration_residuals
 from poseppl_models.sminchisescu_body import superquadric_body
 from precision import precision
 
 CROSSED = {"shoulder_l_Y": -0.2, "shoulder_l_Z": -1.2, "elbow_l_X": 1.6}
 """The left forearm within the chest."""
+
+
+def non_penetration(names):
+    """The cost f_pa."""
+    residuals = non_penetration_residuals(names)
+    return lambda *arguments: 0.5 * jnp.sum(residuals(*arguments) ** 2)
 
 
 def pose(body, **angles):

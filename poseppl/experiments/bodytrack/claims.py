@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
-from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, verdict_of
-from poseppl.experiments.measured import Measured, difference, find
-from poseppl.experiments.tables import Table
+from poseppl.experiments.experiment import Claim, Tables, claims_by_table, verdict_of
+from poseppl.experiments.measured import Interval, Measured, difference, find
 
 SCORES = {"initial": -0.3068, "reference": -0.2945}
 """Of the benchmark's likelihood, to four digits."""
@@ -19,16 +16,10 @@ CROSSED, PLAIN = "annealed, 20 x 250, limbs crossed", "annealed, 20 x 250"
 _ROUNDING = 5e-5
 
 
-def claims(tables: Tables) -> list[Claim]:
-    """All claims that the tables at hand decide."""
-    found = _scores(tables["poses"]) if "poses" in tables else []
-    return found + (_estimates(tables["estimates"]) if "estimates" in tables else [])
-
-
-def _scores(table: Table) -> list[Claim]:
+def _scores(tables: Tables) -> list[Claim]:
     found = []
     for name, theirs in SCORES.items():
-        for row in table.records(figure=f"score of the {name} pose"):
+        for row in tables["poses"].records(figure=f"score of the {name} pose"):
             verdict = verdict_of(abs(row["value"] - theirs) <= _ROUNDING)
             ours = f"{row['value']:.4f}"
             found.append(
@@ -37,9 +28,9 @@ def _scores(table: Table) -> list[Claim]:
     return found
 
 
-def _estimates(table: Table) -> list[Claim]:
-    names = [row["method"] for row in table.records()]
-    found = []
+def _estimates(tables: Tables) -> list[Claim]:
+    table, found = tables["estimates"], []
+    names = table.values("method")
     for method, theirs in ESTIMATES.items():
         if method in names:
             ours = find(table, "mean", method=method)
@@ -49,17 +40,16 @@ def _estimates(table: Table) -> list[Claim]:
         gain, error = difference(crossed, plain)
         what = "Children that inherit limbs find better poses with as many evaluations (Deutscher, Davison and Reid 2001)"
         ours_told = f"{crossed.told(4)} against {plain.told(4)}"
-        found.append(Claim(what, "better", ours_told, _signed(gain, error), f"{gain:.4f} +- {error:.4f} more"))
+        verdict = Interval.around(gain, 2 * error).above(0)
+        found.append(Claim(what, "better", ours_told, verdict, f"{gain:.4f} +- {error:.4f} more"))
     return found
 
 
 def _as_good(ours: Measured, theirs: Measured) -> tuple[str, str]:
     """Is ours at least as good as theirs, by two standard errors?"""
     gain, error = difference(ours, theirs)
-    verdict = FAILS if gain < -2 * error else HOLDS
-    return (UNDECIDED if math.isnan(error) else verdict), f"{gain:+.4f} +- {error:.4f}; not worse by two standard errors"
+    most = Interval.around(gain, 2 * error).high
+    return verdict_of(most >= 0, most < 0), f"{gain:+.4f} +- {error:.4f}; not worse by two standard errors"
 
 
-def _signed(gain: float, error: float) -> str:
-    """Is a gain there, by two standard errors?"""
-    return HOLDS if gain > 2 * error else FAILS if gain < -2 * error else UNDECIDED
+claims = claims_by_table({"poses": [_scores], "estimates": [_estimates]})

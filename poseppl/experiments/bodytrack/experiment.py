@@ -80,13 +80,13 @@ EXPERIMENT = Experiment(
         "likelihood": Part(
             "scores of known poses, and few samples for all",
             plan_likelihood,
-            lambda jobs, results: [pose_table(jobs["poses"], results)],
+            pose_table,
             runs=lambda scale: 1,
         ),
         "estimates": Part(
             "what annealed filters find in the first frame",
             plan_estimates,
-            lambda jobs, results: [estimate_table(jobs["estimates"], results)],
+            estimate_table,
         ),
     },
     claims=claims,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.experiments.experiment import Results
+from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.images.systems import LIMBS, Method
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.measured import over_runs
@@ -97,9 +96,10 @@ def estimate_frame(job: FrameEstimates) -> dict[str, Any]:
     return dict(zip(("mean", "best", "evaluations"), np.array(rows).T, strict=True))
 
 
-def pose_table(jobs: Sequence[PoseScores], results: Results) -> Table:
+def pose_table(jobs: Jobs, results: Results) -> list[Table]:
     """Scores of the known poses, and how few samples stand for all."""
-    found = {name: np.asarray(values, np.float64) for name, values in results[jobs[0].key].items()}
+    job = jobs["poses"][0]
+    found = {name: np.asarray(values, np.float64) for name, values in results[job.key].items()}
     every, few = found.pop("every"), found.pop("few")
     rows = [(f"score of the {name} pose", float(value)) for name, value in found.items()]
     rows += [
@@ -108,17 +108,17 @@ def pose_table(jobs: Sequence[PoseScores], results: Results) -> Table:
         ("few samples: correlation", float(np.corrcoef(few, every)[0, 1])),
         ("standard deviation of the scores", float(every.std())),
     ]
-    about = f"Scores from every sample; errors of few samples over {jobs[0].num_poses} poses spread as the first particles are."
-    return Table("poses", ("figure", "value"), rows, about)
+    about = f"Scores from every sample; errors of few samples over {job.num_poses} poses spread as the first particles are."
+    return [Table("poses", ("figure", "value"), rows, about)]
 
 
-def estimate_table(jobs: Sequence[FrameEstimates], results: Results) -> Table:
+def estimate_table(jobs: Jobs, results: Results) -> list[Table]:
     """One row a filter."""
     rows = []
-    for job in jobs:
+    for job in jobs["estimates"]:
         found = results[job.key]
         mean, best = (over_runs(found[name].tolist()) for name in ("mean", "best"))
         rows.append((job.method.name, int(found["evaluations"][0]), mean.runs, *mean[:2], *best[:2]))
     columns = ("method", "evaluations", "runs", "mean", "mean_sd", "best", "best_sd")
     about = "Scores, from every sample, of the weighted mean and of the best particle; means and standard deviations over runs."
-    return Table("estimates", columns, rows, about)
+    return [Table("estimates", columns, rows, about)]

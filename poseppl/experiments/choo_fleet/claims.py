@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
-from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, verdict_of
+from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, claims_by_table, verdict_of
 from poseppl.experiments.tables import Table
 
 _NAMES = {"arm": "4-D arm", "lower_body": "10-D lower body", "full_body": "28-D full body"}
@@ -17,30 +18,31 @@ PUBLISHED_LEAPFROG = 40
 """L of the full body in Table 1."""
 
 
-def claims(tables: Tables) -> list[Claim]:
-    """All claims that the tables at hand decide."""
-    found: list[Claim] = []
-    if "speed_ups" in tables:
-        found += [_speed_up(row) for row in tables["speed_ups"].select(by="seconds")]
-    if "volumes" in tables:
-        found += [_bound(row, power) for power in _READINGS for row in tables["volumes"].select(volume="marginal")]
-    if "sequence" in tables:
-        for tracker in dict.fromkeys(tables["sequence"].column("tracker")):
-            methods = list(dict.fromkeys(tables["sequence"].column("method", tracker=tracker)))
-            rivals = [method for method in methods if method.startswith("particle filter")]
-            found += [_higher(tables, tracker, rival, name) for name in _FIGURES for rival in rivals]
-    if "tuning" in tables:
-        numbers = list(dict.fromkeys(tables["tuning"].column("leapfrog")))
-        found += [_rejection(tables["tuning"], None)]
-        found += [_rejection(tables["tuning"], number) for number in numbers if number == PUBLISHED_LEAPFROG]
-    return found
-
-
 _FIGURES = {"log_likelihood": "log-likelihood of the mean state (Fig. 4)", "log_prior": "log prior of the true state (Fig. 5)"}
 _READINGS = {
     1: ("standard deviations", "the volumes within one standard deviation, as Eq. 7 has them"),
     2: ("variances", "the marginal variances, which sections 3 and 7.3 name; the square of the other reading"),
 }
+
+
+def _speed_ups(tables: Tables) -> list[Claim]:
+    return [_speed_up(row) for row in tables["speed_ups"].select(by="seconds")]
+
+
+def _bounds(tables: Tables) -> list[Claim]:
+    return [_bound(row, power) for power in _READINGS for row in tables["volumes"].select(volume="marginal")]
+
+
+def _over_time(tables: Tables) -> Iterator[Claim]:
+    for tracker in tables["sequence"].values("tracker"):
+        methods = tables["sequence"].values("method", tracker=tracker)
+        rivals = [method for method in methods if method.startswith("particle filter")]
+        yield from (_higher(tables, tracker, rival, name) for name in _FIGURES for rival in rivals)
+
+
+def _rejections(tables: Tables) -> list[Claim]:
+    published = [number for number in tables["tuning"].values("leapfrog") if number == PUBLISHED_LEAPFROG]
+    return [_rejection(tables["tuning"], number) for number in (None, *published)]
 
 
 def _speed_up(row: tuple[Any, ...]) -> Claim:
@@ -141,3 +143,6 @@ def _rejection(table: Table, leapfrog: int | None) -> Claim:
     why = f"at 15 % a draw costs {ratio:.1f} times as much"
     where = "the cheapest L" if leapfrog is None else f"the published L = {leapfrog}"
     return Claim(f"Best step size rejects about 15 % (section 7.5), {where}", "15 %", ours, verdict_of(ratio <= _QUARTER), why)
+
+
+claims = claims_by_table({"speed_ups": [_speed_ups], "volumes": [_bounds], "sequence": [_over_time], "tuning": [_rejections]})

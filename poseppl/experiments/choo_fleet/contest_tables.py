@@ -9,15 +9,15 @@ import numpy as np
 
 from poseppl.experiments.choo_fleet.contest import ContestRuns
 from poseppl.experiments.choo_fleet.single_frame import FrameRuns
-from poseppl.experiments.choo_fleet.variances import Results, geometric_variance, log_standard_error
-from poseppl.experiments.tables import Table
+from poseppl.experiments.choo_fleet.variances import geometric_variance, log_standard_error
+from poseppl.experiments.experiment import Results
+from poseppl.experiments.tables import Table, grouped
 
 
 def contest_table(jobs: Sequence[ContestRuns], frames: Sequence[FrameRuns], results: Results) -> Table:
     """One row a method, averaged geometrically over recordings and frames."""
     references = _references(frames, results)
-    methods = list(dict.fromkeys(job.method for job in jobs))
-    rows = [_row(method, [job for job in jobs if job.method == method], references, results) for method in methods]
+    rows = [_row(method, own, references, results) for method, own in grouped(jobs, lambda job: job.method).items()]
     columns = (
         "method",
         "variance",

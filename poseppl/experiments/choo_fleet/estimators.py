@@ -7,14 +7,14 @@ error bars hold for each by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, System
+from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, UPDATES, System
 from poseppl.filters import assumed_density_filter, hmc_filter, particle_filter
 from poseppl.kernels import HMCSettings
 from poseppl.program import CompiledModel, Observation
@@ -57,6 +57,8 @@ class Reference(NamedTuple):
 
 
 Estimate = Callable[[Array, Observation, Any], Estimates]
+Estimator = Callable[[CompiledModel, System, int], Estimate]
+"""From the model, the row of Table 1 and how many of its settings."""
 
 
 class _Sum(NamedTuple):
@@ -103,10 +105,10 @@ def block_size(num_particles: int) -> tuple[int, int]:
     return num_particles // number, number
 
 
-def hmc_estimates(model: CompiledModel, system: System, settings: Sequence[int]) -> Estimate:
-    """Means of the draws of the first R updates of each chain of the HMC filter, for each R of `settings`, less the warm-up."""
-    updates, num_settings = jnp.array(settings), len(settings)
-    built = hmc_filter(model, system.num_chains, system.hmc(max(settings)))
+def hmc_estimates(model: CompiledModel, system: System, num_settings: int) -> Estimate:
+    """Means of the draws of the first R updates of each chain of the HMC filter, for each R of Table 1, less the warm-up."""
+    updates = jnp.array(UPDATES[:num_settings])
+    built = hmc_filter(model, system.num_chains, system.hmc(UPDATES[num_settings - 1]))
 
     def estimate(rng_key: Array, observation: Observation, inputs: Any) -> Estimates:
         state, info = built.init(rng_key, observation, inputs)
@@ -118,6 +120,13 @@ def hmc_estimates(model: CompiledModel, system: System, settings: Sequence[int])
         return Estimates(means, jnp.full(num_settings, info.ess), rejection, likelihoods, gradients)
 
     return estimate
+
+
+ESTIMATES: Mapping[str, Callable[[CompiledModel, System, int], Estimate]] = {
+    "particle": particle_estimates,
+    "hmc": hmc_estimates,
+}
+"""By method."""
 
 
 def reference(model: CompiledModel, num_chains: int) -> Callable[[Array, Observation, Any], Reference]:

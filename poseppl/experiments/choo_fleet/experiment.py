@@ -70,8 +70,7 @@ def _poses(all_jobs: Jobs, results: Results) -> dict[str, Any]:
 
 
 def _goals(tables: Tables) -> str:
-    reached = goals(tables)
-    return markdown(Goal._fields, reached) if reached else ""
+    return markdown(Goal._fields, goals(tables))
 
 
 PARTS: Mapping[str, Part] = {

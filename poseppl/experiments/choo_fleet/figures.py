@@ -9,21 +9,21 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from poseppl.experiments.choo_fleet.tuning_tables import choose
+from poseppl.experiments.experiment import Tables
+from poseppl.experiments.images.figures import COLOURS
 from poseppl.experiments.tables import Table
 from poseppl.report.picture import Picture, new_picture
 
-Tables = Mapping[str, Table]
-COLOURS = {"particle": "#e4572e", "hmc": "#1f6f8b", "particle filter": "#e4572e", "HMC filter": "#1f6f8b"}
+_OF_METHOD = {"particle": "#e4572e", "hmc": "#1f6f8b", "particle filter": "#e4572e", "HMC filter": "#1f6f8b"}
 _OTHER = "#c58b1b"
 LABELS = {"particle": "particle filter", "hmc": "HMC filter", "arm": "arm, 4-D", "lower_body": "lower body, 10-D"}
 LABELS |= {"full_body": "full body, 28-D"}
-_CYCLE = ("#1f6f8b", "#e4572e", "#6b8f3c", "#8a5fa8", "#c58b1b", "#3f3f46", "#b3261e", "#2f9c95")
 
 
 def draw_variances(tables: Tables) -> Picture:
     """Figs. 2 and 3: variance against time above, against evaluations below; a line for each frame, and their mean."""
     table = tables["variances"]
-    trackers = list(dict.fromkeys(row[0] for row in table.rows))
+    trackers = table.values("tracker")
     picture = new_picture(4.2 * len(trackers), 7.0)
     axes = picture.subplots(2, len(trackers), squeeze=False)
     for column, tracker in enumerate(trackers):
@@ -48,15 +48,15 @@ def _curves(axis: Any, table: Table, tracker: str, method: str, by: str) -> None
         variance, spread = (table.column(name, **where) for name in ("variance", "log_standard_error"))
         curves.append(np.log(variance))
         bars = np.stack([variance * (1 - np.exp(-spread)), variance * (np.exp(spread) - 1)])
-        axis.errorbar(table.column(by, **where), variance, bars, color=COLOURS[method], alpha=0.3, linewidth=0.8)
+        axis.errorbar(table.column(by, **where), variance, bars, color=_OF_METHOD[method], alpha=0.3, linewidth=0.8)
     cost = table.column(by, **where)
-    axis.plot(cost, np.exp(np.mean(curves, axis=0)), "o-", color=COLOURS[method], label=LABELS[method])
+    axis.plot(cost, np.exp(np.mean(curves, axis=0)), "o-", color=_OF_METHOD[method], label=LABELS[method])
 
 
 def draw_sequence(tables: Tables) -> Picture:
     """Figs. 4 and 5: log-likelihood of the mean state and log prior of the true state over frames, with standard errors."""
     table = tables["sequence"]
-    trackers = list(dict.fromkeys(row[0] for row in table.rows))
+    trackers = table.values("tracker")
     picture = new_picture(5.0 * len(trackers), 8.5)
     axes = picture.subplots(3, len(trackers), squeeze=False)
     names = {
@@ -67,12 +67,12 @@ def draw_sequence(tables: Tables) -> Picture:
     for column, tracker in enumerate(trackers):
         for row, (name, label) in enumerate(names.items()):
             axis = axes[row, column]
-            for method in dict.fromkeys(entry[1] for entry in table.select(tracker=tracker)):
+            for method in table.values("method", tracker=tracker):
                 values = (
                     table.column(each, tracker=tracker, method=method) for each in ("frame", name, f"{name}_standard_error")
                 )
                 frame, mean, spread = values
-                axis.errorbar(frame, mean, spread, color=COLOURS.get(method, _OTHER), label=method, linewidth=1.2)
+                axis.errorbar(frame, mean, spread, color=_OF_METHOD.get(method, _OTHER), label=method, linewidth=1.2)
             axis.set(ylabel=label if column == 0 else "", yscale="symlog" if name == "log_prior" else "linear")
         axes[0, column].set_title(LABELS[tracker])
         axes[0, column].legend(fontsize=8)
@@ -110,8 +110,8 @@ def draw_tuning(tables: Tables) -> Picture:
     chosen = choose(parts)
     picture = new_picture(11.0, 8.0)
     (rejected, costly), (correlated, settled) = picture.subplots(2, 2)
-    for number, leapfrog in enumerate(dict.fromkeys(row[0] for row in mixing.rows)):
-        style: dict[str, Any] = {"color": _CYCLE[number % len(_CYCLE)], "label": f"L = {leapfrog}"}
+    for number, leapfrog in enumerate(mixing.values("leapfrog")):
+        style: dict[str, Any] = {"color": COLOURS[number % len(COLOURS)], "label": f"L = {leapfrog}"}
         step_size = mixing.column("step_size", leapfrog=leapfrog)
         rejected.plot(step_size, mixing.column("rejection", leapfrog=leapfrog), "o-", **style)
         costly.plot(step_size, mixing.column("gradients_per_draw", leapfrog=leapfrog), "o-", **style)
@@ -142,11 +142,11 @@ def draw_contest(tables: Tables) -> Picture:
     one, many = tables["contest"], tables["contest_sequences"]
     picture = new_picture(13.0, 4.6)
     cost, error, cover = picture.subplots(1, 3)
-    methods = list(dict.fromkeys([*one.column("method"), *many.column("method")]))
+    methods = dict.fromkeys([*one.values("method"), *many.values("method")])
     for number, method in enumerate(methods):
         style: dict[str, Any] = {
-            "color": _CYCLE[number % len(_CYCLE)],
-            "marker": "os^vD"[number // len(_CYCLE)],
+            "color": COLOURS[number % len(COLOURS)],
+            "marker": "os^vD"[number // len(COLOURS)],
             "label": method,
         }
         cost.plot(one.column("seconds", method=method), one.column("variance", method=method), linestyle="", **style)

@@ -13,12 +13,12 @@ from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES
 from poseppl.experiments.choo_fleet.timing import FrameTiming
 from poseppl.experiments.choo_fleet.variances import (
     FrameErrors,
-    Results,
     frame_errors,
     geometric_variance,
     log_standard_error,
     speed_up,
 )
+from poseppl.experiments.experiment import Results
 from poseppl.experiments.tables import Table
 
 PUBLISHED_SPEED_UP = {"arm": 1 / 8, "lower_body": 50.0, "full_body": 2000.0}

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from poseppl.experiments.choo_fleet.plan import PUBLISHED_UPDATES
+from poseppl.experiments.experiment import Tables
 from poseppl.experiments.tables import Table
 
 PUBLISHED = "HMC, as published"
@@ -29,18 +30,18 @@ class Goal(NamedTuple):
     verdict: str
 
 
-def goals(tables: Mapping[str, Table]) -> list[Goal]:
+def goals(tables: Tables) -> list[Goal]:
     """The goals that the tables at hand decide."""
     found: list[Goal] = []
     if "contest" in tables and tables["contest"].select(method=PUBLISHED):
         found += [_fewer_seconds(tables), _fewer_evaluations(tables["contest"])]
     if "contest_sequences" in tables:
         table = tables["contest_sequences"]
-        found += [_calibrated(table, recording) for recording in dict.fromkeys(table.column("recording"))]
+        found += [_calibrated(table, recording) for recording in table.values("recording")]
     return found
 
 
-def _fewer_seconds(tables: Mapping[str, Table]) -> Goal:
+def _fewer_seconds(tables: Tables) -> Goal:
     """Judged by the shorter of the times of the published settings: in the contest, and alone at single frames."""
     ratio, best, theirs = _ratio(tables["contest"], "second")
     ours = f"{ratio:.3g} times fewer"

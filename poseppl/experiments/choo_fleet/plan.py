@@ -15,6 +15,7 @@ from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
 from poseppl.experiments.experiment import Task
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN, Recording
+from poseppl.experiments.runs import blocks_of
 
 
 class Scale(NamedTuple):
@@ -85,17 +86,13 @@ def frames_of(recording: Recording) -> tuple[int, ...]:
     return single_frames(stage_of(recording, "full_body"))
 
 
-def _blocks(number: int, size: int) -> list[tuple[int, ...]]:
-    return [tuple(range(first, min(first + size, number))) for first in range(0, number, size)]
-
-
 def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[str], runs: int) -> Task:
     jobs: list[Job] = [
         FrameRuns(recording, system, frame, block, scale.num_settings, scale.reference_chains)
         for recording in recordings
         for system in systems
         for frame in frames_of(recording)
-        for block in _blocks(runs, scale.block)
+        for block in blocks_of(runs, scale.block)
     ]
     return Task(estimate_frame, jobs)
 
@@ -118,7 +115,7 @@ def plan_sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
         for method, (filter, settings) in _rivals(scale, system).items():
             jobs += [
                 SequenceRuns(recordings[0], system, method, filter, tuple(sorted(settings.items())), scale.num_frames, block)
-                for block in _blocks(scale.runs, scale.block)
+                for block in blocks_of(scale.runs, scale.block)
             ]
     return {"sequences": Task(run_sequence, jobs)}
 

@@ -18,6 +18,7 @@ from poseppl.experiments.choo_fleet.systems import Stage, noisy_points, pose_seq
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.experiments.clock import timed
 from poseppl.experiments.recordings import Recording
+from poseppl.experiments.runs import stacked
 from poseppl.filters.chains import ChainState
 from poseppl.motion.tracking.problem import Problem
 from poseppl.particles.stacks import prepend, split_first
@@ -92,7 +93,7 @@ def score_runs(job: SequenceRuns, find: Callable[[Array, Problem, Floats], tuple
         problem = pose_sequence(stage, frames, noisy_points(stage, frames, run))
         found, seconds = find(jax.random.fold_in(jax.random.key(_SEED), run), problem, true_states(stage, frames))
         rows.append({"seconds": seconds} | _score(found, stage, frames))
-    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    return stacked(rows)
 
 
 def true_states(stage: Stage, frames: slice) -> Floats:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from poseppl.experiments.choo_fleet.sequence import LEVELS, SequenceRuns
-from poseppl.experiments.choo_fleet.variances import Results
-from poseppl.experiments.tables import Table
+from poseppl.experiments.experiment import Results
+from poseppl.experiments.measured import mean_and_error
+from poseppl.experiments.runs import joined
+from poseppl.experiments.tables import Table, grouped
 
 
 def sequence_tables(jobs: Sequence[SequenceRuns], results: Results) -> list[Table]:
@@ -17,7 +19,7 @@ def sequence_tables(jobs: Sequence[SequenceRuns], results: Results) -> list[Tabl
     rows = []
     for (tracker, _, method), whole in _grouped(jobs, results).items():
         for frame in range(whole["error"].shape[1]):
-            values = [_mean_and_error(whole[name][:, frame]) for name in ("log_likelihood", "log_prior", "error")]
+            values = [mean_and_error(whole[name][:, frame]) for name in ("log_likelihood", "log_prior", "error")]
             rows.append((tracker, method, frame, *(number for pair in values for number in pair)))
     names = ("log_likelihood", "log_prior", "error")
     columns = ("tracker", "method", "frame", *(column for name in names for column in (name, f"{name}_standard_error")))
@@ -29,9 +31,9 @@ def performance(name: str, jobs: Sequence[SequenceRuns], results: Results) -> Ta
     """Error, coverage, spread and cost of each filter on each recording, over all frames and runs."""
     rows = []
     for (tracker, recording, method), whole in _grouped(jobs, results).items():
-        error, relative = (_mean_and_error(whole[key].mean(1)) for key in ("error", "error_relative"))
-        cover = [_mean_and_error(whole["inside_markers"][:, index].mean(1)) for index in range(len(LEVELS))]
-        state = [_mean_and_error(whole["inside_state"][:, index].mean(1))[0] for index in range(len(LEVELS))]
+        error, relative = (mean_and_error(whole[key].mean(1)) for key in ("error", "error_relative"))
+        cover = [mean_and_error(whole["inside_markers"][:, index].mean(1)) for index in range(len(LEVELS))]
+        state = [mean_and_error(whole["inside_state"][:, index].mean(1))[0] for index in range(len(LEVELS))]
         spread = float(np.sqrt(np.mean(np.var(whole["markers"], axis=0, ddof=1)) * 3)) if len(whole["markers"]) > 1 else np.nan
         frames = whole["error"].shape[1]
         evaluations = float((whole["num_likelihood"] + whole["num_gradient"]).mean())
@@ -63,16 +65,5 @@ def performance(name: str, jobs: Sequence[SequenceRuns], results: Results) -> Ta
 
 
 def _grouped(jobs: Sequence[SequenceRuns], results: Results) -> dict[tuple[str, str, str], Mapping[str, Any]]:
-    groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
-    for job in jobs:
-        groups.setdefault((job.system, job.recording.name, job.method), []).append(results[job.key])
-    return {
-        key: {name: np.concatenate([np.asarray(block[name], float) for block in blocks]) for name in blocks[0]}
-        for key, blocks in groups.items()
-    }
-
-
-def _mean_and_error(values: Any) -> tuple[float, float]:
-    """Mean over runs and its standard error."""
-    count = len(values)
-    return float(np.mean(values)), float(np.std(values, ddof=1) / count**0.5) if count > 1 else float("nan")
+    groups = grouped(jobs, lambda job: (job.system, job.recording.name, job.method))
+    return {key: joined(own, results) for key, own in groups.items()}

@@ -9,13 +9,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates, reference
-from poseppl.experiments.choo_fleet.systems import SYSTEMS, UPDATES, frame_of
+from poseppl.experiments.choo_fleet.estimators import ESTIMATES, Estimate, reference
+from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.experiments.recordings import Recording
-from poseppl.program import CompiledModel
+from poseppl.experiments.runs import stacked
 
-METHODS = ("particle", "hmc")
+METHODS = tuple(ESTIMATES)
 _COST = {"arm": 0.02, "lower_body": 0.35, "full_body": 1.0}
 _SEED = 2001
 
@@ -66,23 +66,14 @@ def estimate_frame(job: FrameRuns) -> dict[str, Any]:
             found = jax.device_get(function(key, observation, frame.inputs))
             row |= {f"{method}_{name}": values for name, values in found._asdict().items()}
         rows.append(row)
-    arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    arrays = stacked(rows)
     scale = np.asarray(frame.problem.record()["start_scale"])
     return arrays | {"prior_sd": scale[list(frame.stage.body.free_coordinates)]}
-
-
-def model_of(recording: Recording, system: str) -> CompiledModel:
-    """The model of a tracker for the limbs of a recorded person; frames differ in their inputs alone."""
-    return frame_of(recording, system, 1).problem.model
 
 
 @lru_cache(maxsize=16)
 def compiled(recording: Recording, system: str, num_settings: int, num_chains: int) -> dict[str, Estimate]:
     """The methods, ready to run at any frame."""
-    model = model_of(recording, system)
-    row = SYSTEMS[system]
-    return {
-        "particle": jax.jit(particle_estimates(model, row, num_settings)),
-        "hmc": jax.jit(hmc_estimates(model, row, UPDATES[:num_settings])),
-        "reference": jax.jit(reference(model, num_chains)),
-    }
+    model = frame_of(recording, system, 1).problem.model  # frames differ in their inputs alone
+    functions = {method: estimates(model, SYSTEMS[system], num_settings) for method, estimates in ESTIMATES.items()}
+    return {name: jax.jit(function) for name, function in {**functions, "reference": reference(model, num_chains)}.items()}

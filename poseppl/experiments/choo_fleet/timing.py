@@ -8,11 +8,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from poseppl.experiments.choo_fleet.estimators import Estimate, hmc_estimates, particle_estimates
-from poseppl.experiments.choo_fleet.systems import UPDATES, frame_of, single_frames, stage_of
+from poseppl.experiments.choo_fleet.estimators import ESTIMATES
+from poseppl.experiments.choo_fleet.systems import frame_of, single_frames, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
 from poseppl.experiments.clock import timed
-from poseppl.program import CompiledModel
 
 
 @dataclass(frozen=True)
@@ -48,12 +47,6 @@ def time_frame(job: FrameTiming) -> dict[str, Any]:
     """
     frame = frame_of(job.recording, job.system, single_frames(stage_of(job.recording, job.system))[1])
     arguments = frame.observe(0), frame.inputs
-    function = jax.jit(_estimate(frame.problem.model, job))
+    function = jax.jit(ESTIMATES[job.method](frame.problem.model, job.row, job.setting + 1))
     seconds = [timed(function, jax.random.key(repeat), *arguments)[1] for repeat in range(job.repeats + 1)]
     return {"seconds": np.array(seconds[1:])}  # the first one compiles
-
-
-def _estimate(model: CompiledModel, job: FrameTiming) -> Estimate:
-    if job.method == "particle":
-        return particle_estimates(model, job.row, job.setting + 1)
-    return hmc_estimates(model, job.row, UPDATES[: job.setting + 1])

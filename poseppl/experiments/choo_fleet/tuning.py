@@ -18,6 +18,7 @@ from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, frame_of, single_frames, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
+from poseppl.experiments.runs import stacked
 from poseppl.filters import hmc_filter
 from poseppl.filters.chains import chain_state
 from poseppl.kernels import HMCSettings
@@ -84,7 +85,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
         ]
         rows.append(_describe([draws for draws, _, _ in found]) | {"rejection": np.array([each for _, each, _ in found])})
         rows[-1]["num_gradient"] = np.asarray(found[0][2])
-    return {name: np.stack([each[name] for each in rows]) for name in rows[0]}
+    return stacked(rows)
 
 
 def _describe(runs: list[Any]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from poseppl.experiments.choo_fleet.tuning import TuningRuns
-from poseppl.experiments.choo_fleet.variances import Results
+from poseppl.experiments.experiment import Results
+from poseppl.experiments.measured import mean_and_error
 from poseppl.experiments.tables import Table
 
 
@@ -21,9 +22,8 @@ def tuning_tables(jobs: Sequence[TuningRuns], results: Results) -> list[Table]:
         for index, step_size in enumerate(job.step_sizes):
             rejection = np.asarray(found["rejection"][index], float)
             tau = float(np.exp(np.nanmean(np.log(found["tau"][index]))))
-            spread = float(rejection.std(ddof=1) / len(rejection) ** 0.5) if len(rejection) > 1 else float("nan")
             gradients = tau * job.num_leapfrog
-            mixing.append((job.num_leapfrog, step_size, float(rejection.mean()), spread, tau, gradients))
+            mixing.append((job.num_leapfrog, step_size, *mean_and_error(rejection), tau, gradients))
             for lag, value in enumerate(found["autocorrelation"][index]):
                 correlation.append((job.num_leapfrog, step_size, lag, float(value)))
             for offset, value in enumerate(found["rhat"][index]):

@@ -14,8 +14,10 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.experiments.choo_fleet.single_frame import METHODS, FrameRuns
+from poseppl.experiments.experiment import Results
+from poseppl.experiments.runs import joined
+from poseppl.experiments.tables import grouped
 
-Results = Mapping[str, Mapping[str, Any]]
 _RESAMPLES = 400
 _LEAST = 1e-12
 
@@ -41,28 +43,25 @@ class FrameErrors(NamedTuple):
 
 def frame_errors(jobs: Sequence[FrameRuns], results: Results, system: str) -> list[FrameErrors]:
     """Put the blocks of runs of each recording and frame together."""
-    groups: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
-    for job in jobs:
-        if job.system == system:
-            groups.setdefault((job.recording.name, job.frame), []).append(results[job.key])
-    return [_errors(recording, frame, blocks) for (recording, frame), blocks in groups.items()]
+    own = [job for job in jobs if job.system == system]
+    return [_errors(group, results) for group in grouped(own, lambda job: (job.recording.name, job.frame)).values()]
 
 
-def _errors(recording: str, frame: int, blocks: Sequence[Mapping[str, Any]]) -> FrameErrors:
-    whole = {name: np.concatenate([block[name] for block in blocks]).astype(float) for name in blocks[0] if name != "prior_sd"}
+def _errors(jobs: Sequence[FrameRuns], results: Results) -> FrameErrors:
+    whole, first = joined(jobs, results), jobs[0]
     variance = np.diagonal(whole["reference_covariance"], axis1=1, axis2=2)
     own = whole["reference_standard_error"] ** 2 / variance
     squared = {}
     for method in METHODS:
         offset = whole[f"{method}_means"] - whole["reference_mean"][:, None]
         squared[method] = offset**2 / variance[:, None] - own[:, None]
-    prior = np.log(np.asarray(blocks[0]["prior_sd"], float)).sum()
+    prior = np.log(np.asarray(results[first.key]["prior_sd"], float)).sum()
     _, log_det = np.linalg.slogdet(whole["reference_covariance"])
     bounds = {
         "marginal": (prior - 0.5 * np.log(variance).sum(-1)) / np.log(10),
         "determinant": (prior - 0.5 * log_det) / np.log(10),
     }
-    return FrameErrors(recording, frame, squared, own, bounds)
+    return FrameErrors(first.recording.name, first.frame, squared, own, bounds)
 
 
 def geometric_variance(squared: Floats) -> Floats:

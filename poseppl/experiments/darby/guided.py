@@ -7,7 +7,8 @@ from typing import Any
 
 from poseppl.experiments.darby.people import Training, trained_file
 from poseppl.experiments.images.systems import problem_of
-from poseppl.experiments.images.tracking import Tracking, compiled_step, first_state, run_once, stacked
+from poseppl.experiments.images.tracking import Tracking, compiled_step, first_state, run_once
+from poseppl.experiments.runs import stacked
 from poseppl.motion.learned import read_motion_model
 
 

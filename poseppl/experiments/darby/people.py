@@ -9,6 +9,7 @@ from pathlib import Path
 
 from poseppl.errors import InputError
 from poseppl.experiments.recordings import Recording
+from poseppl.experiments.tables import grouped
 from poseppl.files.cache_folder import cache_folder
 from poseppl.files.store import key_of
 from poseppl.motion.learned import (
@@ -51,10 +52,7 @@ def person_of(recording: Recording) -> str:
 
 def first_of_each(recordings: Sequence[Recording], number: int) -> list[Recording]:
     """The first recordings of each person, at most so many."""
-    people: dict[str, list[Recording]] = {}
-    for recording in recordings:
-        people.setdefault(person_of(recording), []).append(recording)
-    return [recording for mine in people.values() for recording in mine[:number]]
+    return [recording for mine in grouped(recordings, person_of).values() for recording in mine[:number]]
 
 
 def known(tracked: Recording, recordings: Sequence[Recording], frames: int, rate: float, rounds: int) -> Training | None:

@@ -10,7 +10,7 @@ from poseppl.experiments.darby.plan import MODIFIED, STANDARD
 from poseppl.experiments.experiment import Jobs, Results, Tables
 from poseppl.experiments.images.tables import ABOUT, COLUMNS, filter_row, filter_rows, told_errors
 from poseppl.experiments.measured import mean_interval
-from poseppl.experiments.tables import Table, markdown
+from poseppl.experiments.tables import Table, grouped, markdown
 
 _TITLES = (
     ("Eq. 8, four cameras", "trackers", STANDARD),
@@ -27,7 +27,7 @@ def trackers(tables: Tables) -> str:
             count = row["method"].split(" x ")[1]
             rows.append([title, count, *told_errors(row), f"{row['seconds']:.2g}", str(row["runs"])])
     columns = ("weight", "particles a layer", "error", "relative", "best particle", "s a frame", "runs")
-    return markdown(columns, rows) if rows else ""
+    return markdown(columns, rows)
 
 
 def taught(name: str, jobs: Jobs, results: Results) -> list[Table]:
@@ -39,21 +39,18 @@ def guided_errors(tables: Tables) -> str:
     """Errors over walks, of which each is the mean of its runs, with 95 % intervals, and the deviation of runs of one walk."""
     rows = []
     for name in ("guided", "guided_one_camera"):
-        groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-        for row in filter_rows(tables, name):
-            groups.setdefault((row["system"], row["method"]), []).append(row)
+        groups = grouped(filter_rows(tables, name), lambda row: (row["system"], row["method"]))
         for (system, method), mine in groups.items():
             told = [_over_walks(mine, figure) for figure in _GUIDED]
             seconds = sum(row["seconds"] for row in mine) / len(mine)
             rows.append([system, method, str(len(mine)), str(mine[0]["runs"]), *told, f"{seconds:.2g}"])
     columns = ("system", "filter", "walks", "runs", "best particle", "error", "relative", "weighted, relative", "s a frame")
-    return markdown(columns, rows) if rows else ""
+    return markdown(columns, rows)
 
 
 _GUIDED = ("optimistic", "absolute", "relative", "weighted_relative")
 
 
 def _over_walks(rows: Sequence[dict[str, Any]], figure: str) -> str:
-    mean, low, high = mean_interval([row[figure] for row in rows])
     runs = math.sqrt(sum(row[f"{figure}_sd"] ** 2 for row in rows) / len(rows))
-    return f"{mean:.0f} ({low:.0f} to {high:.0f}), runs +- {runs:.1f}"
+    return f"{mean_interval([row[figure] for row in rows]).told()}, runs +- {runs:.1f}"

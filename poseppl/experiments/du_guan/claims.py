@@ -7,11 +7,10 @@ from typing import Any
 
 from poseppl.experiments.du_guan.mueller import BASINS, DEMC, DYNAMICS, EXACT, TEMPERED
 from poseppl.experiments.du_guan.plan import PREDICTIONS
-from poseppl.experiments.experiment import UNDECIDED, Claim, Tables, verdict_of
+from poseppl.experiments.experiment import Claim, Tables, claims_by_table, verdict_of
 from poseppl.experiments.images.tables import filter_rows
 from poseppl.experiments.images.tracking import HOLDING
-from poseppl.experiments.measured import Measured
-from poseppl.experiments.tables import Table
+from poseppl.experiments.measured import Interval, measured
 
 NEAR = 20.0
 """Percent by which the share of a basin may be off."""
@@ -19,17 +18,10 @@ TRAPPED = 90.0
 """Percent of the samples in the basin of the start of which they are said to be trapped."""
 
 
-def claims(tables: Tables) -> list[Claim]:
-    """All claims that the tables at hand decide."""
-    found = [_weights(tables), _layers(tables)] if "trackers" in tables else []
-    found += _sequences(tables)
-    return found + (_basins(tables["mueller"]) if "mueller" in tables else [])
-
-
 def _weights(tables: Tables) -> Claim:
     rows = filter_rows(tables, "trackers")
-    weight = {row["method"]: Measured(row["weight"], row["weight_sd"], row["runs"]) for row in rows}
-    error = {row["method"]: Measured(row["absolute"], row["absolute_sd"], row["runs"]) for row in rows}
+    weight = {row["method"]: measured(row, "weight") for row in rows}
+    error = {row["method"]: measured(row, "absolute") for row in rows}
     plain, annealed, *ours = (
         [name for name in weight if name.startswith(start)][-1]
         for start in ("CONDENSATION", "APF", *(f"DE-MC ({prediction})" for prediction in PREDICTIONS))
@@ -51,17 +43,21 @@ def _weights(tables: Tables) -> Claim:
 
 def _sequences(tables: Tables) -> list[Claim]:
     """Whether each sequence is followed more closely than by a tracker that holds the first pose, a low bar."""
-    if "sequences" not in tables:
-        return []
     held = {row["scene"]: row["absolute"] for row in tables["sequences"].records(method=HOLDING)}
     found = []
     for row in filter_rows(tables, "sequences"):
-        error, bar = Measured(row["absolute"], row["absolute_sd"], row["runs"]), held[row["scene"]]
-        reach = 2 * error.error
-        verdict = _decided(error.mean + reach < bar, error.mean - reach > bar)
+        error, bar = measured(row, "absolute"), held[row["scene"]]
         what = f"Section 4, Fig. 3: {row['method'].replace('DE-MC (velocity), ', '')} particles follow {row['scene']}"
         ours = f"{error.told()} mm in {row['runs']} runs; a tracker that holds the first pose {bar:.0f}"
-        found.append(Claim(what, "satisfactory", ours, verdict, "closer than the first pose, by two standard errors over runs"))
+        found.append(
+            Claim(
+                what,
+                "satisfactory",
+                ours,
+                error.interval.below(bar),
+                "closer than the first pose, by two standard errors over runs",
+            )
+        )
     return found
 
 
@@ -76,9 +72,9 @@ def _layers(tables: Tables) -> Claim:
     return Claim("Fig. 5: 2, 5 and 7 layers compared", "no order told", f"weights {'; '.join(told)}", "none: no claim", why)
 
 
-def _basins(table: Table) -> list[Claim]:
-    found = []
-    for temperature in dict.fromkeys(row["temperature"] for row in table.records()):
+def _basins(tables: Tables) -> list[Claim]:
+    table, found = tables["mueller"], []
+    for temperature in table.values("temperature"):
         rows = {row["method"]: row for row in table.records(temperature=temperature)}
         found += [_sampled(rows, temperature), _trapped(rows[DYNAMICS], temperature)]
     return found
@@ -88,7 +84,7 @@ def _sampled(rows: Mapping[str, Mapping[str, Any]], temperature: float) -> Claim
     """Whether every basin has its due after 30 iterations of DE-MC, within a margin."""
     exact, ours = rows[EXACT], rows[DEMC]
     off = [(abs(ours[name] - exact[name]), ours[f"{name}_reach"]) for name in BASINS]
-    verdict = _decided(all(far + reach <= NEAR for far, reach in off), any(far - reach > NEAR for far, reach in off))
+    verdict = verdict_of(all(far + reach <= NEAR for far, reach in off), any(far - reach > NEAR for far, reach in off))
     best = max((name for name in rows if name not in (EXACT, TEMPERED, DYNAMICS)), key=lambda name: rows[name]["a"])
     what = f"Section 2.2, Fig. 2b: 30 iterations sample Mueller's surface well, at temperature {temperature:g}"
     here = f"{ours['a']:.0f} +- {ours['a_reach']:.1g} % in the deepest basin instead of {exact['a']:.0f} %"
@@ -99,11 +95,10 @@ def _sampled(rows: Mapping[str, Mapping[str, Any]], temperature: float) -> Claim
 def _trapped(row: Mapping[str, Any], temperature: float) -> Claim:
     """Whether the standard dynamics stays in the basin that it starts from, the second deepest."""
     share, reach = row["b"], row["b_reach"]
-    verdict = _decided(share - reach > TRAPPED, share + reach < TRAPPED)
+    verdict = Interval.around(share, reach).above(TRAPPED)
     what = f"Section 2.2: after 6,000 steps of the standard dynamics samples are in the basin of the start, at {temperature:g}"
     here = f"{share:.0f} +- {reach:.1g} % of them"
     return Claim(what, "trapped", here, verdict, f"trapped is more than {TRAPPED:.0f} %; Langevin's dynamics with rejections")
 
 
-def _decided(holds: bool, fails: bool) -> str:
-    return verdict_of(holds) if holds or fails else UNDECIDED
+claims = claims_by_table({"trackers": [_weights, _layers], "sequences": [_sequences], "mueller": [_basins]})

@@ -55,7 +55,7 @@ EXPERIMENT = Experiment(
         "mueller": Part(
             "who finds the basins of Mueller's surface (Fig. 2b)",
             plan_mueller,
-            lambda jobs, results: [mueller_table(jobs["surface"], results)],
+            mueller_table,
             runs=lambda scale: int(scale.surface_runs),
             seen="Mueller's surface",
         ),

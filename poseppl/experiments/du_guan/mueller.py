@@ -8,7 +8,7 @@ instead, with as many particles. The standard dynamics that the paper cites, Lan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -20,10 +20,10 @@ import numpy as np
 from jax import Array
 
 from poseppl.experiments.du_guan.basins import basin_shares, true_shares
-from poseppl.experiments.experiment import Results
+from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.measured import mean_interval
-from poseppl.experiments.tables import Table
+from poseppl.experiments.tables import Table, grouped
 from poseppl.filters.tempering import Tempering, temper
 from poseppl.kernels import HMC_MOVES, DEMCSettings, HMCSettings, demc_chains, hmc_chains
 from poseppl.particles.resampling import systematic
@@ -147,17 +147,17 @@ def sample_mueller(job: MuellerRuns) -> dict[str, Any]:
     return {"shares": np.stack([basin_shares(SURFACE, row) for row in positions])}
 
 
-def mueller_table(jobs: Sequence[MuellerRuns], results: Results) -> Table:
+def mueller_table(jobs: Jobs, results: Results) -> list[Table]:
     """One row a sampler and temperature, after the true shares at each, with half of the 95 % interval of a mean over runs."""
     rows: list[tuple[Any, ...]] = []
-    for temperature in dict.fromkeys(job.temperature for job in jobs):
+    for temperature, own in grouped(jobs["surface"], lambda job: float(job.temperature)).items():
         exact = [100 * share for share in true_shares(SURFACE, temperature).tolist()]
         rows.append((temperature, EXACT, *exact, *(0.0 for _ in BASINS), 0))
-        for job in jobs:
-            if job.temperature == temperature:
-                told = [mean_interval(100 * each) for each in results[job.key]["shares"].T]
-                means, reaches = [mean for mean, _, _ in told], [high - mean for mean, _, high in told]
-                rows.append((temperature, job.sampler, *means, *reaches, job.num_runs))
-    size = f"{jobs[0].members} samples in the basins A, B and C after {jobs[0].iterations} iterations"
+        for job in own:
+            told = [mean_interval(100 * each) for each in results[job.key]["shares"].T]
+            means, reaches = [each.mean for each in told], [each.high - each.mean for each in told]
+            rows.append((temperature, job.sampler, *means, *reaches, job.num_runs))
+    size = f"{job.members} samples in the basins A, B and C after {job.iterations} iterations"
     columns = ("temperature", "method", *BASINS, *(f"{name}_reach" for name in BASINS), "runs")
-    return Table("mueller", columns, rows, f"Share of {size}, %, mean of runs and half of its 95 % interval by Student's t.")
+    about = f"Share of {size}, %, mean of runs and half of its 95 % interval by Student's t."
+    return [Table("mueller", columns, rows, about)]

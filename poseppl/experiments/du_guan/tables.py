@@ -10,26 +10,24 @@ from poseppl.experiments.du_guan.plan import SYSTEM
 from poseppl.experiments.experiment import Tables
 from poseppl.experiments.images.tables import filter_rows, told_errors
 from poseppl.experiments.images.tracking import HOLDING
-from poseppl.experiments.measured import Measured
-from poseppl.experiments.tables import markdown
+from poseppl.experiments.measured import measured
+from poseppl.experiments.tables import markdown, rows_of
 
 
 def trackers(tables: Tables) -> str:
     """Errors and average sample weights of the filters."""
     rows = []
     for row in filter_rows(tables, "trackers"):
-        weight = Measured(row["weight"], row["weight_sd"], row["runs"]).told(3)
+        weight = measured(row, "weight").told(3)
         shown = [row["method"], f"{row['evaluations']:,}", weight, *told_errors(row), f"{row['seconds']:.2g}"]
         rows.append([*shown, str(row["failed"]), str(row["runs"])])
     columns = ("filter", "evaluations", "weight", "error", "relative", "best particle", "s a frame", "frames failed", "runs")
-    return markdown(columns, rows) if rows else ""
+    return markdown(columns, rows)
 
 
 def sequences(tables: Tables) -> str:
     """Errors on each sequence beside those of a tracker that holds the first pose."""
-    if "sequences" not in tables:
-        return ""
-    held = {row["scene"]: row for row in tables["sequences"].records(method=HOLDING)}
+    held = {row["scene"]: row for row in rows_of(tables, "sequences", method=HOLDING)}
     rows = []
     for row in filter_rows(tables, "sequences"):
         blind = " and ".join(f"{held[row['scene']][name]:.0f}" for name in ("absolute", "relative"))
@@ -55,16 +53,14 @@ def scales(tables: Tables) -> str:
         ["as above" if row["system"] == SYSTEM.name else row["system"].replace("_", " "), *told_errors(row), str(row["runs"])]
         for row in filter_rows(tables, "scales")
     ]
-    return markdown(("scales", "error", "relative", "best particle", "runs"), rows) if rows else ""
+    return markdown(("scales", "error", "relative", "best particle", "runs"), rows)
 
 
 def mueller(tables: Tables) -> str:
     """Shares of the basins."""
-    if "mueller" not in tables:
-        return ""
     rows = [
         [f"{row['temperature']:g}", row["method"], ", ".join(_share(row, name) for name in BASINS)]
-        for row in tables["mueller"].records()
+        for row in rows_of(tables, "mueller")
     ]
     return markdown(("temperature", "method", "share in A, B, C (%)"), rows)
 

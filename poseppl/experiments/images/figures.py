@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from poseppl.experiments.experiment import Jobs, Pictures, Results, Tables
 from poseppl.experiments.images.tracking import HOLDING
-from poseppl.experiments.tables import Table
+from poseppl.experiments.tables import Table, grouped
 from poseppl.report.picture import Picture, new_picture
 
 COLOURS = ("#1f6f8b", "#e4572e", "#6b8f3c", "#8a5fa8", "#c58b1b", "#3f3f46", "#b3261e", "#2f9c95")
@@ -19,12 +17,11 @@ def draw_errors(table: Table) -> Picture:
     """A panel for each figure: methods downwards, a mark for each system and scene, with the standard deviation over runs."""
     rows = [row for row in table.records() if row["method"][0] != "("]
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    groups = list(dict.fromkeys((row["system"], row["scene"]) for row in rows))
+    groups = grouped(rows, lambda row: (row["system"], row["scene"]))
     picture = new_picture(4.0 * len(_FIGURES), 1.6 + 0.22 * len(methods) * (1 + len(groups)))
     axes = picture.subplots(1, len(_FIGURES), sharey=True, squeeze=False)[0]
     for axis, (figure, label) in zip(axes, _FIGURES.items(), strict=True):
-        for number, group in enumerate(groups):
-            mine = [row for row in rows if (row["system"], row["scene"]) == group]
+        for number, (group, mine) in enumerate(groups.items()):
             place = [methods.index(row["method"]) + 0.7 * (number + 0.5) / len(groups) for row in mine]
             spread = np.nan_to_num([row[f"{figure}_sd"] for row in mine])
             colour = COLOURS[number % len(COLOURS)]
@@ -41,9 +38,7 @@ def draw_errors(table: Table) -> Picture:
 
 def draw_scenes(table: Table) -> Picture:
     """A panel for each figure: systems and methods downwards, a mark for each scene, and a bar at their mean."""
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in table.records():
-        groups.setdefault((row["system"], row["method"]), []).append(row)
+    groups = grouped(table.records(), lambda row: (row["system"], row["method"]))
     picture = new_picture(4.0 * len(_FIGURES) + 2.0, 1.0 + 0.45 * len(groups))
     axes = picture.subplots(1, len(_FIGURES), sharey=True, squeeze=False)[0]
     for axis, (figure, label) in zip(axes, _FIGURES.items(), strict=True):

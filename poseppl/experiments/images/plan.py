@@ -8,6 +8,7 @@ from poseppl.experiments.experiment import Task
 from poseppl.experiments.images.scenes import Rendering, Scene, render
 from poseppl.experiments.images.systems import Method, System
 from poseppl.experiments.images.tracking import Blind, Tracking, blind, track
+from poseppl.experiments.runs import blocks_of
 
 
 def tracking_tasks(
@@ -17,7 +18,6 @@ def tracking_tasks(
     num_runs: int,
     *,
     weighs: bool = False,
-    block: int = 5,
 ) -> dict[str, Task]:
     """Render the scenes, then run each system's filters on them.
 
@@ -27,20 +27,18 @@ def tracking_tasks(
         num_frames: How many frames of a scene.
         num_runs: How many runs of each filter.
         weighs: Whether the particles' mean likelihood is taken.
-        block: Runs of one job.
 
     Returns:
         The tasks "scenes", "blind" and "tracking".
     """
     pairs = list(rivals)
     systems = dict.fromkeys(system for system, _ in pairs)
-    blocks = [tuple(range(first, min(first + block, num_runs))) for first in range(0, num_runs, block)]
     sightless = [Blind(scene, system, num_frames) for system in systems for scene in scenes]
     tracked = [
         Tracking(scene, system, num_frames, method, runs, weighs)
         for system, method in pairs
         for scene in scenes
-        for runs in blocks
+        for runs in blocks_of(num_runs, 5)
     ]
     return {
         "scenes": Task(render, [Rendering(scene) for scene in scenes]),

@@ -10,8 +10,9 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.experiments.experiment import Jobs, Results, Tables
 from poseppl.experiments.images.tracking import CLOSEST, FIGURES, HOLDING, Blind, Tracking
-from poseppl.experiments.measured import Measured, over_runs
-from poseppl.experiments.tables import Table
+from poseppl.experiments.measured import measured, over_runs
+from poseppl.experiments.runs import joined
+from poseppl.experiments.tables import Table, grouped, rows_of
 
 COLUMNS = (
     *("system", "scene", "cameras", "frames", "runs", "method", "evaluations"),
@@ -37,11 +38,8 @@ def tracking_table(name: str, blind: Sequence[Blind], jobs: Sequence[Tracking], 
     rows: list[tuple[Any, ...]] = []
     for job in blind:
         rows += _blind_rows(job, results[job.key]["errors"])
-        groups: dict[str, list[Tracking]] = {}
-        for each in jobs:
-            if (each.scene, each.system, each.num_frames) == (job.scene, job.system, job.num_frames):
-                groups.setdefault(each.method.name, []).append(each)
-        rows += [filter_row(group, results) for group in groups.values()]
+        own = [each for each in jobs if (each.scene, each.system, each.num_frames) == (job.scene, job.system, job.num_frames)]
+        rows += [filter_row(group, results) for group in grouped(own, lambda each: each.method.name).values()]
     return Table(name, COLUMNS, rows, ABOUT)
 
 
@@ -66,15 +64,9 @@ def filter_row(jobs: Sequence[Tracking], results: Results) -> tuple[Any, ...]:
     return *head, int(found["evaluations"][0]), *figures, seconds, *weight[:2], int(found["failed"].sum())
 
 
-def joined(jobs: Sequence[Tracking], results: Results) -> dict[str, Floats]:
-    """What jobs have found, their runs one after the other."""
-    blocks = [results[job.key] for job in jobs]
-    return {name: np.concatenate([np.asarray(block[name]) for block in blocks]) for name in blocks[0]}
-
-
 def told_errors(row: Mapping[str, Any]) -> list[str]:
     """Absolute, relative and best particle's errors of a row, mm, with their standard deviations over runs."""
-    return [Measured(row[name], row[f"{name}_sd"], row["runs"]).told() for name in ("absolute", "relative", "optimistic")]
+    return [measured(row, name).told() for name in ("absolute", "relative", "optimistic")]
 
 
 def tracked(name: str, jobs: Jobs, results: Results) -> list[Table]:
@@ -84,5 +76,4 @@ def tracked(name: str, jobs: Jobs, results: Results) -> list[Table]:
 
 def filter_rows(tables: Tables, name: str, **where: Any) -> list[dict[str, Any]]:
     """Rows of filters, without those of trackers that see nothing; none where there is no such table."""
-    rows = tables[name].records(**where) if name in tables else []
-    return [row for row in rows if row["method"] not in (HOLDING, CLOSEST)]
+    return [row for row in rows_of(tables, name, **where) if row["method"] not in (HOLDING, CLOSEST)]

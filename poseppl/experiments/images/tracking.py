@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -18,6 +18,7 @@ from poseppl.experiments.clock import finished
 from poseppl.experiments.images.scenes import Scene
 from poseppl.experiments.images.systems import Method, Problem, System, problem_of
 from poseppl.experiments.jobs import Job
+from poseppl.experiments.runs import stacked
 from poseppl.filters import Filter
 from poseppl.motion.geometry import marker_positions
 
@@ -107,11 +108,6 @@ def track(job: Tracking) -> dict[str, Any]:
     filter, step = compiled_step(job.scene, job.system, job.num_frames, job.method)
     rows = [run_once(problem, step, first_state(problem, filter, run), run, job.weighs) for run in job.runs]
     return stacked(rows)
-
-
-def stacked(rows: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
-    """Runs one below the other."""
-    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
 
 
 @lru_cache(maxsize=4)

@@ -50,7 +50,6 @@ def run_jobs(
     *,
     executor: Executor | str | None = None,
     progress: JobProgress | None = None,
-    stop_at_failure: bool = False,
 ) -> dict[str, Arrays]:
     """Run independent jobs; those whose results the folder holds are not computed again.
 
@@ -62,7 +61,6 @@ def run_jobs(
         executor: Who computes: an executor, "processes" (one for each core, and so if None), "inline" (this process), or the
             address of a Dask scheduler, such as "tcp://host:8786".
         progress: Who is told how it goes, for example a `poseppl.cli.console.ConsoleProgress`.
-        stop_at_failure: Whether the first job that fails ends the run; otherwise the others are done first.
 
     Returns:
         The arrays of every job, by its key, in the order of the jobs.
@@ -92,8 +90,6 @@ def run_jobs(
                 store.save(outcome.key, outcome.arrays, {**records[outcome.key], "seconds": outcome.seconds})
                 results[outcome.key] = outcome.arrays
             progress.finished(missing[outcome.key].cost)
-            if failed and stop_at_failure:
-                break
     if failed:
         raise JobError(failed, len(wanted))
     return {key: results[key] for key in wanted}

@@ -6,17 +6,18 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Tables, verdict_of
-from poseppl.experiments.measured import Measured, difference, find
+from poseppl.experiments.experiment import Claim, Tables, claims_by_table, verdict_of
+from poseppl.experiments.measured import Interval, Measured, difference, find
 from poseppl.experiments.peursum.dimensionality import EXACT
+from poseppl.experiments.peursum.monocular import monocular_claims
 from poseppl.experiments.peursum.plan import PUBLISHED_EXPONENT
+from poseppl.experiments.peursum.runtimes import runtime_claims
 from poseppl.experiments.peursum.tables import ANNEALED, DIFFUSIONS, PLAIN, furnished, sweep, told_share
-from poseppl.experiments.tables import Table
+from poseppl.experiments.peursum.walk_claims import ESS_SHARES, walk_claims
+from poseppl.experiments.tables import Table, grouped
 
 CLUTTER = {PLAIN: 168 - 100, ANNEALED: 185 - 98}
 """What clutter adds in Table 2, mm."""
-ESS_SHARES = (0.05, 0.2)
-"""The paper's effective sample sizes as shares of N."""
 ALIKE = 1.1
 """The ratio of errors up to which two filters are alike; the paper calls 168 and 185 mm so."""
 HALF = 0.5
@@ -26,46 +27,33 @@ _PAYING, _IDLE = 500, range(500, 2000)
 """Numbers of particles at which smoothing pays in one dimension, and at which it does not in three (section 7.1)."""
 
 
-def claims(tables: Tables) -> list[Claim]:
-    """All claims that the tables at hand decide."""
-    found: list[Claim] = []
-    if "trackers" in tables:
-        table = tables["trackers"]
-        found += [_table_2(table), *_clutter(table), _seconds(table)]
-    if "exponents" in tables:
-        found += [_sharpened(tables), _shared_out(tables)]
-    if "dimensionality" in tables:
-        found += _dimensions(tables["dimensionality"])
-    return found
-
-
 def _filters(table: Table) -> dict[str, str]:
     """The names of the plain filter, the one of more particles, and of the annealed one."""
-    names = [row["method"] for row in table.records()]
+    names = table.values("method")
     return {word: next(name for name in names if name.startswith(word)) for word in (PLAIN, ANNEALED)}
 
 
 def _errors(table: Table, system: str, furniture: str) -> dict[str, Measured]:
     """Errors of both filters in the scene with furniture or the clean one; empty if there is none."""
-    scenes = [row["scene"] for row in table.records(system=system) if furnished(row["scene"]) == furniture]
+    scenes = [scene for scene in table.values("scene", system=system) if furnished(scene) == furniture]
     found = _filters(table).items() if scenes else ()
     return {word: find(table, "absolute", system=system, scene=scenes[0], method=method) for word, method in found}
 
 
-def _table_2(table: Table) -> Claim:
+def _table_2(tables: Tables) -> Claim:
     told = []
     for system, diffusion in DIFFUSIONS.items():
-        clean = _errors(table, system, "clean")
+        clean = _errors(tables["trackers"], system, "clean")
         told.append(f"{clean[PLAIN].mean:.0f} and {clean[ANNEALED].mean:.0f} mm with the {diffusion} diffusion")
     what = "Table 2: errors on HumanEva, three or four cameras"
     theirs = "Simple-PF 100 mm, Simple-APF 98 mm"
     return Claim(what, theirs, ", ".join(told), OTHER_SCENE, "HumanEva is not at hand")
 
 
-def _clutter(table: Table) -> list[Claim]:
+def _clutter(tables: Tables) -> list[Claim]:
     told, less = [], []
     for system, diffusion in DIFFUSIONS.items():
-        clean, full = (_errors(table, system, each) for each in ("clean", "furniture"))
+        clean, full = (_errors(tables["trackers"], system, each) for each in ("clean", "furniture"))
         if not full:
             return []
         rises = {word: difference(full[word], clean[word]) for word in CLUTTER}
@@ -81,12 +69,8 @@ def _sharpened(tables: Tables) -> Claim:
     for system, diffusion in DIFFUSIONS.items():
         error, share = sweep(tables, system, "absolute"), sweep(tables, system, "ess_share")
         annealed = error.pop("annealed")
-        judged: dict[str, list[str]] = {}
-        for name, plain in error.items():
-            judged.setdefault(_alike(plain, annealed), []).append(name)
         told.append(f"{diffusion} diffusion: {_swept(error, share, annealed)}")
-        where = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in judged.items())
-        verdicts.append(f"with the {diffusion} diffusion {where}")
+        verdicts.append(_by_lambda(diffusion, {name: _alike(plain, annealed) for name, plain in error.items()}))
     what = "Section 6.1: a plain filter whose likelihood is sharpened by lambda = 10 is as good as the annealed one"
     why = f"as good is at most {100 * (ALIKE - 1):.0f} % more error, by two standard errors over runs"
     return Claim(what, "alike, ESS / N 0.05 to 0.2", "; ".join(told), "; ".join(verdicts), why)
@@ -108,51 +92,50 @@ def _shared_out(tables: Tables) -> Claim:
     told, verdicts = [], []
     for system, diffusion in DIFFUSIONS.items():
         share = {name: each for name, each in sweep(tables, system, "ess_share").items() if name != "annealed"}
-        judged: dict[str, list[str]] = {}
-        for name, each in share.items():
-            judged.setdefault(_between(each, *ESS_SHARES), []).append(name)
         told.append(f"{diffusion} diffusion: {', '.join(f'{each.mean:.2g} at {name}' for name, each in share.items())}")
-        where = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in judged.items())
-        verdicts.append(f"with the {diffusion} diffusion {where}")
+        verdicts.append(_by_lambda(diffusion, {name: _between(each, *ESS_SHARES) for name, each in share.items()}))
     what = "Section 4.3: the plain filter's effective sample size, as a share of N, with lambda times the sum over four cameras"
     why = "a lambda of 10 times the mean over cameras is 2.5 here; by two standard errors over runs, to two digits"
     return Claim(what, "0.05 to 0.2", "; ".join(told), "; ".join(verdicts), why)
 
 
+def _by_lambda(diffusion: str, verdicts: Mapping[str, str]) -> str:
+    """Verdicts, each with the values of lambda that it is on."""
+    groups = grouped(verdicts, lambda name: verdicts[name])
+    told = "; ".join(f"{verdict} at lambda = {', '.join(names)}" for verdict, names in groups.items())
+    return f"with the {diffusion} diffusion {told}"
+
+
 def _between(value: Measured, low: float, high: float) -> str:
     """Is a mean within bounds? By two standard errors, to two digits as the paper has them, or undecided."""
-    least, most = (round(value.mean + sign * 2 * value.error, 2) for sign in (-1, 1))
-    if math.isnan(value.error):
-        return UNDECIDED
-    return HOLDS if least >= low and most <= high else FAILS if most < low or least > high else UNDECIDED
+    return Interval(*(round(each, 2) for each in value.interval)).within(low, high)
 
 
 def _alike(plain: Measured, annealed: Measured) -> str:
     """Is the plain filter's error above the annealed one's by more than a tenth? By two standard errors, or undecided."""
-    above = plain.mean - ALIKE * annealed.mean
     error = math.hypot(plain.error, ALIKE * annealed.error)
-    return UNDECIDED if not abs(above) > 2 * error else FAILS if above > 0 else HOLDS
+    return Interval.around(plain.mean - ALIKE * annealed.mean, 2 * error).below(0)
 
 
-def _seconds(table: Table) -> Claim:
-    largest = max(row["evaluations"] for row in table.records())
-    spent = [row["seconds"] for row in table.records(evaluations=largest)]
+def _seconds(tables: Tables) -> Claim:
+    table = tables["trackers"]
+    largest = max(table.values("evaluations"))
+    spent = table.values("seconds", evaluations=largest)
     ours = f"{min(spent):.2g} to {max(spent):.2g} s, {largest:,} evaluations, four cameras"
     return Claim("Table 4: seconds a frame", "240 s (PF), 245 s (APF), three cameras", ours, "none: another machine", "")
 
 
-def _dimensions(table: Table) -> list[Claim]:
-    share = {(row["dimension"], row["particles"]): row for row in table.records()}
+def _dimensions(tables: Tables) -> list[Claim]:
+    share = {(row["dimension"], row["particles"]): row for row in tables["dimensionality"].records()}
     found = []
     if (1, _PAYING) in share:
         ours = f"takes away {_gone(share[1, _PAYING])} of the error at {_PAYING} particles, exact {_gone(share[1, EXACT])}"
-        left, error = (share[1, _PAYING][name] for name in ("share", "share_standard_error"))
-        verdict = HOLDS if left + 2 * error < HALF else FAILS if left - 2 * error > HALF else UNDECIDED
+        verdict = _left(share[1, _PAYING]).below(HALF)
         theirs = f"more than 50 % less error at {_PAYING} particles"
         found.append(Claim("Section 7.1: smoothing pays in one dimension", theirs, ours, verdict, "by two standard errors"))
     idle = [size for dimension, size in share if dimension == 3 and size in _IDLE]
     if idle:
-        pays = any(share[3, size]["share"] + 2 * share[3, size]["share_standard_error"] < 1 for size in idle)
+        pays = any(_left(share[3, size]).high < 1 for size in idle)
         sizes = [size for dimension, size in share if dimension == 3 and size != EXACT and size >= min(idle)]
         told = ", ".join(
             f"{_gone(share[3, n])} at {n:,} ({told_share(share[3, n])}, {share[3, n]['runs']} runs)" for n in sizes
@@ -164,5 +147,22 @@ def _dimensions(table: Table) -> list[Claim]:
     return found
 
 
+def _left(row: Mapping[str, Any]) -> Interval:
+    """The share of the error that smoothing leaves, by two standard errors."""
+    return Interval.around(row["share"], 2 * row["share_standard_error"])
+
+
 def _gone(row: Mapping[str, Any]) -> str:
     return f"{100 * (1 - row['share']):.0f} %"
+
+
+claims = claims_by_table(
+    {
+        "walks": [walk_claims],
+        "runtimes": [runtime_claims],
+        "monocular": [monocular_claims],
+        "trackers": [_table_2, _clutter, _seconds],
+        "exponents": [_sharpened, _shared_out],
+        "dimensionality": [_dimensions],
+    }
+)

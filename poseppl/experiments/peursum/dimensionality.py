@@ -19,6 +19,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.experiments.experiment import Results
 from poseppl.experiments.jobs import Job
+from poseppl.experiments.measured import mean_and_error
 from poseppl.experiments.peursum.growth_sets import Growth, growth_sets, run_of
 from poseppl.experiments.tables import Table
 from poseppl.program import CompiledModel
@@ -112,8 +113,8 @@ def dimensionality_tables(jobs: Sequence[GrowthRuns], results: Results) -> list[
         filtered, smoothed = (np.asarray(results[job.key][name]) for name in ("filtered", "smoothed"))
         size = EXACT if job.smoother == EXACT else job.num_particles
         if job.smoother in (EXACT, FBS):
-            rows.append((job.dimension, size, FILTER, job.num_runs, *_mean(filtered), 1.0, 0.0))
-        rows.append((job.dimension, size, job.smoother, job.num_runs, *_mean(smoothed), *_share(smoothed, filtered)))
+            rows.append((job.dimension, size, FILTER, job.num_runs, *mean_and_error(filtered), 1.0, 0.0))
+        rows.append((job.dimension, size, job.smoother, job.num_runs, *mean_and_error(smoothed), *_share(smoothed, filtered)))
     columns = ("dimension", "particles", "method", "runs", "error", "standard_error", "share", "share_standard_error")
     about = "Root mean square error of estimated means on Godsill's model, T = 100, and its share of the filter's."
     named = [row for row in rows if row[2] in (EXACT, FBS)]
@@ -125,10 +126,6 @@ def dimensionality_tables(jobs: Sequence[GrowthRuns], results: Results) -> list[
 
 
 SHARES_ABOUT = "Error of forward-backward smoothing as a share of the filter's."
-
-
-def _mean(values: Floats) -> tuple[float, float]:
-    return float(values.mean()), float(values.std(ddof=1) / len(values) ** 0.5)
 
 
 def _share(smoothed: Floats, filtered: Floats) -> tuple[float, float]:

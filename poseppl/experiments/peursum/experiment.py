@@ -11,7 +11,7 @@ from poseppl.experiments.peursum.claims import claims
 from poseppl.experiments.peursum.dimensionality import dimensionality_tables
 from poseppl.experiments.peursum.figures import draw_dimensionality, draw_exponents
 from poseppl.experiments.peursum.mixtures import mixture_table
-from poseppl.experiments.peursum.monocular import monocular, monocular_claims, monocular_table
+from poseppl.experiments.peursum.monocular import monocular, monocular_table
 from poseppl.experiments.peursum.plan import (
     FULL,
     QUICK,
@@ -23,9 +23,8 @@ from poseppl.experiments.peursum.plan import (
     plan_trackers,
     plan_walks,
 )
-from poseppl.experiments.peursum.runtimes import runtime_claims, runtime_table, runtimes
+from poseppl.experiments.peursum.runtimes import runtime_table, runtimes
 from poseppl.experiments.peursum.tables import dimensionality, exponent_table, exponents, mixtures, trackers
-from poseppl.experiments.peursum.walk_claims import walk_claims
 from poseppl.experiments.peursum.walk_tables import walk_table, walks
 
 _SETTING = f"""\
@@ -108,12 +107,12 @@ EXPERIMENT = Experiment(
         "mixtures": Part(
             "the mixture in place of the likelihood (section 4.3)",
             plan_mixtures,
-            lambda jobs, results: [mixture_table(jobs["mixtures"], results)],
+            mixture_table,
             runs=lambda scale: 1,
             seen=_LINEAR,
         ),
     },
-    claims=lambda tables: [*walk_claims(tables), *runtime_claims(tables), *monocular_claims(tables), *claims(tables)],
+    claims=claims,
     sections={
         "Smoothing on walks": walks,
         "Seconds a frame, and those of Table 4": runtimes,

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import Floats
 from poseppl.filters import particle_filter
 from poseppl.motion.bodies.body import load_builder
 from poseppl.program import CompiledModel, Observation
@@ -34,11 +35,11 @@ class Growth(NamedTuple):
 
     model: CompiledModel
     times: Array
-    truth: np.ndarray[Any, Any]
+    truth: Floats
     observations: Observation
-    values: np.ndarray[Any, Any]
+    values: Floats
 
-    def exact(self) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    def exact(self) -> tuple[Floats, Floats]:
         """Exact filtered and smoothed means (S, T, d), from a grid, coordinate by coordinate."""
         sets, frames, dimension = self.values.shape
         series = self.values.transpose(0, 2, 1).reshape(-1, frames)
@@ -67,19 +68,19 @@ def step_mean(x: Any, time: int) -> Any:
     return x / 2 + 25 * x / (1 + x * x) + 8 * np.cos(1.2 * time)
 
 
-def exact_means(ys: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+def exact_means(ys: Floats) -> tuple[Floats, Floats]:
     """Filtered and smoothed means (S, T) of scalar series ys (S, T), all at once on the grid."""
     num_frames = ys.shape[1]
 
-    def likelihood(t: int) -> np.ndarray[Any, Any]:
-        values: np.ndarray[Any, Any] = np.exp(-0.5 * (ys[:, t, None] - GRID**2 / 20) ** 2)
+    def likelihood(t: int) -> Floats:
+        values: Floats = np.exp(-0.5 * (ys[:, t, None] - GRID**2 / 20) ** 2)
         return values
 
-    def kernel(t: int) -> np.ndarray[Any, Any]:
-        values: np.ndarray[Any, Any] = np.exp(-0.5 / VARIANCE * (GRID - step_mean(GRID, t + 1)[:, None]) ** 2)
+    def kernel(t: int) -> Floats:
+        values: Floats = np.exp(-0.5 / VARIANCE * (GRID - step_mean(GRID, t + 1)[:, None]) ** 2)
         return values
 
-    forward: list[np.ndarray[Any, Any]] = []
+    forward: list[Floats] = []
     for t in range(num_frames):
         predicted = np.exp(-0.5 / VARIANCE * GRID**2) if t == 0 else forward[-1] @ kernel(t)
         joint = predicted * likelihood(t)

@@ -6,7 +6,7 @@ square, in smoothed standard deviations; that of the filter stands beside it), a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.experiments.clock import timed
-from poseppl.experiments.experiment import Results
+from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.tables import Table
 from poseppl.filters import kalman_filter
@@ -104,8 +104,8 @@ def _sequence(dimension: int, num_frames: int, num_particles: int) -> tuple[Comp
     return model, observations, smoothed_moments(model, observations), jax.tree.map(jnp.asarray, history)
 
 
-def mixture_table(jobs: Sequence[MixtureRun], results: Results) -> Table:
+def mixture_table(jobs: Jobs, results: Results) -> list[Table]:
     """One row a smoother."""
-    rows = [(job.smoother, *(float(results[job.key][name]) for name in ("error", "variance"))) for job in jobs]
+    rows = [(job.smoother, *(float(results[job.key][name]) for name in ("error", "variance"))) for job in jobs["mixtures"]]
     about = "Error of the smoothed means in smoothed standard deviations, and the ratio of the variances to the exact ones."
-    return Table("mixtures", ("smoother", "error", "variance"), rows, about)
+    return [Table("mixtures", ("smoother", "error", "variance"), rows, about)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +9,14 @@ import jax
 import numpy as np
 
 from poseppl.arrays import Floats
-from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim, Jobs, Results, Tables
+from poseppl.experiments.experiment import Claim, Jobs, Results, Tables
 from poseppl.experiments.images.systems import Problem
-from poseppl.experiments.images.tracking import stacked
-from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.peursum.animated import AnimatedScene, animated_problem
 from poseppl.experiments.peursum.posture import posture_squares
 from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS, SmoothedRuns, motion_of, smooth_track
 from poseppl.experiments.peursum.tracks import run_track
+from poseppl.experiments.runs import stacked
 from poseppl.experiments.tables import Table, markdown
 
 BURN_IN_FRAMES = 5
@@ -90,7 +89,7 @@ def monocular(tables: Tables) -> str:
     if "monocular" not in tables:
         return ""
     table, rows = tables["monocular"], []
-    for filter in _filters(table):
+    for filter in table.values("filter"):
         theirs = _published(filter)
         for name, published in zip(ALGORITHMS, theirs, strict=True):
             own, whole = (errors(table, filter, name, column) for column in ("relative", "absolute"))
@@ -103,23 +102,19 @@ def monocular(tables: Tables) -> str:
 
 def monocular_claims(tables: Tables) -> list[Claim]:
     """What section 7.2 says of the two filters and of each smoother."""
-    if "monocular" not in tables:
-        return []
-    table = tables["monocular"]
-    found = []
-    for filter in _filters(table):
+    table, found = tables["monocular"], []
+    for filter in table.values("filter"):
         before, (published, *smoothed) = errors(table, filter, FILTER), _published(filter)
         told, verdicts = [], []
         for name, value in zip(SMOOTHERS, smoothed, strict=True):
-            gain = before - errors(table, filter, name)
-            verdict = _signed(gain, value < published)
-            told.append(f"{name} {_told(gain)}")
-            verdicts.append(f"{name} {verdict}")
+            gain = mean_interval(before - errors(table, filter, name))
+            told.append(f"{name} {gain.told('.1f')}")
+            verdicts.append(f"{name} {gain.above(0) if value < published else gain.below(0)}")
         theirs = ", ".join(f"{name} {published - value:.1f}" for name, value in zip(SMOOTHERS, smoothed, strict=True))
         what = f"Table 3: which smoothers lower the relative error of {filter} from one camera"
         found.append(Claim(what, f"mm less: {theirs}", f"mm less: {', '.join(told)}", "; ".join(verdicts), _WHY))
-    generic = [filter for filter in _filters(table) if filter.startswith(GENERIC)]
-    learned = [filter for filter in _filters(table) if not filter.startswith(GENERIC)]
+    generic = [filter for filter in table.values("filter") if filter.startswith(GENERIC)]
+    learned = [filter for filter in table.values("filter") if not filter.startswith(GENERIC)]
     pairs = [(own, other) for other in generic for own in learned if (SHARPER in own) == (SHARPER in other)]
     return found + [_halved(table, own, other) for own, other in pairs]
 
@@ -127,36 +122,25 @@ def monocular_claims(tables: Tables) -> list[Claim]:
 def _halved(table: Table, filter: str, generic: str) -> Claim:
     own, other = (errors(table, name, FILTER) for name in (filter, generic))
     less, reach = 0.5 * other.mean() - own.mean(), np.hypot(0.5 * _reach(other), _reach(own))
-    verdict = HOLDS if less > reach else FAILS if less < -reach else UNDECIDED
     what = f"Table 3: from one camera the relative error of {filter} is half of that of {generic}"
     published = "" if generic.startswith(f"{GENERIC}, 10,000") else "; the paper's Simple-PF has 10,000 particles"
     why = f"at most half, by 95 % intervals over runs, squares added{published}"
-    return Claim(what, "54.1 mm against 111.1", f"{_told(own)} mm against {_told(other)}", verdict, why)
+    return Claim(
+        what, "54.1 mm against 111.1", f"{_told(own)} mm against {_told(other)}", Interval.around(less, reach).above(0), why
+    )
 
 
 _WHY = "the sign of what a smoother takes away, by 95 % intervals over runs"
-
-
-def _signed(gain: Floats, lower: bool) -> str:
-    _, low, high = mean_interval(gain)
-    if low <= 0 <= high:
-        return UNDECIDED
-    return HOLDS if (low > 0) == lower else FAILS
 
 
 def _published(filter: str) -> tuple[float, ...]:
     return next(errors for word, errors in THEIRS.items() if filter.startswith(word))
 
 
-def _filters(table: Table) -> Sequence[str]:
-    return list(dict.fromkeys(row["filter"] for row in table.records()))
-
-
 def _told(values: Floats) -> str:
-    mean, low, high = mean_interval(values)
-    return f"{mean:.1f} ({low:.1f} to {high:.1f})"
+    return mean_interval(values).told(".1f")
 
 
 def _reach(values: Floats) -> float:
-    mean, _, high = mean_interval(values)
-    return high - mean
+    found = mean_interval(values)
+    return found.high - found.mean

@@ -33,15 +33,8 @@ def mean_posture(states: ArrayLike, weights: ArrayLike) -> Floats:
 
     Returns:
         The mean (d,).
-
-    Raises:
-        ValueError: Shapes do not match, or the weights are negative, not finite, or add up to nothing.
     """
     poses, shares = np.asarray(states, np.float64), np.asarray(weights, np.float64)
-    if poses.ndim != 2 or shares.shape != poses.shape[:1]:
-        raise ValueError(f"states have shape {poses.shape} and weights {shares.shape}. Expected (N, d) and (N,).")
-    if not (np.all(np.isfinite(shares)) and np.all(shares >= 0) and shares.sum() > 0):
-        raise ValueError("weights are negative, not finite, or add up to nothing. Expected a distribution.")
     poses, shares = poses[shares > 0], shares[shares > 0]
     return np.concatenate([np.average(poses[:, :3], 0, shares), mean_angle(poses[:, 3:], shares)])
 
@@ -54,16 +47,8 @@ def posture_error(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, tr
         states: As :func:`mean_posture` takes them.
         weights: Likewise.
         truth: The fifteen virtual markers (15, 3), mm.
-
-    Raises:
-        ValueError: As :func:`mean_posture`, the body lacks a virtual marker, or the truth is not of fifteen.
     """
-    true = np.asarray(truth, np.float64)
-    if true.shape != (len(VIRTUAL_MARKERS), 3):
-        raise ValueError(f"the truth has shape {true.shape}. Expected ({len(VIRTUAL_MARKERS)}, 3).")
-    places = _places(tree, jnp.asarray(mean_posture(states, weights), float))
-    distances = np.linalg.norm(virtual_markers(tree.marker_names, places) - true, axis=-1)
-    return float(distances[_COMPARED].mean())
+    return float(np.linalg.norm(_offsets(tree, states, weights, truth), axis=-1)[_COMPARED].mean())
 
 
 def posture_squares(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, truth: ArrayLike) -> Floats:
@@ -77,13 +62,15 @@ def posture_squares(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, 
 
     Returns:
         Shape (2,): as they are, and with the pelvises together.
-
-    Raises:
-        ValueError: As :func:`mean_posture`.
     """
-    places = _places(tree, jnp.asarray(mean_posture(states, weights), float))
-    apart = virtual_markers(tree.marker_names, places) - np.asarray(truth, np.float64)
+    apart = _offsets(tree, states, weights, truth)
     return np.array([np.square(each).sum(-1).mean() for each in (apart, apart - apart[:1])])
+
+
+def _offsets(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, truth: ArrayLike) -> Floats:
+    """Offsets (15, 3), mm, of the mean posture's virtual markers from the truth."""
+    places = _places(tree, jnp.asarray(mean_posture(states, weights), float))
+    return np.asarray(virtual_markers(tree.marker_names, places) - np.asarray(truth, np.float64))
 
 
 @jax.jit

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from poseppl.experiments.experiment import Claim, Jobs, Results, Tables
 from poseppl.experiments.peursum.smoothed_walks import STAGES
-from poseppl.experiments.tables import Table, markdown
+from poseppl.experiments.peursum.walk_tables import is_cluttered
+from poseppl.experiments.tables import Table, grouped, markdown
 
 COLUMNS = ("scene", "frames", "filter", "stage", "run", "seconds")
 HUMANEVA, CLUTTER = "circle", "furniture"
@@ -54,21 +56,14 @@ def runtimes(tables: Tables) -> str:
 
 def runtime_claims(tables: Tables) -> list[Claim]:
     """The share of the time that smoothing adds to filtering, which says little of the machine."""
-    if "runtimes" not in tables:
+    own = {filter: seconds for (kind, filter), seconds in _medians(tables["runtimes"]).items() if kind == HUMANEVA}
+    if not own:
         return []
-    told: list[str] = []
-    theirs: list[str] = []
-    for (kind, filter), seconds in _medians(tables["runtimes"]).items():
-        if kind != HUMANEVA:
-            continue
-        published = dict(zip(STAGES, THEIRS[kind][filter.partition(",")[0]], strict=True))
-        for where, found in ((told, seconds), (theirs, published)):
-            where.append(f"{filter} {_added(found)}")
-    if not told:
-        return []
+    published = {filter: dict(zip(STAGES, THEIRS[HUMANEVA][filter.partition(",")[0]], strict=True)) for filter in own}
+    theirs, told = ("; ".join(f"{name} {_added(seconds)}" for name, seconds in each.items()) for each in (published, own))
     what = "Table 4: time of FBS, variational and Gibbs smoothing in percent of the filter's"
     why = "circle; the mixture counts for the last two"
-    return [Claim(what, "; ".join(theirs), "; ".join(told), "none: another machine", why)]
+    return [Claim(what, theirs, told, "none: another machine", why)]
 
 
 def _added(seconds: Mapping[str, float]) -> str:
@@ -79,9 +74,7 @@ def _added(seconds: Mapping[str, float]) -> str:
 def _medians(table: Table) -> dict[tuple[str, str], dict[str, float]]:
     """Seconds a frame by kind of scene and filter, and then by stage."""
     found: dict[tuple[str, str], dict[str, float]] = {}
-    for row in table.records():
-        kind = CLUTTER if row["scene"].partition("-")[2].startswith("clutter") else HUMANEVA
-        where = {"scene": row["scene"], "filter": row["filter"], "stage": row["stage"]}
-        seconds = float(np.median(table.column("seconds", **where).astype(float)))
-        found.setdefault((kind, row["filter"]), {})[row["stage"]] = seconds
+    for (scene, filter, stage), rows in grouped(table.records(), itemgetter("scene", "filter", "stage")).items():
+        kind = CLUTTER if is_cluttered(scene) else HUMANEVA
+        found.setdefault((kind, filter), {})[stage] = float(np.median([row["seconds"] for row in rows]))
     return found

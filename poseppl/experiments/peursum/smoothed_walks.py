@@ -20,7 +20,7 @@ from poseppl.arrays import Floats
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.scenes import Scene
 from poseppl.experiments.images.systems import Method, Problem, System, problem_of
-from poseppl.experiments.images.tracking import compiled_step, stacked
+from poseppl.experiments.images.tracking import compiled_step
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.peursum.factored_evidence import (
     FactoredPosterior,
@@ -37,6 +37,7 @@ from poseppl.experiments.peursum.posture import posture_error
 from poseppl.experiments.peursum.tracks import Track, frames_of, posture_of, run_track
 from poseppl.experiments.peursum.training import trained_file
 from poseppl.experiments.recordings import Recording
+from poseppl.experiments.runs import stacked
 from poseppl.motion.learned import FactoredTables, read_factored_tables, root_places
 from poseppl.motion.learned.factored_tables import NUM_BINS
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from poseppl.experiments.experiment import Results, Tables
-from poseppl.experiments.images.tables import filter_rows, joined, told_errors
+from poseppl.experiments.images.tables import filter_rows, told_errors
 from poseppl.experiments.images.tracking import FIGURES, Tracking
 from poseppl.experiments.measured import Measured, over_runs
 from poseppl.experiments.peursum.dimensionality import EXACT
 from poseppl.experiments.peursum.mixtures import DEFAULT, PUBLISHED
 from poseppl.experiments.peursum.plan import PUBLISHED_EXPONENT
-from poseppl.experiments.tables import Table, markdown
+from poseppl.experiments.runs import joined
+from poseppl.experiments.tables import Table, grouped, markdown, rows_of
 
 DIFFUSIONS = {"peursum": "published", "peursum-measured": "measured"}
 PLAIN, ANNEALED = "Simple-PF", "Simple-APF"
@@ -44,7 +45,7 @@ def trackers(tables: Tables) -> str:
         for row in filter_rows(tables, "trackers")
     ]
     columns = ("diffusion, scene", "filter", "error", "relative", "best particle", "s a frame")
-    return markdown(columns, rows) if rows else ""
+    return markdown(columns, rows)
 
 
 def furnished(scene: str) -> str:
@@ -54,19 +55,18 @@ def furnished(scene: str) -> str:
 
 def sweep(tables: Tables, diffusion: str, column: str) -> dict[str, Measured]:
     """A column of the sweep over lambda, by "annealed" or lambda, the least first."""
-    groups: dict[str, list[float]] = {}
-    for row in tables["exponents"].records(diffusion=diffusion):
-        name = "annealed" if row["filter"].startswith(ANNEALED) else f"{float(row['exponent']):g}"
-        groups.setdefault(name, []).append(row[column])
+
+    def name_of(row: Mapping[str, Any]) -> str:
+        return "annealed" if row["filter"].startswith(ANNEALED) else f"{float(row['exponent']):g}"
+
+    groups = grouped(rows_of(tables, "exponents", diffusion=diffusion), name_of)
     order = sorted(groups, key=lambda name: float("inf") if name == "annealed" else float(name))
-    return {name: over_runs(groups[name]) for name in order}
+    return {name: over_runs([row[column] for row in groups[name]]) for name in order}
 
 
 def exponents(tables: Tables) -> str:
     """Errors and ESS / N of the plain filter over lambda, beside the annealed one."""
-    if "exponents" not in tables:
-        return ""
-    names = {row["filter"].startswith(ANNEALED): row["filter"] for row in tables["exponents"].records()}
+    names = {row["filter"].startswith(ANNEALED): row["filter"] for row in rows_of(tables, "exponents")}
     rows = []
     for system, diffusion in DIFFUSIONS.items():
         columns = [sweep(tables, system, name) for name in ("absolute", "relative", "optimistic", "ess_share")]

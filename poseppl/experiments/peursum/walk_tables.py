@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from poseppl.experiments.experiment import Jobs, Results, Tables
 from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.peursum.plan import BURN_IN_FRAMES
 from poseppl.experiments.peursum.smoothed_walks import ALGORITHMS
-from poseppl.experiments.tables import Table, markdown
+from poseppl.experiments.tables import Table, grouped, markdown
 
 COLUMNS = ("scene", "frames", "filter", "smoother", "run", "error", "seconds", "ess_share", "survivors")
 FILTER, SMOOTHERS = ALGORITHMS[0], ALGORITHMS[1:]
@@ -39,16 +38,20 @@ def walk_table(jobs: Jobs, results: Results) -> list[Table]:
 
 def errors_by_scene(tables: Tables, filter: str, smoother: str, furniture: bool) -> dict[str, float]:
     """Mean error over runs (mm) of a filter and a smoother on each scene of a kind."""
-    found: dict[str, list[float]] = {}
-    for row in tables["walks"].records(filter=filter, smoother=smoother):
-        if row["scene"].partition("-")[2].startswith("clutter") == furniture:
-            found.setdefault(row["scene"], []).append(row["error"])
-    return {scene: float(np.mean(errors)) for scene, errors in found.items()}
+    rows = [row for row in tables["walks"].records(filter=filter, smoother=smoother) if is_cluttered(row["scene"]) == furniture]
+    found = grouped(rows, lambda row: row["scene"])
+    return {scene: float(np.mean([row["error"] for row in own])) for scene, own in found.items()}
+
+
+def is_cluttered(scene: str) -> bool:
+    """Whether a scene's name is that of a room with furniture."""
+    return scene.partition("-")[2].startswith("clutter")
 
 
 def filters_of(tables: Tables) -> list[str]:
     """Names of the filters, in the order of the table."""
-    return list(dict.fromkeys(row["filter"] for row in tables["walks"].records()))
+    names: list[str] = tables["walks"].values("filter")
+    return names
 
 
 def gains(tables: Tables, filter: str, smoother: str, furniture: bool) -> list[float]:
@@ -76,10 +79,4 @@ def _told(tables: Tables, filter: str, name: str, furniture: bool) -> tuple[str,
     errors = list(errors_by_scene(tables, filter, name, furniture).values())
     if not errors or not np.isfinite(errors).all():
         return "", ""
-    return f"{np.mean(errors):.0f}", "" if name == FILTER else interval(gains(tables, filter, name, furniture))
-
-
-def interval(values: Sequence[float]) -> str:
-    """As "3 (-2 to 8)": mean and 95 % interval."""
-    mean, low, high = mean_interval(values)
-    return f"{mean:.0f} ({low:.0f} to {high:.0f})"
+    return f"{np.mean(errors):.0f}", "" if name == FILTER else mean_interval(gains(tables, filter, name, furniture)).told()

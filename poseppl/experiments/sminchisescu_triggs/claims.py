@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from poseppl.experiments.experiment import FAILS, HOLDS, UNDECIDED, Claim
-from poseppl.experiments.measured import mean_interval
-from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, share_interval
+from poseppl.experiments.experiment import Claim, Tables
+from poseppl.experiments.measured import Interval, mean_interval
+from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, percent_lost
 from poseppl.experiments.sminchisescu_triggs.trackers import OURS, PUBLISHED
 from poseppl.experiments.tables import Table
 
-Tables = Mapping[str, Table]
 LEAST_RUNS = 10
 """Runs below which there is no verdict."""
 _FACTOR = 3.0
@@ -60,7 +59,7 @@ def claims(tables: Tables) -> list[Claim]:
             found.append(_sooner(table, PUBLISHED, name, _APART))
         if OURS in table.column("tracker"):
             found.append(_sooner(table, PUBLISHED, name, OURS, theirs="not in the paper"))
-        for room in dict.fromkeys(table.column("room")):
+        for room in table.values("room"):
             found.append(_keeps(table, name, room))
         if f"{PUBLISHED}, twice as many" in table.column("tracker"):
             found.append(_suffices(table, scene, name))
@@ -76,65 +75,58 @@ def _judged(runs: int, decided: str) -> str:
     return decided if runs >= LEAST_RUNS else f"no verdict from {runs} runs"
 
 
-def _share(table: Table, tracker: str, **where: Any) -> tuple[float, float, float, int, float]:
-    """Share lost with its interval, runs, and seconds kept."""
+def _lost(table: Table, tracker: str, **where: Any) -> tuple[Interval, str, int]:
+    """Percent of the runs that a tracker lost the body in, as it is told, and runs."""
     chosen = _first_rate(table, tracker=tracker, **where)
     lost, length = table.column("lost", **chosen), table.column("length", **chosen)
-    count = int(np.isfinite(lost).sum())
-    return count / len(lost), *share_interval(count, len(lost)), len(lost), float(kept_seconds(lost, length).mean())
+    share, kept = percent_lost(lost), float(kept_seconds(lost, length).mean())
+    return share, f"lost in {share.told(unit=' %')} of {len(lost)} runs, kept for {kept:.2f} s", len(lost)
 
 
 def _loses(table: Table, tracker: str, name: str, theirs: str) -> Claim:
-    share, low, high, runs, kept = _share(table, tracker)
-    verdict = HOLDS if low > 0.5 else FAILS if high < 0.5 else UNDECIDED
-    ours = f"lost in {100 * share:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of {runs} runs, kept for {kept:.2f} s"
-    return Claim(f"{name}: lost by {tracker}", theirs, ours, _judged(runs, verdict), "more than half of the runs, or fewer")
+    share, ours, runs = _lost(table, tracker)
+    what, why = f"{name}: lost by {tracker}", "more than half of the runs, or fewer"
+    return Claim(what, theirs, ours, _judged(runs, share.above(50)), why)
 
 
 def _keeps(table: Table, name: str, room: str) -> Claim:
-    share, low, high, runs, kept = _share(table, PUBLISHED, room=room)
-    verdict = HOLDS if high < 0.5 else FAILS if low > 0.5 else UNDECIDED
-    ours = f"lost in {100 * share:.0f} % ({100 * low:.0f} to {100 * high:.0f}) of {runs} runs, kept for {kept:.2f} s"
+    share, ours, runs = _lost(table, PUBLISHED, room=room)
     what = f"{name}, {room} room: kept to the end by {PUBLISHED} sampling"
-    return Claim(what, "kept", ours, _judged(runs, verdict), "fewer than half of the runs lose it, or more")
+    return Claim(what, "kept", ours, _judged(runs, share.below(50)), "fewer than half of the runs lose it, or more")
 
 
-def _difference(table: Table, one: str, other: str) -> tuple[float, float, float, int]:
+def _difference(table: Table, one: str, other: str) -> tuple[Interval, int]:
     """Seconds that one tracker keeps the body longer than another on the same data, with the interval, and runs."""
     kept = []
     for tracker in (one, other):
         rows = table.records(**_first_rate(table, tracker=tracker))
         kept.append({(row["motion"], row["room"], row["seed"]): min(row["lost"], row["length"]) for row in rows})
     both = [key for key in kept[0] if key in kept[1]]
-    return *mean_interval(np.array([kept[0][key] - kept[1][key] for key in both])), len(both)
+    return mean_interval([kept[0][key] - kept[1][key] for key in both]), len(both)
 
 
 def _sooner(table: Table, tracker: str, name: str, other: str = PUBLISHED, theirs: str = "longer") -> Claim:
-    mean, low, high, runs = _difference(table, other, tracker)
-    verdict = HOLDS if low > 0 else FAILS if high < 0 else UNDECIDED
-    ours = f"{mean:.2f} s longer ({low:.2f} to {high:.2f}), {runs} pairs of runs"
+    longer, runs = _difference(table, other, tracker)
+    ours = f"{longer.told('.2f', ' s longer')}, {runs} pairs of runs"
     kind = other if other == OURS else f"{other} sampling"
     what = f"{name}: {kind} keeps the body longer than {tracker}"
-    return Claim(what, theirs, ours, _judged(runs, verdict), "mean difference on the same points, 95 % interval")
+    return Claim(what, theirs, ours, _judged(runs, longer.above(0)), "mean difference on the same points, 95 % interval")
 
 
 def _suffices(table: Table, scene: str, name: str) -> Claim:
-    mean, low, high, runs = _difference(table, f"{PUBLISHED}, twice as many", PUBLISHED)
+    longer, runs = _difference(table, f"{PUBLISHED}, twice as many", PUBLISHED)
     limit = _MORE * float(table.column("length")[0])
-    verdict = HOLDS if high < limit else FAILS if low > limit else UNDECIDED
     numbers = "3 modes x 3 directions" if scene == "arm" else "7 modes x 6 directions"
-    ours = f"twice as many of both: {mean:.2f} s longer ({low:.2f} to {high:.2f}), {runs} pairs of runs"
+    ours = f"twice as many of both: {longer.told('.2f', ' s longer')}, {runs} pairs of runs"
     why = f"less than {limit:.2g} s, a tenth of the scene"
-    return Claim(f"{name}: {numbers} suffice", "the whole sequence", ours, _judged(runs, verdict), why)
+    return Claim(f"{name}: {numbers} suffice", "the whole sequence", ours, _judged(runs, longer.below(limit)), why)
 
 
 def _ratio(table: Table, published: float, what: str) -> Claim:
     logs = np.log(table.column("ratio", **_first_rate(table, tracker=PUBLISHED)))
-    mean, low, high = (float(np.exp(each)) for each in mean_interval(logs))
-    inside = published / _FACTOR < low and high < published * _FACTOR
-    outside = high < published / _FACTOR or low > published * _FACTOR
-    verdict = HOLDS if inside else FAILS if outside else UNDECIDED
-    ours = f"{mean:,.0f} ({low:,.0f} to {high:,.0f}), {len(logs)} runs"
+    ratio = Interval(*(float(np.exp(each)) for each in mean_interval(logs)))
+    verdict = ratio.within(published / _FACTOR, published * _FACTOR)
+    ours = f"{ratio.told(',.0f')}, {len(logs)} runs"
     why = f"within a factor of {_FACTOR:g}; metres and radians, with the prior over time"
     claim = f"Largest over smallest standard deviation of a mode, {what}"
     return Claim(claim, f"{published:,.0f}", ours, _judged(len(logs), verdict), why)
@@ -142,7 +134,6 @@ def _ratio(table: Table, published: float, what: str) -> Claim:
 
 def _seconds(table: Table, published: float, name: str) -> Claim:
     seconds = table.column("seconds", **_first_rate(table, tracker=PUBLISHED))
-    mean, low, high = mean_interval(seconds)
-    ours = f"{mean:.2g} s of a processor ({max(low, 0):.2g} to {high:.2g}), {len(seconds)} runs"
+    ours = f"{mean_interval(seconds).clipped(0).told('.2g', ' s of a processor')}, {len(seconds)} runs"
     why = "another machine than their SGI O2 of 270 MHz; points stand in for images where frames are not rendered"
     return Claim(f"{name}: seconds a frame", f"{published:g} s", ours, "measured, without a verdict", why)

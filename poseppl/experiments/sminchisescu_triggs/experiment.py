@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from functools import partial
 
-from poseppl.experiments.experiment import Experiment, Jobs, Part, Results, Tables
+from poseppl.experiments.experiment import Experiment, Part, Tables
 from poseppl.experiments.sminchisescu_triggs.claims import SCENES, claims
 from poseppl.experiments.sminchisescu_triggs.plan import FULL, QUICK, plan_arm, plan_complex, plan_pictures, plan_pivot
 from poseppl.experiments.sminchisescu_triggs.tabulate import LOSSES, losses, runs_table
-from poseppl.experiments.tables import Table, markdown
+from poseppl.experiments.tables import markdown
 
 _SETTING = (
     "One camera at 4.5 m, focal length 1,000 px, sees the joints as points with noise of 3 px; in a cluttered room a tenth of "
@@ -28,27 +28,20 @@ on bodies where a tracker is named "with non-penetration": there the potential t
 - Starts are the modes, and four for each direction (section 4.2 tells no number)."""
 
 
-def _runs_of(name: str, task: str) -> Callable[[Jobs, Results], list[Table]]:
-    return lambda jobs, results: [runs_table(name, name, jobs[task], results)]
-
-
-def _section(name: str) -> Callable[[Tables], str]:
-    def section(tables: Tables) -> str:
-        return markdown(LOSSES, losses(tables[name])) if name in tables else ""
-
-    return section
-
-
-def _picture_runs(scale: Any) -> int:
-    return int(scale.picture_runs)
+def _section(name: str, tables: Tables) -> str:
+    return markdown(LOSSES, losses(tables[name])) if name in tables else ""
 
 
 PARTS: Mapping[str, Part] = {
-    "arm": Part("an arm that bends and rotates, points", plan_arm, _runs_of("arm", "tracks"), seen="own programs"),
-    "pivot": Part("a pivoting body, points", plan_pivot, _runs_of("pivot", "tracks"), seen="own programs"),
-    "complex": Part("complex motions, points", plan_complex, _runs_of("complex", "tracks"), all_recordings=True),
+    "arm": Part("an arm that bends and rotates, points", plan_arm, partial(runs_table, "arm"), seen="own programs"),
+    "pivot": Part("a pivoting body, points", plan_pivot, partial(runs_table, "pivot"), seen="own programs"),
+    "complex": Part("complex motions, points", plan_complex, partial(runs_table, "complex"), all_recordings=True),
     "pictures": Part(
-        "a rendered arm, image cost", plan_pictures, _runs_of("pictures", "pictures"), runs=_picture_runs, seen="own programs"
+        "a rendered arm, image cost",
+        plan_pictures,
+        partial(runs_table, "pictures"),
+        runs=lambda scale: int(scale.picture_runs),
+        seen="own programs",
     ),
 }
 
@@ -61,5 +54,5 @@ EXPERIMENT = Experiment(
     quick=QUICK,
     parts=PARTS,
     claims=claims,
-    sections={f"Time to loss: {title}": _section(name) for name, title in SCENES.items()},
+    sections={f"Time to loss: {title}": partial(_section, name) for name, title in SCENES.items()},
 )

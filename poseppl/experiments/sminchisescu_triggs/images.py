@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
@@ -15,11 +14,12 @@ from numpy.typing import NDArray
 from poseppl.arrays import Floats
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN
+from poseppl.experiments.runs import stacked
 from poseppl.experiments.sminchisescu_triggs.motions import moving
-from poseppl.experiments.sminchisescu_triggs.programs import shipped
-from poseppl.experiments.sminchisescu_triggs.survival import lost_at
 from poseppl.experiments.sminchisescu_triggs.trackers import TRACKERS, search_settings
+from poseppl.experiments.sminchisescu_triggs.tracks import Estimate, follow, marker_error, walk_scales
 from poseppl.filters import covariance_scaled_filter
+from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.io import CameraRecord
 from poseppl.motion.rendering import Stage, build_setting
@@ -74,7 +74,7 @@ class Filmed(NamedTuple):
 @lru_cache(maxsize=4)
 def film(rate: float, seconds: float, cluttered: bool, seed: int) -> Filmed:
     """Render a person at rest whose right arm bends and rotates; the hand's own twist is not drawn, and is 0."""
-    build = shipped("sminchisescu_body:superquadric_body")
+    build = load_builder("poseppl_models.sminchisescu_body:superquadric_body")
     person, alone = build("full"), moving("arm", "arm", BUILT_IN, rate, seconds, seed)
     states, names = np.tile(np.asarray(person.rest, float), (len(alone.states), 1)), list(person.tree.marker_names)
     own = np.array(alone.states)
@@ -117,58 +117,39 @@ def track_pictures(job: Pictures) -> dict[str, Any]:
     Returns:
         As :func:`poseppl.experiments.sminchisescu_triggs.tracks.track`; errors of elbow and wrist, relative to the shoulder.
     """
-    rows = [_track_one(job, seed) for seed in job.seeds]
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return stacked([_track_one(job, seed) for seed in job.seeds])
 
 
 def _track_one(job: Pictures, seed: int) -> dict[str, float]:
     filmed = film(job.rate, job.seconds, job.cluttered, seed)
     body = filmed.body
     rows = [body.tree.marker_names.index(name) for name in _ARM]
-    program = shipped("sminchisescu_image:image_programs")("arm")
+    program = load_builder("poseppl_models.sminchisescu_image:image_programs")("arm")
     first = _inputs(job, filmed, 0, filmed.states[0])
     model = program.compile(first, {})
     observation = model.observe({name: np.zeros(site.shape) for name, site in model.observation_sites.items()})
     built = covariance_scaled_filter(model, 1, **search_settings(TRACKERS[job.tracker], "arm"))
-    step, key = jax.jit(built.step), jax.random.key(seed)
-    assert built.initial_state is not None
-    state, previous = built.initial_state(observation, first), filmed.states[0]
-    ready: Any = jax.block_until_ready
-    ready(step(key, state, observation, first))
-    errors, modes, began = [], [], time.process_time()
-    for frame in range(len(filmed.pictures)):
-        inputs = _inputs(job, filmed, frame, previous)
-        state, _ = step(jax.random.fold_in(key, frame), state, observation, inputs)
-        weights = np.asarray(state.modes.log_weights)
-        previous = np.asarray(state.modes.means[int(weights.argmax())])
-        places = np.asarray(marker_positions(body.tree, jnp.asarray(previous)), np.float64)[rows]
-        offset = (places - places[0]) - (filmed.places[frame] - filmed.places[frame][0])
-        errors.append(float(np.linalg.norm(offset, axis=-1)[1:].mean()))
-        modes.append(int(np.isfinite(weights).sum()))
-        lost = lost_at(np.array(errors), job.rate)
-        if np.isfinite(lost):
-            break
-    kept = errors[: round(lost * job.rate)] if np.isfinite(lost) else errors
-    return {
-        "lost": lost,
-        "error": float(np.mean(kept)) if kept else float("nan"),
-        "ratio": float("nan"),
-        "modes": float(np.mean(modes)),
-        "seconds": (time.process_time() - began) / len(errors),
-    }
+
+    def frame_of(frame: int, previous: Any) -> tuple[Any, Any]:
+        return observation, _inputs(job, filmed, frame, previous)
+
+    def error(frame: int, found: Estimate) -> float:
+        return marker_error(found.mean_of(partial(marker_positions, body.tree))[rows], filmed.places[frame])
+
+    found = follow(built, seed, job.rate, len(filmed.pictures), frame_of, error, filmed.states[0])
+    return found | {"ratio": float("nan")}
 
 
-def _inputs(job: Pictures, filmed: Filmed, frame: int, previous: Floats) -> Any:
+def _inputs(job: Pictures, filmed: Filmed, frame: int, previous: Any) -> Any:
     """Inputs of a frame, given the pose in the one before."""
     names = ("CostInputs", "seen_in_images", "at_levels", "cost_noise")
-    make_inputs, see, at_levels, noise = (shipped(f"sminchisescu_image:{name}") for name in names)
+    make_inputs, see, at_levels, noise = (load_builder(f"poseppl_models.sminchisescu_image:{name}") for name in names)
     before = [filmed.pictures[frame - 1]] if frame else None
     seen = see([filmed.pictures[frame]], previous, before, levels=LEVELS)
-    units = np.where(np.arange(8) < 3, 0, 1)
-    start, step = (np.array(pair)[units] for pair in (_START, np.array([POSITION_STEP, ANGLE_STEP]) / job.rate**0.5))
+    body = filmed.body
+    start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
     spread = noise(edges=EDGES, flow=FLOW, weight=WEIGHT, levels=LEVELS)
     known = (filmed.states[0], start, step)
-    body = filmed.body
     return make_inputs(
         at_levels(filmed.cameras, LEVELS), seen, spread, *(jnp.asarray(part, float) for part in known), body.tree, body.flesh
     )

@@ -16,12 +16,12 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.experiments.recordings import Recording
-from poseppl.experiments.sminchisescu_triggs.programs import shipped
+from poseppl.motion.bodies.body import load_builder
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import read_motion
 from poseppl.motion.tracking.subjects import recorded_subject
 
-_BODY = "sminchisescu_body:superquadric_body"
+_BODY = "poseppl_models.sminchisescu_body:superquadric_body"
 _START = 2.0
 """Second of a recording at which its motion starts."""
 
@@ -104,7 +104,7 @@ def moving(scene: str, kind: str, recording: Recording, rate: float, seconds: fl
         seconds: How long it is.
         seed: Of a program; recordings are what they are.
     """
-    build = shipped(_BODY)
+    build = load_builder(_BODY)
     if scene == "recorded":
         return _recorded(build, kind, recording, rate, seconds)
     body: Any = build(kind)

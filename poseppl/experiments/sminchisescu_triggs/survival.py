@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from poseppl.arrays import Floats
+from poseppl.experiments.measured import Interval
 
 LOST = 150.0
 """Mean distance (mm) of markers from the truth, both relative to the root, beyond which a body is lost."""
@@ -23,10 +24,11 @@ def lost_at(errors: Floats, rate: float) -> float:
     return float(full[0] / rate) if len(full) else float("inf")
 
 
-def share_interval(count: int, runs: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
+def percent_lost(lost: Floats) -> Interval:
+    """Percent of the runs that lost the body, by the seconds (R,) when they did, inf for never, with Wilson's 95 % interval."""
+    count, runs = int(np.isfinite(lost).sum()), len(lost)
     found: Any = stats.binomtest(count, runs).proportion_ci(method="wilson")
-    return float(found.low), float(found.high)
+    return Interval(100 * count / runs, 100 * float(found.low), 100 * float(found.high))
 
 
 def kept_seconds(lost: Floats, seconds: Floats | float) -> Floats:

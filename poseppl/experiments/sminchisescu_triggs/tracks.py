@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN, Recording
+from poseppl.experiments.runs import stacked
 from poseppl.experiments.sminchisescu_triggs.motions import Moving, moving
-from poseppl.experiments.sminchisescu_triggs.programs import shipped
 from poseppl.experiments.sminchisescu_triggs.survival import lost_at
 from poseppl.experiments.sminchisescu_triggs.trackers import TRACKERS, Tracker, search_settings
-from poseppl.filters import Filter, FilterState, assumed_density_filter, covariance_scaled_filter
-from poseppl.motion.geometry import Cameras, KinematicTree, look_at, marker_positions, project
+from poseppl.filters import Filter, assumed_density_filter, covariance_scaled_filter
+from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.geometry import Cameras, look_at, marker_positions, project
 from poseppl.program import CompiledModel, StateSpaceModel
 
 FOCAL, DISTANCE = 1000.0, 4500.0
@@ -91,6 +94,41 @@ def scene_of(job: Tracks, seed: int) -> Scene:
     return Scene(motion, camera, points)
 
 
+class Estimate(NamedTuple):
+    """What a tracker answers.
+
+    Attributes:
+        states: One mode, or all draws (N, d).
+        weights: Normalised (N,).
+        covariance: Of the mode or the draws (d, d).
+        modes: How many there are; NaN of draws.
+    """
+
+    states: Array
+    weights: Floats
+    covariance: Floats
+    modes: float
+
+    def mean_of(self, places: Callable[[Array], Array]) -> Floats:
+        """The mean of what a state (d,) tells."""
+        return np.tensordot(self.weights, np.asarray(jax.vmap(places)(self.states), np.float64), 1)
+
+
+def heaviest_mode(state: Any) -> Estimate:
+    """The heaviest mode."""
+    weights = np.asarray(state.modes.log_weights)
+    best = int(weights.argmax())
+    covariance = np.asarray(state.modes.covariances[best], np.float64)
+    return Estimate(state.modes.means[best][None], np.ones(1), covariance, int(np.isfinite(weights).sum()))
+
+
+def all_draws(state: Any) -> Estimate:
+    """All draws by their weights."""
+    draws = state.particles.reshape(-1, state.particles.shape[-1])
+    weights = np.asarray(jax.nn.softmax(state.log_weights.reshape(-1)), np.float64)
+    return Estimate(draws, weights, np.cov(np.asarray(draws, np.float64).T, aweights=weights), np.nan)
+
+
 def track(job: Tracks) -> dict[str, Any]:
     """Track a scene until its end, or until the body is lost.
 
@@ -99,37 +137,65 @@ def track(job: Tracks) -> dict[str, Any]:
         while it was kept; ``ratio``, geometric mean over frames of the largest over the smallest standard deviation of the
         heaviest mode, metres and radians; ``modes``, mean number of modes; ``seconds`` of the processor a frame.
     """
-    rows = [_track_one(job, seed) for seed in job.seeds]
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return stacked([_track_one(job, seed) for seed in job.seeds])
 
 
 def _track_one(job: Tracks, seed: int) -> dict[str, float]:
     tracker, scene = TRACKERS[job.tracker], scene_of(job, seed)
     body, truth = scene.motion.body, scene.motion.markers
     inputs, model = _model(job, tracker, scene)
-    built = (
-        assumed_density_filter(model)
-        if tracker.draws
-        else covariance_scaled_filter(model, 1, **search_settings(tracker, job.kind))
-    )
-    estimate = _of_draws if tracker.draws else _of_modes
-    step = _compiled_step(built)
+    if tracker.draws:
+        built, estimate = assumed_density_filter(model), all_draws
+    else:
+        built, estimate = covariance_scaled_filter(model, 1, **search_settings(tracker, job.kind)), heaviest_mode
     observations = [model.observe(_data(model, points)) for points in scene.points]
+
+    def error(frame: int, found: Estimate) -> float:
+        return marker_error(found.mean_of(partial(marker_positions, body.tree)), truth[frame])
+
+    frames = [(observation, inputs) for observation in observations]
+    return follow(built, seed, job.rate, len(frames), lambda frame, _: frames[frame], error, estimate=estimate)
+
+
+def follow(
+    built: Filter,
+    seed: int,
+    rate: float,
+    num_frames: int,
+    frame_of: Callable[[int, Any], tuple[Any, Any]],
+    error_of: Callable[[int, Estimate], float],
+    start: Any = None,
+    estimate: Callable[[Any], Estimate] = heaviest_mode,
+) -> dict[str, float]:
+    """Run a tracker until the end, or until the body is lost; what is returned is as that of :func:`track`, for one seed.
+
+    Args:
+        built: The tracker.
+        seed: Of the run.
+        rate: Frames a second.
+        num_frames: How many frames.
+        frame_of: From a frame, and the pose of the heaviest mode in the one before, to the data and the inputs.
+        error_of: From a frame and an estimate to the error, mm.
+        start: The pose before the first frame.
+        estimate: From a state to what the tracker answers.
+    """
     assert built.initial_state is not None
-    state, key = built.initial_state(observations[0], inputs), jax.random.key(seed)
+    step, first, best = _compiled_step(built), frame_of(0, start), start
+    state, key = built.initial_state(*first), jax.random.key(seed)
     ready: Any = jax.block_until_ready
-    ready(step(key, state, observations[0], inputs))  # compiled before the clock starts
+    ready(step(key, state, *first))  # compiled before the clock starts
     errors, ratios, modes, began = [], [], [], time.process_time()
-    for frame, observation in enumerate(observations):
-        state, _ = step(jax.random.fold_in(key, frame), state, observation, inputs)
-        found = estimate(state, body.tree)
-        errors.append(_error(found.markers, truth[frame]))
+    for frame in range(num_frames):
+        state, _ = step(jax.random.fold_in(key, frame), state, *frame_of(frame, best))
+        found = estimate(state)
+        best = found.states[0]
+        errors.append(error_of(frame, found))
         ratios.append(_ratio(found.covariance))
         modes.append(found.modes)
-        lost = lost_at(np.array(errors), job.rate)
+        lost = lost_at(np.array(errors), rate)
         if np.isfinite(lost):
             break
-    kept = errors[: round(lost * job.rate)] if np.isfinite(lost) else errors
+    kept = errors[: round(lost * rate)] if np.isfinite(lost) else errors
     return {
         "lost": lost,
         "error": float(np.mean(kept)) if kept else float("nan"),
@@ -139,30 +205,6 @@ def _track_one(job: Tracks, seed: int) -> dict[str, float]:
     }
 
 
-class Estimate(NamedTuple):
-    """What a tracker answers: markers (K, 3), the covariance (d, d) of one mode or of all draws, and how many modes it has."""
-
-    markers: Floats
-    covariance: Floats
-    modes: float
-
-
-def _of_modes(state: Any, tree: KinematicTree) -> Estimate:
-    """The heaviest mode."""
-    weights = np.asarray(state.modes.log_weights)
-    best = int(weights.argmax())
-    markers = np.asarray(marker_positions(tree, state.modes.means[best]), np.float64)
-    return Estimate(markers, np.asarray(state.modes.covariances[best], np.float64), int(np.isfinite(weights).sum()))
-
-
-def _of_draws(state: FilterState, tree: KinematicTree) -> Estimate:
-    """The mean of the draws' markers."""
-    draws = state.particles.reshape(-1, state.particles.shape[-1])
-    weights = np.asarray(jax.nn.softmax(state.log_weights.reshape(-1)), np.float64)
-    markers = np.asarray(jax.vmap(lambda x: marker_positions(tree, x))(draws), np.float64)
-    return Estimate(np.tensordot(weights, markers, 1), np.cov(np.asarray(draws, np.float64).T, aweights=weights), np.nan)
-
-
 @lru_cache(maxsize=8)
 def _compiled_step(built: Filter) -> Any:
     return jax.jit(built.step)
@@ -170,11 +212,10 @@ def _compiled_step(built: Filter) -> Any:
 
 def _model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
     """Inputs of every frame, and the compiled model."""
-    programs = shipped("sminchisescu_points:point_programs")
-    make_inputs = shipped("sminchisescu_points:point_inputs")
+    programs = load_builder("poseppl_models.sminchisescu_points:point_programs")
+    make_inputs = load_builder("poseppl_models.sminchisescu_points:point_inputs")
     body = scene.motion.body
-    units = np.where(np.arange(body.tree.dimension) < 3, 0, 1)
-    start, step = (np.array(pair)[units] for pair in (_START, np.array([POSITION_STEP, ANGLE_STEP]) / job.rate**0.5))
+    start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
     noise = np.full((1, len(body.tree.marker_names)), NOISE)
     known = (noise, scene.motion.states[0], start, step)
     own = (scene.camera, *(jnp.asarray(part, float) for part in known), body.tree, body.flesh)
@@ -191,12 +232,18 @@ def _compiled_model(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...]
     return program.compile(jax.tree.unflatten(tree, shapes), {})
 
 
+def walk_scales(body: Any, start: tuple[float, float], step: tuple[float, float], rate: float) -> tuple[Floats, Floats]:
+    """Standard deviations (d,) of the first pose and of a frame's step, from those of places and angles, the step's in 1 s."""
+    units = np.where(np.arange(body.tree.dimension) < 3, 0, 1)
+    return np.array(start)[units], (np.array(step) / rate**0.5)[units]
+
+
 def _data(model: Any, points: Floats) -> dict[str, Floats]:
     """The points of a frame; parts keep apart as if that were observed."""
     return {name: points if name == "points" else np.zeros(site.shape) for name, site in model.observation_sites.items()}
 
 
-def _error(places: Floats, truth: Floats) -> float:
+def marker_error(places: Floats, truth: Floats) -> float:
     """Mean distance (mm) of markers (K, 3), both sets moved to their first marker."""
     return float(np.linalg.norm((places - places[0]) - (truth - truth[0]), axis=-1)[1:].mean())
 

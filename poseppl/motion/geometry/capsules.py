@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -75,11 +74,6 @@ def clearances(capsules: Capsules, pairs: Sequence[tuple[int, int]]) -> Array:
 def rejected(clearance: Array, allowed: float = 0.0) -> Array:
     """Log-factor (N,): -inf where some pair (K, N) overlaps by more than allowed (mm), for flesh gives way, else 0."""
     return jnp.where(jnp.any(clearance < -allowed, 0), -jnp.inf, 0.0)
-
-
-def repelled(clearance: Array, softness: Array | float) -> Array:
-    """Log-factor (N,), at most 0, that falls smoothly as pairs (K, N) overlap: the sum of log sigmoid(clearance / softness)."""
-    return jnp.sum(jax.nn.log_sigmoid(clearance / softness), 0)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -136,12 +136,6 @@ def test_a_failing_job_does_not_stop_the_others(tmp_path):
     assert run(JOBS, tmp_path)[1].start == (4, 4, 0)
 
 
-def test_stopping_at_the_first_failure(tmp_path):
-    with pytest.raises(JobError, match="1 of 5 jobs failed"):
-        run([*JOBS, Draw(7, mishap="fail")], tmp_path, stop_at_failure=True)
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_interrupt_leaves_whole_files(tmp_path):
     def stop(cost):
         raise KeyboardInterrupt
