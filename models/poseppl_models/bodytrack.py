@@ -70,8 +70,7 @@ class BodytrackBody(NamedTuple):
 
     def state_of(self, pose: Any) -> Floats:
         """States (..., 31) of poses (..., 31) of the benchmark: position in mm, angles in radians."""
-        state: Floats = np.asarray(pose)[..., self.order] * self.signs
-        return state
+        return np.asarray(pose)[..., self.order] * self.signs
 
 
 class _Joint(NamedTuple):

@@ -60,8 +60,7 @@ def darby_score(*, smooth: bool = False) -> CameraScore:
         look_up = bilinear if smooth else nearest
         sides = look_up(evidence.edge_error[..., 0], *side_points(corners, SIDE_SAMPLES))
         on_sides = weighted_mean(sides, side_lengths(corners)[:, :, :, None], 1.0)
-        value: Array = -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
-        return value
+        return -seen.params["beta"] * (on_sides + _inside(corners, evidence, smooth))
 
     return score
 
@@ -82,8 +81,7 @@ def darby_monocular_score(stride: int) -> CameraScore:
         image = _ratio(count_ones(evidence.foreground & evidence.known), known)
         body = _ratio(count_ones(seen.silhouette(stride)), known)
         weight = size_weight(image, body, seen.params["gamma"])
-        value: Array = -seen.params["beta"] * _inside(corners, evidence, False) / weight
-        return value
+        return -seen.params["beta"] * _inside(corners, evidence, False) / weight
 
     return score
 
@@ -92,8 +90,7 @@ def size_weight(image: Array, body: Array, gamma: Array) -> Array:
     """W of Eq. 9 for two ratios of foreground to background; 1 where both are 0."""
     largest = jnp.maximum(image, body)
     disparity = jnp.abs(image - body) / jnp.where(largest > 0, largest, 1.0)
-    weight: Array = jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
-    return weight
+    return jnp.maximum((1 - disparity) ** gamma, _LEAST_WEIGHT)
 
 
 def _inside(corners: Array, evidence: TwoWayEvidence, smooth: bool) -> Array:
@@ -107,5 +104,4 @@ def _ratio(foreground: Array, known: Array) -> Array:
 
 def _barrier(corners: Array, smooth: bool) -> Array:
     """Compute corners once, not anew for every sample; the smooth ones are left to the compiler, which differentiates them."""
-    kept: Array = corners if smooth else computed_once(corners)
-    return kept
+    return corners if smooth else computed_once(corners)

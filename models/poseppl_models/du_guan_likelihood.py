@@ -46,8 +46,7 @@ def du_guan_score(stride: int) -> CameraScore:
         colour = colour_distance(evidence, corners)
         boundary = boundary_distance(evidence.descriptors, body)
         exponent = colour / seen.params["colour_scale"] + boundary / seen.params["boundary_scale"]
-        value: Array = jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) / seen.params["overlap_scale"] - exponent
-        return value
+        return jnp.log(jnp.maximum(overlap, _LEAST_OVERLAP)) / seen.params["overlap_scale"] - exponent
 
     return score
 

@@ -75,8 +75,7 @@ def pose_of_bins(coordinates: Sequence[tuple[str, str]]) -> Any:
     def pose(state: Any, motion: FactoredTables) -> Array:
         angles = bin_angles(state["bins"], motion.first_bins.shape[-1])
         parts = [state["position"], state["heading"][None], angles]
-        whole: Array = jnp.concatenate(parts)[order]
-        return whole
+        return jnp.concatenate(parts)[order]
 
     return pose
 

@@ -164,5 +164,4 @@ def _seen_place(person: SeenPerson, views: int) -> Floats:
     rays = np.einsum("cij,ci->cj", cameras.rotation[used], np.column_stack([sight, np.ones(len(used))]))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-    point: Floats = np.linalg.solve(across.sum(0), np.einsum("cij,cj->i", across, cameras.centre[used]))
-    return point
+    return np.linalg.solve(across.sum(0), np.einsum("cij,cj->i", across, cameras.centre[used]))

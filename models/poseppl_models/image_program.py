@@ -40,7 +40,7 @@ class SeenBody(NamedTuple):
     parts: PartFrames
     cameras: Cameras
     evidence: Any
-    params: Any
+    params: Mapping[str, Array]
 
     def corners(self) -> Array:
         """Corners (C, P, 4, 2, N) of the parts' outlines, px."""

@@ -200,8 +200,7 @@ def learned_pose(coordinates: Sequence[tuple[str, str]], learned: Sequence[int])
     def pose(state: Mapping[str, Any], activity: Activity) -> Array:
         angles = activity.angles(state["features"])
         own = angles + state["residual"] if "residual" in state else angles
-        whole: Array = jnp.concatenate([*(state[name] for name in spans), own])[order]
-        return whole
+        return jnp.concatenate([*(state[name] for name in spans), own])[order]
 
     return pose
 

@@ -127,8 +127,7 @@ def _guided(model: MotionModel, taught: Any) -> LearnedMotion:
         return jnp.concatenate([jnp.zeros(1), inputs.features, inputs.start[free]])
 
     def pose(state: Array, activity: Activity) -> Array:
-        whole: Array = jnp.concatenate([state[count:], activity.angles(state[1:count])])[order]
-        return whole
+        return jnp.concatenate([state[count:], activity.angles(state[1:count])])[order]
 
     poses = jax.jit(jax.vmap(pose, (0, None)))
     return LearnedMotion(lambda states, inputs: poses(states, inputs.activity), taught, first)

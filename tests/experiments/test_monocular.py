@@ -13,6 +13,7 @@ from poseppl_models.peursum_body import peursum_body
 from poseppl.diagnostics import virtual_markers
 from poseppl.errors import InputError
 from poseppl.experiments.peursum.animated import GROUND, _hues, draw_body
+from poseppl.experiments.peursum.claims import claims
 from poseppl.experiments.peursum.factored_fbs import log_walk_matrix
 from poseppl.experiments.peursum.monocular import COLUMNS, THEIRS, monocular, monocular_claims
 from poseppl.experiments.peursum.plan import FULL, LEARNED, PUBLISHED, plan_monocular, plan_runtimes
@@ -131,7 +132,7 @@ def test_the_page_tells_published_errors_beside_ours():
     told = monocular({"monocular": table(10.0)}).splitlines()
     assert len(told) == 2 + 8 and told[2].startswith("| Simple-PF, 10,000 | filter | 111.1 | 1")
     assert all(f"| {value:g} |" in told[6 + number] for number, value in enumerate(THEIRS["FSHHMM-PF"]))
-    assert monocular({}) == runtimes({}) == "" and monocular_claims({}) == runtime_claims({}) == []
+    assert monocular({}) == runtimes({}) == "" and claims({}) == []
 
 
 class Timed:

@@ -81,16 +81,16 @@ def _bound(row: tuple[Any, ...], power: int) -> Claim:
     value, low, high = (power * exponent for exponent in exponents)
     name, why = _READINGS[power]
     holds = abs(value - published) <= 1
-    distance = "within a power of ten" if holds else f"10^{abs(value - published):.1f} times {_side(value < published)}"
+    distance = (
+        "within a power of ten"
+        if holds
+        else f"10^{abs(value - published):.1f} times {'fewer' if value < published else 'more'}"
+    )
     ours = f"10^{value:.1f} (frames from {low:.1f} to {high:.1f})"
     if tracker == "full_body":
         distance += "; theirs is an extrapolation"
     what = f"Least particles, {_NAMES[tracker]} (section 7.3), from {name}"
     return Claim(what, f"10^{published:.0f}", ours, verdict_of(holds), f"{distance}; {why}")
-
-
-def _side(fewer: bool) -> str:
-    return "fewer" if fewer else "more"
 
 
 def _higher(tables: Tables, tracker: str, rival: str, name: str) -> Claim:

@@ -74,9 +74,9 @@ class ContestRuns(TrackerJob):
     runs: tuple[int, ...]
 
     @property
-    def words(self) -> tuple[object, ...]:
+    def name(self) -> str:
         """Tracker, recording, frame and method."""
-        return "contest", self.system, self.recording.name, self.frame, self.method
+        return f"contest-{self.system}-{self.recording.name}-{self.frame}-{self.method}"
 
     @property
     def cost(self) -> float:

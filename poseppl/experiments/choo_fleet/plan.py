@@ -13,7 +13,6 @@ from poseppl.experiments.choo_fleet.timing import FrameTiming, time_frame
 from poseppl.experiments.choo_fleet.trajectory import TrajectoryRuns, run_trajectory
 from poseppl.experiments.choo_fleet.tuning import STEP_SIZES, TuningRuns, tune
 from poseppl.experiments.experiment import Task
-from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN, Recording
 from poseppl.experiments.runs import blocks_of
 
@@ -87,7 +86,7 @@ def frames_of(recording: Recording) -> tuple[int, ...]:
 
 
 def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[str], runs: int) -> Task:
-    jobs: list[Job] = [
+    jobs = [
         FrameRuns(recording, system, frame, block, scale.num_settings, scale.reference_chains)
         for recording in recordings
         for system in systems
@@ -99,7 +98,7 @@ def _estimates(scale: Scale, recordings: Sequence[Recording], systems: Sequence[
 
 def plan_single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Estimates of single frames, and how long each takes alone (section 7.3)."""
-    timings: list[Job] = [
+    timings = [
         FrameTiming(BUILT_IN, system, method, setting, 9)
         for system in scale.systems
         for method in METHODS
@@ -110,7 +109,7 @@ def plan_single_frame(scale: Scale, recordings: Sequence[Recording]) -> dict[str
 
 def plan_sequence(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """The filters of section 7.4 on a sequence."""
-    jobs: list[Job] = []
+    jobs = []
     for system in scale.sequence_systems:
         for method, (filter, settings) in _rivals(scale, system).items():
             jobs += [
@@ -141,7 +140,7 @@ def _rivals(scale: Scale, system: str) -> dict[str, tuple[str, dict[str, Any]]]:
 
 def plan_tuning(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Step sizes and lengths of trajectories (section 7.5)."""
-    jobs: list[Job] = [
+    jobs = [
         TuningRuns(
             recordings[0],
             scale.other_system,
@@ -177,7 +176,7 @@ def plan_contest(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Tas
     ]
     return {
         "frames": _estimates(scale, recordings, [scale.other_system], scale.runs),
-        "contest": Task(contest_frame, list(one)),
-        "contest sequences": Task(run_sequence, list(many)),
-        "contest trajectories": Task(run_trajectory, list(whole)),
+        "contest": Task(contest_frame, one),
+        "contest sequences": Task(run_sequence, many),
+        "contest trajectories": Task(run_trajectory, whole),
     }

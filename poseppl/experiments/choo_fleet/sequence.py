@@ -52,9 +52,9 @@ class SequenceRuns(TrackerJob):
     runs: tuple[int, ...]
 
     @property
-    def words(self) -> tuple[object, ...]:
+    def name(self) -> str:
         """Tracker, recording, method and the first run."""
-        return "sequence", self.system, self.recording.name, self.method, self.runs[0]
+        return f"sequence-{self.system}-{self.recording.name}-{self.method}-{self.runs[0]}".replace(",", "")
 
     @property
     def cost(self) -> float:
@@ -116,7 +116,7 @@ def _score(found: Mapping[str, Any], stage: Stage, frames: slice) -> dict[str, A
     }
 
 
-def _inside(quantiles: Any, truth: Any) -> np.ndarray[Any, Any]:
+def _inside(quantiles: Any, truth: Any) -> Floats:
     """Share of coordinates in the central intervals, (level, frame)."""
     shares = []
     for level in LEVELS:

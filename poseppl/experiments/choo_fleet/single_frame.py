@@ -37,9 +37,9 @@ class FrameRuns(TrackerJob):
     num_chains: int
 
     @property
-    def words(self) -> tuple[object, ...]:
+    def name(self) -> str:
         """Tracker, recording, frame and the first run."""
-        return "frame", self.system, self.recording.name, self.frame, self.runs[0]
+        return f"frame-{self.system}-{self.recording.name}-{self.frame}-{self.runs[0]}"
 
     @property
     def cost(self) -> float:

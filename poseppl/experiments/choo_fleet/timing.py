@@ -29,9 +29,9 @@ class FrameTiming(TrackerJob):
     repeats: int
 
     @property
-    def words(self) -> tuple[object, ...]:
+    def name(self) -> str:
         """Tracker, method and setting."""
-        return "timing", self.system, self.method, self.setting
+        return f"timing-{self.system}-{self.method}-{self.setting}"
 
     @property
     def cost(self) -> float:

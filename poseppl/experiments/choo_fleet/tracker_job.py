@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, System
@@ -11,7 +10,7 @@ from poseppl.experiments.recordings import Recording
 
 
 @dataclass(frozen=True)
-class TrackerJob(Job, ABC):
+class TrackerJob(Job):
     """A job of one tracker.
 
     Attributes:
@@ -26,13 +25,3 @@ class TrackerJob(Job, ABC):
     def row(self) -> System:
         """The tracker and its row of Table 1."""
         return SYSTEMS[self.system]
-
-    @property
-    @abstractmethod
-    def words(self) -> tuple[object, ...]:
-        """Words of the name."""
-
-    @property
-    def name(self) -> str:
-        """The words as one."""
-        return "-".join(map(str, self.words)).replace(" ", "-").replace(",", "")

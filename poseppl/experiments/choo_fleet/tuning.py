@@ -46,9 +46,9 @@ class TuningRuns(TrackerJob):
     num_runs: int
 
     @property
-    def words(self) -> tuple[object, ...]:
+    def name(self) -> str:
         """Tracker and L."""
-        return "tuning", self.system, self.num_leapfrog
+        return f"tuning-{self.system}-{self.num_leapfrog}"
 
     @property
     def cost(self) -> float:

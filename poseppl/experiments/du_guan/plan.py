@@ -85,9 +85,13 @@ def methods(scale: Scale) -> list[Method]:
     return found
 
 
+def _scene(scale: Scale, recording: Recording, num_frames: int) -> Scene:
+    return Scene(recording, False, num_frames, width=scale.size[0], height=scale.size[1])
+
+
 def plan_trackers(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Figs. 4 and 5: average sample weights."""
-    scene = Scene(recordings[0], False, scale.scene_frames, width=scale.size[0], height=scale.size[1])
+    scene = _scene(scale, recordings[0], scale.scene_frames)
     rivals = [(SYSTEM, method) for method in methods(scale)]
     return tracking_tasks([scene], rivals, scale.num_frames, scale.runs, weighs=True)
 
@@ -102,7 +106,7 @@ def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
     """Fig. 3: the first recording is sequence 1, tracked by 7 layers of 500, the others are tracked by 9 layers of 600."""
     tasks: dict[str, Task] = {}
     for number, recording in enumerate(recordings):
-        scene = Scene(recording, False, scale.sequence_frames, width=scale.size[0], height=scale.size[1])
+        scene = _scene(scale, recording, scale.sequence_frames)
         layers, members = SEQUENCES[min(number, 1)]
         method = layered(layers, round(scale.share * members), PREDICTIONS[0])
         own = tracking_tasks([scene], [(SYSTEM, method)], scale.sequence_frames, scale.runs, weighs=True)
@@ -112,7 +116,7 @@ def plan_sequences(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
 
 def plan_scales(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Sequence 1 with the scale of one cue after the other changed."""
-    scene = Scene(recordings[0], False, scale.scene_frames, width=scale.size[0], height=scale.size[1])
+    scene = _scene(scale, recordings[0], scale.scene_frames)
     layers, members = SEQUENCES[0]
     method = layered(layers, round(scale.share * members), PREDICTIONS[0])
     changed = [(cue, factor * value) for cue, value in CUES.items() for factor in scale.factors]

@@ -131,12 +131,12 @@ def draw_body(body: Any, states: Floats, cameras: Cameras, size: tuple[int, int]
     return list(images)
 
 
-def _hues(count: int) -> np.ndarray[Any, Any]:
+def _hues(count: int) -> Image:
     """Light colours (count, 3), RGB, no two alike."""
     cv2 = opencv()
     turns = (np.arange(count) * 0.618) % 1 * 179
     tones = np.stack([turns, np.full(count, 150), np.where(np.arange(count) % 2, 255, 205)], -1)
-    colours: np.ndarray[Any, Any] = cv2.cvtColor(tones[None].astype(np.uint8), cv2.COLOR_HSV2RGB)[0]
+    colours: Image = cv2.cvtColor(tones[None].astype(np.uint8), cv2.COLOR_HSV2RGB)[0]
     return colours
 
 

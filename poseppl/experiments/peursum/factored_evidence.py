@@ -47,6 +47,16 @@ class Mixtures(NamedTuple):
     prior_mean: Array
     prior_variance: Array
 
+    @property
+    def precision(self) -> Array:
+        """Of position and heading given the component."""
+        return 1 / self.prior_variance + 1 / jnp.square(jnp.asarray(ROOT))
+
+    def root_mean(self, towards: Array) -> Array:
+        """Mean of position and heading given the (mean) component's."""
+        pulls = self.prior_mean / self.prior_variance + towards / jnp.square(jnp.asarray(ROOT))
+        return pulls / self.precision
+
 
 class LogTables(NamedTuple):
     """Logarithms of floored tables, ends of rotations resolved (Eq. 26).

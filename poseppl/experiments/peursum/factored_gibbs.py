@@ -110,9 +110,8 @@ def sweep(rng_key: Array, tables: LogTables, towards: Array, mixtures: Mixtures,
         away = (own.root - seen.roots) / jnp.asarray(ROOT)
         fits = -0.5 * (jnp.sum(jnp.square(apart), -1) + jnp.sum(jnp.square(away), -1))
         chosen = _categorical(uniform[1], seen.log_weights + fits)
-        precision = 1 / seen.prior_variance + 1 / jnp.square(jnp.asarray(ROOT))
-        pull = seen.prior_mean / seen.prior_variance + seen.roots[chosen] / jnp.square(jnp.asarray(ROOT))
-        new = Draw(phase, bins, chosen, pull / precision + normal / jnp.sqrt(precision))
+        root = seen.root_mean(seen.roots[chosen]) + normal / jnp.sqrt(seen.precision)
+        new = Draw(phase, bins, chosen, root)
         return jax.tree.map(lambda whole, part: whole.at[t].set(part.astype(whole.dtype)), draw, new), None
 
     return jax.lax.scan(visit, draw, (jnp.arange(frames), uniforms, normals))[0]

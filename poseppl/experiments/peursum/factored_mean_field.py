@@ -100,7 +100,7 @@ def mean_field(
 
     begun = start, jnp.full(max_rounds, jnp.nan), jnp.array(0), jnp.array(True)
     q, trace, count, _ = jax.lax.while_loop(goes_on, update, begun)
-    variance = jnp.broadcast_to(1 / _precision(mixtures), q.root_mean.shape)
+    variance = jnp.broadcast_to(1 / mixtures.precision, q.root_mean.shape)
     return FactoredPosterior(q.phases, q.bins, q.root_mean, variance), trace, count
 
 
@@ -116,7 +116,7 @@ def sweep(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Marginals:
         scores = jnp.einsum("m,mdb->db", phases, moved) + leads + jnp.einsum("k,kdb->db", own.chosen, likelihoods)
         bins = jax.nn.softmax(scores, -1)
         chosen = jax.nn.softmax(_component_scores(seen, likelihoods, bins, own.root_mean))
-        root = _root_mean(seen, chosen)
+        root = seen.root_mean(chosen @ seen.roots)
         new = Marginals(phases, bins, chosen, root)
         return jax.tree.map(lambda whole, part: whole.at[t].set(part), q, new), None
 
@@ -141,18 +141,9 @@ def _right(tables: LogTables, q: Marginals, t: Array) -> tuple[Array, Array]:
 
 def _component_scores(seen: Mixtures, likelihoods: Array, bins: Array, root: Array) -> Array:
     """Log eta_k + E log N of rotations and root (K,), up to a constant."""
-    spread = 1 / _precision(seen)
+    spread = 1 / seen.precision
     apart = (jnp.square(root - seen.roots) + spread) / jnp.square(jnp.asarray(ROOT))
     return seen.log_weights + jnp.einsum("kdb,db->k", likelihoods, bins) - 0.5 * jnp.sum(apart, -1)
-
-
-def _precision(seen: Mixtures) -> Array:
-    return 1 / seen.prior_variance + 1 / jnp.square(jnp.asarray(ROOT))
-
-
-def _root_mean(seen: Mixtures, chosen: Array) -> Array:
-    pulls = seen.prior_mean / seen.prior_variance + chosen @ seen.roots / jnp.square(jnp.asarray(ROOT))
-    return pulls / _precision(seen)
 
 
 def free_energy(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Array:
@@ -165,7 +156,7 @@ def free_energy(tables: LogTables, mixtures: Mixtures, q: Marginals) -> Array:
         phase_scores = came + jnp.einsum("mdb,db->m", moved, own.bins)
         likelihoods = bin_log_likelihoods(seen.rotations, q.bins.shape[-1])
         seen_scores = _component_scores(seen, likelihoods, own.bins, own.root_mean)
-        spread = 1 / _precision(seen)
+        spread = 1 / seen.precision
         prior = -0.5 * jnp.sum((jnp.square(own.root_mean - seen.prior_mean) + spread) / seen.prior_variance)
         there = jnp.where(own.chosen > 0, own.chosen * seen_scores, 0.0)
         expected = jnp.sum(own.phases * phase_scores) + jnp.sum(there) + prior

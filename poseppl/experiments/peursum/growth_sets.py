@@ -73,8 +73,7 @@ def exact_means(ys: Floats) -> tuple[Floats, Floats]:
     num_frames = ys.shape[1]
 
     def likelihood(t: int) -> Floats:
-        values: Floats = np.exp(-0.5 * (ys[:, t, None] - GRID**2 / 20) ** 2)
-        return values
+        return np.exp(-0.5 * (ys[:, t, None] - GRID**2 / 20) ** 2)
 
     def kernel(t: int) -> Floats:
         values: Floats = np.exp(-0.5 / VARIANCE * (GRID - step_mean(GRID, t + 1)[:, None]) ** 2)

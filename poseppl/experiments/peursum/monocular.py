@@ -10,7 +10,6 @@ import numpy as np
 
 from poseppl.arrays import Floats
 from poseppl.experiments.experiment import Claim, Jobs, Results, Tables
-from poseppl.experiments.images.systems import Problem
 from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.peursum.animated import AnimatedScene, animated_problem
 from poseppl.experiments.peursum.posture import posture_squares
@@ -53,16 +52,9 @@ def smooth_animation(job: SmoothedAnimation) -> dict[str, Any]:
     filter = job.method.build(problem)
     step, motion, rows = jax.jit(filter.step), motion_of(problem, system), []
     for run in job.runs:
-        found = smooth_track(problem, run_track(problem, filter, step, run), motion, job.rounds, run, squares_of)
+        found = smooth_track(problem, run_track(problem, filter, step, run), motion, job.rounds, run, posture_squares)
         rows.append({"squares": found["errors"], "ess_share": np.asarray(found["ess_share"])})
     return stacked(rows)
-
-
-def squares_of(problem: Problem, poses: Any, weights: Floats) -> Floats:
-    """Mean squared distances of each frame (T, 2), mm^2, from poses (T, N, d) and weights (T, N)."""
-    tree = problem.system.tree
-    rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
-    return np.array([posture_squares(tree, pose, weight, truth) for pose, weight, truth in rows])
 
 
 def monocular_table(jobs: Jobs, results: Results) -> list[Table]:
@@ -80,8 +72,7 @@ def monocular_table(jobs: Jobs, results: Results) -> list[Table]:
 
 def errors(table: Table, filter: str, smoother: str, column: str = "relative") -> Floats:
     """A column of a filter and smoother, in the order of the runs."""
-    found: Floats = table.column(column, filter=filter, smoother=smoother).astype(float)
-    return found
+    return table.column(column, filter=filter, smoother=smoother).astype(float)
 
 
 def monocular(tables: Tables) -> str:

@@ -44,7 +44,8 @@ from poseppl.motion.learned.factored_tables import NUM_BINS
 ALGORITHMS = ("filter", "FBS", "variational", "Gibbs")
 STAGES = ("filter", "FBS", "mixture", "variational", "Gibbs")
 """What time is spent on (Table 4); the last two stand on the mixture."""
-Judge = Callable[[Problem, Any, Floats], Floats]
+Judge = Callable[[Any, Any, Floats, Floats], Any]
+"""From the tree, a frame's poses (N, d), weights (N,) and truth (15, 3) to its error."""
 MOST_PAIRED = 10_000
 """Particles of FBS at most, whose time and memory grow with their square."""
 
@@ -158,7 +159,7 @@ def motion_of(problem: Problem, system: System) -> Motion:
 
 
 def smooth_track(
-    problem: Problem, track: Track, motion: Motion, rounds: int, seed: int, judge: Judge | None = None
+    problem: Problem, track: Track, motion: Motion, rounds: int, seed: int, judge: Judge = posture_error
 ) -> dict[str, Any]:
     """The estimates of a run: errors (algorithm, frame), seconds (algorithm,) and the rest, as :func:`smooth_walk` has them.
 
@@ -168,15 +169,19 @@ def smooth_track(
         motion: What smoothers take of the motion.
         rounds: Of the Gibbs sampler.
         seed: Of the run.
-        judge: Errors of each frame (T, ...) from poses (T, N, d) and weights (T, N); None for :func:`errors_of`.
+        judge: Of a frame.
     """
-    judged = judge or errors_of
+
+    def judged(poses: Any, weights: Floats) -> Floats:
+        rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
+        return np.array([judge(problem.system.tree, *row) for row in rows])
+
     key_fit, key_gibbs = jax.random.split(jax.random.key(seed + 1000))
     weights = np.exp(np.asarray(track.log_weights, np.float64))
-    errors, seconds = [judged(problem, track.poses, weights)], [float(np.nanmedian(track.seconds))]
+    errors, seconds = [judged(track.poses, weights)], [float(np.nanmedian(track.seconds))]
     if weights.shape[1] <= MOST_PAIRED:
         smoothed, spent = finished(lambda: forward_backward(problem, track, motion))
-        errors.append(judged(problem, track.poses, np.exp(np.asarray(smoothed, np.float64))))
+        errors.append(judged(track.poses, np.exp(np.asarray(smoothed, np.float64))))
     else:
         spent = np.nan
         errors.append(np.full_like(errors[0], np.nan))
@@ -190,7 +195,7 @@ def smooth_track(
     for smoother in smoothers:
         (posterior, count), spent = finished(smoother)
         poses = posture_of(problem.system.tree, posterior.root_mean, posterior.mean_rotations())
-        errors.append(judged(problem, poses[:, None], np.ones((len(poses), 1))))
+        errors.append(judged(poses[:, None], np.ones((len(poses), 1))))
         stages.append(spent / len(weights))
         seconds.append(stages[2] + stages[-1])
         counts.append(int(count))
@@ -227,13 +232,6 @@ def first_draw(mixtures: Mixtures, track: Track) -> Draw:
     apart = jnp.square(track.rotations[rows, best][:, None] - mixtures.rotations).sum(-1)
     chosen = jnp.argmin(jnp.where(jnp.isfinite(mixtures.log_weights), apart, jnp.inf), 1)
     return Draw(own.phases, own.bins, chosen, own.roots)
-
-
-def errors_of(problem: Problem, poses: Any, weights: Floats) -> Floats:
-    """Error of the mean posture of each frame (T,), mm, from poses (T, N, d) and weights (T, N)."""
-    tree = problem.system.tree
-    rows = zip(np.asarray(poses), weights, problem.truth, strict=True)
-    return np.array([posture_error(tree, pose, weight, truth) for pose, weight, truth in rows])
 
 
 _fit = jax.jit(fit_mixtures, static_argnames="max_components")

@@ -116,8 +116,7 @@ def _found(problem: Problem, filter: Filter, seed: int) -> Any:
 @lru_cache(maxsize=2)
 def _started(filter: Filter) -> Callable[..., Any]:
     """The filter's first step, compiled once."""
-    started: Callable[..., Any] = jax.jit(filter.init)
-    return started
+    return jax.jit(filter.init)
 
 
 def frames_of(particles: Particles) -> Sequence[Particles]:

@@ -50,8 +50,7 @@ def is_cluttered(scene: str) -> bool:
 
 def filters_of(tables: Tables) -> list[str]:
     """Names of the filters, in the order of the table."""
-    names: list[str] = tables["walks"].values("filter")
-    return names
+    return tables["walks"].values("filter")
 
 
 def gains(tables: Tables, filter: str, smoother: str, furniture: bool) -> list[float]:

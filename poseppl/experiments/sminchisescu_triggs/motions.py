@@ -154,8 +154,7 @@ def _add(body: Any, states: Floats, angles: Mapping[tuple[str, str], Floats]) ->
 
 def _smooth_step(x: Floats) -> Floats:
     x = np.clip(x, 0.0, 1.0)
-    step: Floats = x * x * (3 - 2 * x)
-    return step
+    return x * x * (3 - 2 * x)
 
 
 def _markers(body: Any, states: Floats) -> Floats:

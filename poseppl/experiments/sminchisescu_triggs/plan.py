@@ -62,9 +62,8 @@ _RIVALS: Mapping[str, tuple[str, ...]] = {
     "complex": (*_SINGLE, PUBLISHED, "without joint limits", "with non-penetration", OURS),
 }
 """Who is compared on a scene: those that the paper compares there, what it leaves out of its own tracker, and ours."""
-_PICTURED = ("robust, single mode", PUBLISHED)
-_BOTH_RATES = ("robust, single mode", PUBLISHED)
-"""Trackers at all rates; the others at the first."""
+_MOST_SEEN = ("robust, single mode", PUBLISHED)
+"""Trackers at all rates, the others being at the first alone, and on pictures."""
 
 
 def plan_arm(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
@@ -95,7 +94,7 @@ def _tracks(scale: Scale, part: str, kind: str, shared: Shared, seconds: float, 
         Tracks(scene, kind, recording, rate, seconds, cluttered, tracker, seeds)
         for tracker in _RIVALS[part]
         if tracker in scale.trackers
-        for rate in (scale.rates if tracker in _BOTH_RATES else scale.rates[:1])
+        for rate in (scale.rates if tracker in _MOST_SEEN else scale.rates[:1])
         for (scene, recording), seeds in shared.items()
         if seeds
     ]
@@ -107,6 +106,6 @@ def plan_pictures(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Ta
     jobs = [
         Pictures(scale.rates[0], scale.picture_seconds, cluttered, tracker, tuple(range(scale.picture_runs)))
         for cluttered in (False, True)
-        for tracker in _PICTURED
+        for tracker in _MOST_SEEN
     ]
     return {"pictures": Task(track_pictures, jobs)}
