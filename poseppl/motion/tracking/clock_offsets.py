@@ -1,16 +1,17 @@
 """Constant offsets between cameras' clocks, from what they see of one person who moves.
 
 Rays of one point in two cameras pass each other at a signed distance. If one camera is late, it changes as the point moves; an
-error of the calibration changes it little in time. So each point's mean is taken away, and the shift between the two cameras is
-sought that makes the rest small, by Gauss and Newton under Student-t errors (4 degrees of freedom), with points
-interpolated between frames. Its variance is the sandwich's, all errors of an eighth of the time or of one keypoint taken
-for one, whichever is larger (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and that of :data:`SYSTEMATIC`. The
-cameras' offsets are the least squares of the shifts of all pairs. Where to begin is found at whole frames: the shift at
+error of the calibration changes it little in time. So points that leap are left out, each point's mean is taken away, and the
+shift between the two cameras is sought that makes the rest small, by Gauss and Newton under Student-t errors (4 degrees of
+freedom), with points interpolated between frames. Its variance is the sandwich's, all errors of an eighth of the time or of one
+keypoint taken for one, whichever is larger (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and that of :data:`SYSTEMATIC`.
+The cameras' offsets are the least squares of the shifts of all pairs. Where to begin is found at whole frames: the shift at
 which the detections of two cameras pass nearest, whoever they are of.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -32,6 +33,8 @@ _FREEDOM = 4.0
 _STEP = 0.5
 """Frames, of the differences that derivatives are made of."""
 _ROUNDS = 10
+_LEAP, _LEAST_USUAL = 10.0, 5.0
+"""A point leaps if it is this many times as far from the median as is usual, and what is usual at least, px."""
 _BINOMIAL = (1.0, 4.0, 6.0, 4.0, 1.0)
 SYSTEMATIC = 0.003
 """Seconds: standard deviation of what errors of calibration make of a pair's shift, as in the recording of four synchronised
@@ -89,7 +92,7 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    seen, count = _smooth(_confident(points, confidence, _LEAST)), points.shape[1]
+    seen, count = _smooth(_without_leaps(_confident(points, confidence, _LEAST))), points.shape[1]
     rows: list[Floats] = []
     shifts: list[float] = []
     weights: list[float] = []
@@ -144,6 +147,20 @@ def _sandwich(curvature: float, scores: Floats) -> float:
 
 def _confident(points: Floats, confidence: Floats, least: float = _CONFIDENT) -> Floats:
     return np.where((confidence >= least)[..., None], points, np.nan)
+
+
+def _without_leaps(points: Floats) -> Floats:
+    """Points (T, C, K, 2), NaN where one is far from the median of the five frames about it.
+
+    One point somewhere else in the picture would be averaged into five frames.
+    """
+    padded = np.pad(points, ((2, 2), *((0, 0),) * 3), constant_values=np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # points that are never seen
+        middle = np.nanmedian([padded[start : start + len(points)] for start in range(5)], 0)
+        away = np.linalg.norm(points - middle, axis=-1)
+        usual = np.nanmedian(away, (0, 2), keepdims=True)
+    return np.where((away <= _LEAP * np.maximum(usual, _LEAST_USUAL))[..., None], points, np.nan)
 
 
 def _smooth(points: Floats) -> Floats:
