@@ -93,8 +93,8 @@ source_options = option_group(
         "--keep-detections",
         is_flag=True,
         default=None,
-        help="--keypoints: take the detector's left and right, and who is who, as they are. [default: exchanged limbs and "
-        "detections of others are found from what several cameras see over time, and told]",
+        help="--keypoints: take the detector's points, left and right, and who is who, as they are. [default: points that "
+        "leap, exchanged limbs and detections of others are found from what several cameras see over time, and told]",
     ),
 )
 """A detector's keypoints, and whom of those it found."""

@@ -11,7 +11,6 @@ which the detections of two cameras pass nearest, whoever they are of.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -22,6 +21,7 @@ from poseppl.arrays import Floats, Integers
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import viewing_rays
 from poseppl.motion.io import DetectedPeople
+from poseppl.motion.tracking.leaps import without_leaps
 
 LARGEST_SHIFT = 60
 """Frames; larger offsets have to be given."""
@@ -33,8 +33,8 @@ _FREEDOM = 4.0
 _STEP = 0.5
 """Frames, of the differences that derivatives are made of."""
 _ROUNDS = 10
-_LEAP, _LEAST_USUAL = 10.0, 5.0
-"""A point leaps if it is this many times as far from the median as is usual, and what is usual at least, px."""
+_LEAST_LEAP = 50.0
+"""How far a point is that leaps, px: averaged over five frames it would move all of them."""
 _BINOMIAL = (1.0, 4.0, 6.0, 4.0, 1.0)
 SYSTEMATIC = 0.003
 """Seconds: standard deviation of what errors of calibration make of a pair's shift, as in the recording of four synchronised
@@ -92,7 +92,7 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    seen, count = _smooth(_without_leaps(_confident(points, confidence, _LEAST))), points.shape[1]
+    seen, count = _smooth(without_leaps(_confident(points, confidence, _LEAST), _LEAST_LEAP)), points.shape[1]
     rows: list[Floats] = []
     shifts: list[float] = []
     weights: list[float] = []
@@ -147,20 +147,6 @@ def _sandwich(curvature: float, scores: Floats) -> float:
 
 def _confident(points: Floats, confidence: Floats, least: float = _CONFIDENT) -> Floats:
     return np.where((confidence >= least)[..., None], points, np.nan)
-
-
-def _without_leaps(points: Floats) -> Floats:
-    """Points (T, C, K, 2), NaN where one is far from the median of the five frames about it.
-
-    One point somewhere else in the picture would be averaged into five frames.
-    """
-    padded = np.pad(points, ((2, 2), *((0, 0),) * 3), constant_values=np.nan)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # points that are never seen
-        middle = np.nanmedian([padded[start : start + len(points)] for start in range(5)], 0)
-        away = np.linalg.norm(points - middle, axis=-1)
-        usual = np.nanmedian(away, (0, 2), keepdims=True)
-    return np.where((away <= _LEAP * np.maximum(usual, _LEAST_USUAL))[..., None], points, np.nan)
 
 
 def _smooth(points: Floats) -> Floats:

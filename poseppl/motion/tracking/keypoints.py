@@ -29,6 +29,7 @@ from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cam
 from poseppl.motion.tracking.data_association import Association, associate
 from poseppl.motion.tracking.detector_errors import DetectorErrors
 from poseppl.motion.tracking.keypoint_sources import Clocks, align_roughly, common_frames, points_of, read_sources
+from poseppl.motion.tracking.leaps import without_leaps
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
@@ -42,6 +43,8 @@ LEAST_AGREEMENT = 0.5
 """A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
 LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
+LEAST_LEAP = 0.05
+"""A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
 """Markers that are between two others where the detector has none."""
 
@@ -162,7 +165,7 @@ def scene_of_keypoints(
         stature: Of the person, mm; lengths are measured if None.
         lengths: A TOML file of segment lengths, mm, that are known.
         refine: Whether small errors of the cameras' poses are sought and mended.
-        mend: Whether detections of others, and limbs that the detector exchanged, are sought and mended.
+        mend: Whether detections of others, limbs that the detector exchanged, and points that leap are sought and mended.
         detector_errors: What is known of the detector's errors, in place of ``noise``; None if the data are to tell.
 
     Raises:
@@ -187,13 +190,17 @@ def scene_of_keypoints(
     build = body_builder(model)
     bodies = [with_markers(found, build(None).tree.marker_names) for found in people]
     points, confidence = points_of(bodies, chosen)
-    refined = _refined(cameras, points, confidence, pace) if refine else None
-    cameras = cameras if refined is None else refined.cameras
     sizes = np.array([record.size for record in records], float)
+    far = LEAST_LEAP * np.linalg.norm(sizes, axis=-1) if mend else np.inf
+    refined = _refined(cameras, without_leaps(points, far), confidence, pace) if refine else None
+    cameras = cameras if refined is None else refined.cameras
     agreement = _agreement(people, chosen)
     told_apart = mend and bool((agreement >= LEAST_AGREEMENT).all())
     associated = associate(cameras, sizes, bodies, chosen, pace) if told_apart else None
     points, confidence = (points, confidence) if associated is None else (associated.points, associated.confidence)
+    leaping, points = points, without_leaps(points, far)
+    if count := int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum()):
+        told.append(f"{count} points leap, and back, within five frames; they count as not seen (--keep-detections keeps them)")
     places = triangulate(cameras, points, confidence)
     measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
     body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))

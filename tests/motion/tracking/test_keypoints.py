@@ -15,6 +15,7 @@ from poseppl.errors import InputError
 from poseppl.motion.geometry import project
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import CameraRecord, read_cameras
+from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.camera_errors import camera_errors
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
@@ -51,6 +52,29 @@ def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, 
             assert (certain[seen[:, c]] == synthetic).mean() > 0.98
     with pytest.raises(InputError, match="people are seen by two cameras"):
         choose_person(cameras, people, 60.0, 200)
+
+
+def test_points_somewhere_else_in_the_picture_are_not_seen(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
+    """One point in fifty, at least a fifth of the picture's diagonal away; nothing else is taken away."""
+    rng = np.random.default_rng(0)
+    people = {name: read_openpose(folders[name]) for name in ("cam_03", "cam_04")}
+    strewn, astray = {}, []
+    for name, found in people.items():
+        far = rng.random(found.points.shape[:-1]) < 0.02
+        turn = rng.uniform(0, 2 * np.pi, far.shape)
+        shift = 0.2 * np.hypot(1088, 1920) * np.stack([np.cos(turn), np.sin(turn)], -1)
+        strewn[name] = found._replace(points=found.points + far[..., None] * shift)
+        astray.append(far[:, 0])
+    plain = scene_of_keypoints(people, records, rate=60, refine=False).scene.data.points
+    found = scene_of_keypoints(strewn, records, rate=60, refine=False)
+    numbers, names = markers_of_names(people["cam_03"].names), found.scene.body.tree.marker_names
+    into = [index for index, name in enumerate(names) if name in numbers]
+    of = [numbers[names[index]] for index in into]
+    wrong = np.stack(astray, 1)[:, :, of]
+    seen, before = (np.isfinite(points).all(-1)[:, :, into] for points in (found.scene.data.points, plain))
+    assert wrong.sum() > 30 and not seen[wrong].any()
+    assert (seen | ~before)[~wrong].mean() > 0.99
+    assert any("points leap" in note for note in found.notes())
 
 
 def test_a_camera_that_is_off_keeps_the_only_person(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
