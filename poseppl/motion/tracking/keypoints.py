@@ -75,6 +75,7 @@ class KeypointScene(NamedTuple):
         associated: Which detections are the person's, and which limbs are exchanged; None where that was not sought.
         detector_errors: What was known of the detector's errors; None where the noise is measured.
         chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
+        num_leaps: Points that leap and count as not seen.
     """
 
     scene: Scene[PointData]
@@ -88,6 +89,7 @@ class KeypointScene(NamedTuple):
     associated: Association | None = None
     detector_errors: DetectorErrors | None = None
     chosen: Integers | None = None
+    num_leaps: int = 0
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -120,6 +122,8 @@ class KeypointScene(NamedTuple):
                 )
         told += [] if self.refined is None else _pose_notes(self.scene.camera_names, self.refined)
         told += [] if self.associated is None else self.associated.notes(self.scene.camera_names, self.scene.frames)
+        if self.num_leaps:
+            told.append(f"{self.num_leaps} points leap, and back, and count as not seen (--keep-detections keeps them)")
         for name, scale, bias in zip(self.scene.camera_names, *self.errors, strict=True):
             if np.linalg.norm(bias) > LARGEST_BIAS * scale:
                 told.append(
@@ -175,14 +179,7 @@ def scene_of_keypoints(
     known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
-    records = [known[name] for name in folders]
-    if given.unit is None and len(records) > 1:
-        records, unit = infer_unit(records, align_roughly(tuple(folders), people, clocks), _markers_of(people[0]))
-        told.append(
-            f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
-        )
-    elif given.unit is None:
-        told.append("the calibration does not tell its unit, which is taken for metres (--unit)")
+    records, unit_notes = _in_mm(given, tuple(folders), people, clocks)
     cameras = cameras_of_records(records)
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
@@ -199,8 +196,7 @@ def scene_of_keypoints(
     associated = associate(cameras, sizes, bodies, chosen, pace) if told_apart else None
     points, confidence = (points, confidence) if associated is None else (associated.points, associated.confidence)
     leaping, points = points, without_leaps(points, far)
-    if count := int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum()):
-        told.append(f"{count} points leap, and back, within five frames; they count as not seen (--keep-detections keeps them)")
+    num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
     measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
     body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
@@ -210,9 +206,26 @@ def scene_of_keypoints(
     data = PointData(points, spread, faults=faults)
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
-    seen = (confidence, sizes, (*told, *clock_notes))
-    found = KeypointScene(scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen)
+    seen = (confidence, sizes, (*told, *unit_notes, *clock_notes))
+    found = KeypointScene(
+        scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps
+    )
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _in_mm(
+    given: Calibration, names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks
+) -> tuple[list[CameraRecord], list[str]]:
+    """The cameras in mm, by the person's size where the calibration does not tell its unit, and what is to be told of that."""
+    known = {record.name: record for record in given.cameras}
+    records = [known[name] for name in names]
+    if given.unit is not None:
+        return records, []
+    if len(records) == 1:
+        return records, ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+    records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
+    told = f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
+    return records, [told]
 
 
 def noise_of_points(

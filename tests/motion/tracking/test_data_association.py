@@ -60,7 +60,7 @@ def test_limbs_exchanged_in_a_tenth_of_the_frames_are_put_right(
     assert np.array_equal(associated.swaps > 0.5, wrong)
     assert f"left and right legs are exchanged in {wrong[:, 0, 1].sum()} frames" in " ".join(found.notes())
     untouched = scene_of_keypoints(true, records, rate=60, clocks=Clocks(60.0, find=False), refine=False, mend=False)
-    assert np.array_equal(found.scene.data.points, untouched.scene.data.points, equal_nan=True)
+    assert np.array_equal(associated.points, untouched.scene.data.points, equal_nan=True)
     assert found.scene.data.faults["swaps"].shape == (100, 2, 2)
     assert found.scene.first_frames(7).data.faults["wrong_person"].shape == (7, 2)
 
