@@ -179,7 +179,7 @@ def scene_of_keypoints(
     known = {record.name: record for record in given.cameras}
     people, told = read_sources(folders, known, detector, layout)
     clocks = clocks or Clocks(rate or ASSUMED_RATE)
-    records, unit_notes = _in_mm(given, tuple(folders), people, clocks)
+    records, unit_notes = _in_mm(given, [known[name] for name in folders], people, clocks)
     cameras = cameras_of_records(records)
     (people, numbers, _), clock_notes = common_frames(tuple(folders), cameras, people, clocks, frames)
     step = FrameRange.parse(frames).step
@@ -214,15 +214,14 @@ def scene_of_keypoints(
 
 
 def _in_mm(
-    given: Calibration, names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks
+    given: Calibration, records: list[CameraRecord], people: Sequence[DetectedPeople], clocks: Clocks
 ) -> tuple[list[CameraRecord], list[str]]:
     """The cameras in mm, by the person's size where the calibration does not tell its unit, and what is to be told of that."""
-    known = {record.name: record for record in given.cameras}
-    records = [known[name] for name in names]
     if given.unit is not None:
         return records, []
     if len(records) == 1:
         return records, ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+    names = [record.name for record in records]
     records, unit = infer_unit(records, align_roughly(names, people, clocks), _markers_of(people[0]))
     told = f"the calibration's unit is taken for {unit.name}, in which the person is about {unit.stature:.2f} m tall (--unit)"
     return records, [told]
