@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from poseppl.cli.track_keypoints import words_of_keypoints
 
 _BODYS = (
     "layout",
+    "offset",
+    "camera_rate",
+    "keep_clocks",
     "keep_calibration",
     "keep_detections",
     "online",
@@ -22,6 +26,10 @@ _BODYS = (
     "detector_errors",
     "sigma_position",
     "sigma_angle",
+    "walk",
+    "markers",
+    "filter_name",
+    "on_failure",
 )
 _NOT_WITH = (*_BODYS, "model", "checkpoint")
 _DRAWS = 200
@@ -41,25 +49,32 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     from poseppl.cli.console import print_table
     from poseppl.cli.outputs import write_outputs
     from poseppl.cli.subject import given_rate
-    from poseppl.motion.io import read_cameras
+    from poseppl.motion.io import read_calibration
     from poseppl.motion.io.skeleton_files import read_skeleton
     from poseppl.motion.tracking.point_files import read_point_recording, result_of_points
     from poseppl.motion.tracking.point_smoothing import smooth_points
+    from poseppl.motion.tracking.walk import ASSUMED_RATE
 
+    source = click.get_current_context().get_parameter_source
     for name in _NOT_WITH:
-        if options[name] is not None and options[name] is not False:
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints of named points")
+        if source(name) != ParameterSource.DEFAULT:
+            word = name.removesuffix("_name").replace("_", "-")
+            raise click.UsageError(f"--{word} does not go with --keypoints of named points")
     progress.stage("reading")
     skeleton = None if options["skeleton"] is None else read_skeleton(options["skeleton"])
+    calibration = read_calibration(options["calibration"], options["unit"])
     recording = read_point_recording(
         words_of_keypoints(options["keypoints"]),
-        read_cameras(options["calibration"]),
+        calibration.cameras,
         skeleton=skeleton,
+        detector=options["detector"],
         person=options["person"] or 1,
         frames=options["frames"],
         rate=given_rate(options),
     )
-    for note in recording.notes:
+    told = [] if calibration.unit else ["the calibration does not tell its unit, which is taken for metres (--unit)"]
+    told += [] if recording.rate else [f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)"]
+    for note in (*told, *recording.notes):
         progress.note(note)
     progress.stage(f"smoothing {len(recording.names)} points in {len(recording.frames)} frames")
     draws = options["max_draws"] or _DRAWS

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from poseppl.cli import main
+from poseppl.errors import InputError
 from poseppl.motion.io.trc import read_trc
+from poseppl.motion.tracking.named_points import PointRecording
 from poseppl.runs.results import load_result, provenance
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -55,11 +57,33 @@ def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixtur
     assert "named points have no joint angles" in capsys.readouterr().err
 
 
+def test_lengths_have_the_unit_that_is_given(
+    data_dir: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[PointRecording] = []
+
+    def stop(recording: PointRecording, **_: Any) -> None:
+        read.append(recording)
+        raise InputError("that is all")
+
+    monkeypatch.setattr("poseppl.motion.tracking.point_smoothing.smooth_points", stop)
+    assert main(words(data_dir)) == main(words(data_dir, "--unit", "mm")) == 1
+    metres, millimetres = (np.asarray(each.cameras.centre) for each in read)
+    np.testing.assert_allclose(metres, 1000 * millimetres, rtol=1e-5)
+    assert capsys.readouterr().err.count("does not tell its unit, which is taken for metres") == 1
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (["--skeleton", "none.toml"], "none.toml"),
         (["--skeleton", "legs.toml", "--stature", "1700"], "--stature does not go with"),
+        (["--offset", "Cam-A=3"], "--offset does not go with"),
+        (["--camera-rate", "Cam-A=50"], "--camera-rate does not go with"),
+        (["--keep-clocks"], "--keep-clocks does not go with"),
+        (["--filter", "hmc"], "--filter does not go with"),
+        (["--detector", "sleap"], "Cam-A"),
+        (["--unit", "feet"], "mm, cm, dm, m, in, or a number of mm"),
         (["--person", "2"], "--person"),
         (["--keypoints", "Cam-X=legs.toml"], "Cam-X"),
     ],

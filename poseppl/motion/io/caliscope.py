@@ -53,7 +53,7 @@ def read_caliscope_points(path: FilePath) -> dict[str, DetectedPeople]:
         path: The file, such as ``xy_CHARUCO.csv``.
 
     Returns:
-        The points by the number of the camera, as a text; they are named by their numbers.
+        The points by the number of the camera, as a text; they are named by their numbers, and so are ``individuals``.
 
     Raises:
         InputError: The file lacks a column, has a point twice, or holds what is no number; the message tells the line.
@@ -112,4 +112,5 @@ def _camera(rows: list[_Point], count: int, at: Location) -> DetectedPeople:
             found.append(np.full((count, 3), np.nan))
         found[row.person][row.point] = [*row.place, 1.0]
     clock = times if np.isfinite(list(times.values())).any() else None
-    return detected_people(people, [str(number) for number in range(count)], at, times=clock)
+    objects = [str(number) for number in range(max(map(len, people.values())))]
+    return detected_people(people, [str(number) for number in range(count)], at, individuals=objects, times=clock)

@@ -9,7 +9,7 @@ import numpy as np
 from poseppl.arrays import Floats
 from poseppl.errors import InputError, Location
 from poseppl.motion.io.detections import DetectedPeople
-from poseppl.motion.io.keypoint_layouts import LAYOUTS
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 
 _EYE, _NOSE, _TOE = 15, 0, 19
 _NEAR = 0.3
@@ -38,6 +38,12 @@ def layout_of(points: Floats, at: Location) -> str:
     return "body25" if known.size and np.median(known) < _NEAR else "body25b"
 
 
+def _agree(names: Sequence[str], layout: Sequence[str]) -> bool:
+    """Whether the joints among names stand where a layout has them."""
+    joints = {number: marker for marker, number in markers_of_names(names).items()}
+    return len(names) == len(layout) and all(layout[number] == marker for number, marker in joints.items())
+
+
 def check_layout(layout: str, count: int, at: Location) -> str:
     """Check that a layout is known and has as many points.
 
@@ -58,18 +64,18 @@ def with_layout(found: DetectedPeople, layout: str | None, at: Location, names: 
         found: What was read, its points unnamed.
         layout: Which points these are; found from their number and places if None.
         at: The file, for messages.
-        names: Names that the file has for them, taken where no layout has as many points.
+        names: Names that the file has for them, taken where no layout has as many points, or other joints in their places.
 
     Raises:
         InputError: No layout has as many points, or the given one has not, and the file has no names.
     """
     count = found.points.shape[2]
     of_body = _WHOLE_BODIES.get(count)
-    if of_body is not None and layout in (None, of_body):
-        kept = len(LAYOUTS[of_body])
+    kept = len(LAYOUTS.get(of_body or "", ()))
+    if of_body is not None and layout in (None, of_body) and (len(names) != count or _agree(names[:kept], LAYOUTS[of_body])):
         found = found._replace(points=found.points[:, :, :kept], confidence=found.confidence[:, :, :kept])
         return found._replace(layout=of_body, names=LAYOUTS[of_body])
-    if layout is None and len(names) == count and count not in {len(known) for known in LAYOUTS.values()}:
+    if layout is None and len(names) == count and not any(_agree(names, known) for known in LAYOUTS.values()):
         return found._replace(layout="", names=tuple(names))
     chosen = layout_of(found.points, at) if layout is None else check_layout(layout, count, at)
     return found._replace(layout=chosen, names=LAYOUTS[chosen])

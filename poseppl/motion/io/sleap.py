@@ -2,7 +2,7 @@
 
 ``tracks`` are the places of all animals' nodes in all frames, NaN where there is none.
 ``tracks`` is (tracks, 2, nodes, frames), and ``point_scores`` (tracks, nodes, frames); newer exports have other orders,
-which their attribute ``dims`` tells. Without scores, what is there has a confidence of 1.
+which their attribute ``dims`` tells. What has no score, as animals that were put right by hand, has a confidence of 1.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def read_sleap(path: FilePath) -> DetectedPeople:
     table = np.ones((frames, people, count, 3))
     table[..., :2] = points.transpose(3, 0, 2, 1)
     if scores is not None:
-        table[..., 2] = scores.transpose(2, 0, 1)
+        graded = scores.transpose(2, 0, 1)
+        table[..., 2] = np.where(np.isnan(graded), 1.0, graded)
     found = people_of_table(table, np.arange(frames), nodes, at)
     return found._replace(individuals=tuple(tracks) if len(set(tracks)) == people else ())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -79,6 +80,7 @@ def read_sources(
     if len({(found.layout, found.names) for found in people}) > 1:
         kinds = sorted({found.layout or ", ".join(found.names)[:60] for found in people})
         raise InputError(f"cameras with {' and '.join(kinds)}", field="--keypoints", expected="one layout in all")
+    check_different(dict(zip(sources, people, strict=True)))
     return people, notes
 
 
@@ -91,6 +93,18 @@ def check_cameras(names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
+
+
+def check_different(found: Mapping[str, DetectedPeople]) -> None:
+    """Check that no two cameras saw the same to the last digit: one file was given to both.
+
+    Raises:
+        InputError: Two did.
+    """
+    for one, other in combinations(found, 2):
+        if np.array_equal(found[one].points, found[other].points, equal_nan=True):
+            problem = f"{one} and {other} have the same points in all frames"
+            raise InputError(problem, field="--keypoints", expected="a file of its own for each camera")
 
 
 def without_strays(found: DetectedPeople, size: tuple[int, int], name: str) -> tuple[DetectedPeople, list[str]]:

@@ -21,7 +21,7 @@ from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.keypoints import read_keypoints
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.tracking.keypoint_sources import without_strays
+from poseppl.motion.tracking.keypoint_sources import check_different, without_strays
 from poseppl.motion.tracking.named_points import FREEDOM, PROGRAMS, PointRecording
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_smoothing import PointTracks
@@ -40,6 +40,7 @@ def read_point_recording(
     records: Sequence[CameraRecord],
     *,
     skeleton: Skeleton | None = None,
+    detector: str | None = None,
     person: int = 1,
     frames: str | None = None,
     rate: float | None = None,
@@ -50,7 +51,8 @@ def read_point_recording(
         files: A detector's files by camera, of those that name their points; equal frame numbers are of one time.
         records: The calibrated cameras; those without a file are left out.
         skeleton: The points that are wanted; all that the files have if None.
-        person: Which of the individuals that the files name.
+        detector: What wrote the files, a key of `poseppl.motion.io.keypoints.DETECTORS`; found from their content if None.
+        person: Which of the individuals that the files name, by its name in all of them.
         frames: Range "start:stop:step" of the frames that any file has, counted from 0; all if None.
         rate: Frames a second; None where unknown, and then :data:`~poseppl.motion.tracking.walk.ASSUMED_RATE` is assumed.
 
@@ -63,23 +65,23 @@ def read_point_recording(
             raise InputError(f"no camera {name!r} in the calibration", field="--keypoints", expected=", ".join(known))
     found, notes = {}, []
     for camera, path in files.items():
-        read = read_keypoints(path, camera=camera)
+        read = read_keypoints(path, detector, size=known[camera].size, camera=camera)
         found[camera], strays = without_strays(read, known[camera].size, camera)
         notes += strays
+    check_different(found)
     names = next(iter(found.values())).names if skeleton is None else skeleton.points
     for camera, people in found.items():
         missing = [name for name in names if name not in people.names]
         if missing:
             raise InputError(f"no point {missing[0]!r}", file=files[camera], field="--skeleton", expected=some(people.names))
-        if person > people.points.shape[1]:
-            raise InputError(f"{person}", file=files[camera], field="--person", expected=f"1 to {people.points.shape[1]}")
+    rows = [_individual(found, camera, person, files[camera]) for camera in files]
     held = {camera: set(people.frames.tolist()) for camera, people in found.items()}
     if len(files) > 1 and not any(held[one] & held[other] for one, other in itertools.combinations(held, 2)):
         raise InputError("the files have no frame in common", field="--keypoints", expected="equal frame numbers")
     numbers = sorted(set.union(*held.values()))
     part = FrameRange.parse(frames).within(len(numbers), "--keypoints")
     chosen = np.asarray(numbers)[part]
-    tables = [_of_names(people, names, chosen, person - 1) for people in found.values()]
+    tables = [_of_names(people, names, chosen, row) for people, row in zip(found.values(), rows, strict=True)]
     for camera, (points, _) in zip(files, tables, strict=True):
         notes += _told_of_gaps(camera, points, chosen, held[camera])
     cameras = [known[name] for name in files]
@@ -96,6 +98,22 @@ def read_point_recording(
         ", ".join(map(str, dict.fromkeys(map(str, files.values())))),
         tuple(notes),
     )
+
+
+def _individual(found: Mapping[str, DetectedPeople], camera: str, person: int, path: FilePath) -> int:
+    """Where a camera's file has the individual of that number in the file that names most."""
+    names, most = found[camera].individuals, max((people.individuals for people in found.values()), key=len)
+    count = max(people.points.shape[1] for people in found.values())
+    if person > count:
+        raise InputError(f"{person}", file=path, field="--person", expected=f"1 to {count}")
+    if count == 1:
+        return 0
+    if len(most) < count:
+        problem = f"{count} in a frame, and no names that tell who is who in the next one"
+        raise InputError(problem, file=path, field="--keypoints", expected="one animal, or several that are tracked by name")
+    if most[person - 1] not in names:
+        raise InputError(f"no {most[person - 1]!r}", file=path, field="--person", expected=some(names))
+    return names.index(most[person - 1])
 
 
 def is_point_table(path: FilePath) -> bool:

@@ -106,6 +106,16 @@ def test_sleap(tmp_path: Path, standard: bool) -> None:
     assert set(np.unique(read_sleap(tmp_path / "b.h5").confidence)) == {0.0, 1.0}
 
 
+def test_animals_that_were_put_right_by_hand_have_no_score_and_are_certain(tmp_path: Path) -> None:
+    table = sleap(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["point_scores"][0, :, 3] = np.nan
+    found = read_sleap(tmp_path / "a.h5")
+    np.testing.assert_array_equal(found.points, table[..., :2])
+    np.testing.assert_array_equal(found.confidence[3, 0], 1.0)
+    assert found.confidence[1, 0, 2] == 0
+
+
 def test_a_wrong_sleap_file_is_refused(tmp_path: Path) -> None:
     for change, words in (
         (lambda file: file.__delitem__("node_names"), "node_names: it is missing"),

@@ -75,6 +75,28 @@ def test_names_of_a_file_serve_where_no_layout_does(tmp_path: Path) -> None:
     assert found.layout == "" and found.names == ("p0", "p1", "p2", "p3", "p4")
 
 
+HUMAN36M = ["root", *(f"{side}_{joint}" for side in ("right", "left") for joint in ("hip", "knee", "foot"))]
+HUMAN36M += ["spine", "thorax", "neck_base", "head"]
+HUMAN36M += [f"{side}_{joint}" for side in ("left", "right") for joint in ("shoulder", "elbow", "wrist")]
+
+
+@pytest.mark.parametrize(
+    ("names", "layout"),
+    [
+        (HUMAN36M, ""),
+        (["nose", "neck", "right_shoulder", *(f"p{number}" for number in range(130))], ""),  # OpenPose's order
+        ([f"left_{name[:-2]}" if name.endswith("_l") else name for name in LAYOUTS["coco17"]], "coco17"),
+        ([*LAYOUTS["coco17"], *(f"face-{number}" for number in range(116))], "coco17"),
+        ([f"p{number}" for number in range(17)], "coco17"),
+    ],
+)
+def test_names_of_other_joints_are_no_layout_of_as_many_points(tmp_path: Path, names: list[str], layout: str) -> None:
+    document = mmpose(np.random.default_rng(0).uniform(1, 2, (2, 1, len(names), 3)))
+    document["meta_info"] = {"keypoint_id2name": {str(number): name for number, name in enumerate(names)}}
+    found = read_keypoints(write(tmp_path / "p.json", document))
+    assert found.layout == layout and found.names == (LAYOUTS[layout] if layout else tuple(names))
+
+
 @pytest.mark.parametrize(("count", "layout"), [(133, "coco17"), (136, "halpe26")])
 def test_whole_bodies_are_cut_to_the_body(tmp_path: Path, count: int, layout: str) -> None:
     table = np.random.default_rng(0).uniform(1, 2, (2, 1, count, 3))

@@ -115,3 +115,46 @@ def test_nothing_is_lost_of_files_that_have_faults(tmp_path: Path) -> None:
     )
     for part in (lacks, far_away, nothing):
         assert part in told, told
+
+
+def several(tmp_path: Path, **animals: list[str]) -> dict[str, Path]:
+    """DeepLabCut's files by camera, of animals in this order; a point is at 10 for the first letter, 11 for the second, ..."""
+    files = {}
+    for camera, names in animals.items():
+        rows = [["scorer"], ["individuals"], ["bodyparts"], ["coords"], *([str(t)] for t in range(3))]
+        for name in names:
+            x = 10 + ord(name) - ord("a")
+            cells = zip(*[("net", name, "nose", kind, *[value] * 3) for kind, value in (("x", x), ("y", 20))], strict=True)
+            for row, pair in zip(rows, cells, strict=True):
+                row += map(str, pair)
+        files[camera] = tmp_path / f"{camera}.csv"
+        files[camera].write_text("\n".join(map(",".join, rows)) + "\n", encoding="utf-8")
+    return files
+
+
+def test_an_animal_goes_by_its_name_in_all_cameras(tmp_path: Path) -> None:
+    camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
+    records = [camera._replace(name=name) for name in ("one", "other")]
+    files = several(tmp_path, one=["a", "b"], other=["b", "a"])
+    for person, x in ((1, 10), (2, 11)):
+        read = read_point_recording(files, records, person=person)
+        assert set(read.points[..., 0].ravel().tolist()) == {x}
+    with pytest.raises(InputError, match=r"other\.csv, --person: no 'b'"):
+        read_point_recording(several(tmp_path, one=["a", "b"], other=["a", "c"]), records, person=2)
+
+
+def test_animals_without_names_are_refused(data_dir: Path) -> None:
+    pose, records = (
+        data_dir / "pose2sim_two_people",
+        read_cameras(data_dir / "pose2sim_balancing/calibration/Calib_qualisys.toml"),
+    )
+    files = {f"cam_0{c}": next(pose.rglob(f"cam0{c}_json")) for c in (1, 2)}
+    with pytest.raises(InputError, match="no names that tell who is who"):
+        read_point_recording(files, records)
+
+
+def test_one_file_for_two_cameras_is_refused(tmp_path: Path) -> None:
+    camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
+    files = dict.fromkeys(("one", "other"), several(tmp_path, one=["a"])["one"])
+    with pytest.raises(InputError, match="one and other have the same points"):
+        read_point_recording(files, [camera._replace(name=name) for name in files])
