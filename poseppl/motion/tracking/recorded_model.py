@@ -19,6 +19,8 @@ from poseppl.runs.results import provenance
 
 _FARTHEST = 10_000.0
 """From a joint to a marker that it carries, mm."""
+_ROUNDED = 1e-3
+"""What a place may differ by, mm, since a result's lengths are rounded."""
 
 
 class RecordedModel(NamedTuple):
@@ -61,7 +63,7 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
 def _with_markers(tree: xr.DataTree, body: Body) -> Body:
     """The body with its markers where the result has them."""
     places, own = variable(tree, "inputs", "marker_offsets"), body.tree.marker_offsets
-    if places is None or (places.shape == own.shape and np.array_equal(places, own)):
+    if places is None or (places.shape == own.shape and np.allclose(places, own, rtol=0.0, atol=_ROUNDED)):
         return body
     if places.shape != own.shape or not np.all(np.abs(places) < _FARTHEST):
         expected = f"{own.shape[0]} places of 3 numbers below {_FARTHEST:g} mm"
