@@ -1,4 +1,4 @@
-"""Limits of joint angles as data and as a hard constraint.
+"""Limits of joint angles as data, as a hard constraint and as a smooth barrier.
 
 The ranges are those of healthy adults by the American Academy of Orthopaedic Surgeons (*Joint Motion: Method of Measuring
 and Recording*, 1965), taken axis by axis: broad ones, as Peursum et al. (2010, section 3.4) ask for, which hold for most
@@ -9,6 +9,12 @@ that name no source. Ours, by need: 5 degrees of hyperextension at elbows and kn
 of the upper arm about the vertical, for the book measures rotation (70 inwards, 90 outwards) with a lifted arm. The clavicle
 is not in the book: 45 degrees up, 10 down, 30 forwards and back are the largest that textbooks of kinesiology give (15 to 30
 for the latter). Signs are those of :mod:`poseppl_models.cone_body`.
+
+Outside of the limits the hard log-factor is -inf; the barrier is, for widths s,
+
+    log b(x) = sum over coordinates (log sigmoid((x - low) / s) + log sigmoid((high - x) / s)),
+
+which tends to the hard one as s goes to 0, and pulls with the force 1 / s outside.
 """
 
 from __future__ import annotations
@@ -16,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -23,6 +30,8 @@ from jax import Array
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import KinematicTree
 
+LIMIT_WIDTH = 0.05
+"""Radians over which the smooth limits set in."""
 DEGREES: Mapping[tuple[str, str], tuple[float, float]] = {
     ("thorax", "X"): (-80, 30),
     ("thorax", "Y"): (-35, 35),
@@ -61,3 +70,11 @@ def hard_limits(limits: Any, state: Array) -> Array:
     """0 where a state (d,) keeps to the limits (d, 2), -inf elsewhere: shape ()."""
     low, high = jnp.asarray(limits, state.dtype).T
     return jnp.where(jnp.all((state >= low) & (state <= high)), 0.0, -jnp.inf)
+
+
+def smooth_limits(limits: Any, state: Array) -> Array:
+    """Log-barrier () of a state (d,), at most 0, for limits (d, 2), that sets in over :data:`LIMIT_WIDTH`."""
+    limited = np.flatnonzero(np.isfinite(np.asarray(limits)).all(1))
+    low, high = jnp.asarray(np.asarray(limits)[limited], state.dtype).T
+    angles = state[limited]
+    return jnp.sum(jax.nn.log_sigmoid((angles - low) / LIMIT_WIDTH) + jax.nn.log_sigmoid((high - angles) / LIMIT_WIDTH))

@@ -1,7 +1,8 @@
 """The bodies of Sminchisescu and Triggs (2001) seen as points, with their joint limits and stabilisers, as NumPyro programs.
 
 The limits are the supports of the sites (:mod:`poseppl_models.limited_normal`), so that these programs are for methods that
-draw and evaluate densities, and for searches under bounds. Filters that want Gaussian transitions take ``limits=False``.
+draw and evaluate densities, and for searches under bounds. Filters that want Gaussian transitions take ``limits="barrier"``: a
+plain walk, and a smooth log-factor at each frame instead.
 
 >>> body = full_body()
 >>> body.tree.dimension, len(body.tree.marker_names), body.program is full_body({"thigh": 400.0}).program
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpyro
@@ -25,12 +26,14 @@ from poseppl.program import StateSpaceModel
 from poseppl_models import choo_fleet
 from poseppl_models.choo_fleet import NOISE, WALK
 from poseppl_models.humanoid import LENGTHS
+from poseppl_models.joint_limits import smooth_limits
 from poseppl_models.joint_names import ALIASES, segments
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.random_walk import Observe, walking_body
 from poseppl_models.sides import edges_along
 from poseppl_models.sminchisescu_body import Kind, SuperquadricBody, superquadric_body
 
+Limits = Literal["support", "barrier", "none"]
 _ALIASES = {
     **ALIASES,
     **{
@@ -42,27 +45,27 @@ _ARM, _LEG = choo_fleet.LIMBS
 EDGES = edges_along(("pelvis", "chest", "neck", "skull", "crown"), (_ARM, (*_LEG, "toe")))
 
 
-def full_body(lengths: Mapping[str, float] | None = None, *, limits: bool = True) -> Body:
+def full_body(lengths: Mapping[str, float] | None = None, *, limits: Limits = "support") -> Body:
     """Build the body of 34 coordinates, with clavicles.
 
     Args:
         lengths: Segment lengths in mm that differ from the standard humanoid's.
-        limits: Whether joints have limits.
+        limits: "support" limits the sites; "barrier" leaves them free and adds smooth log-factors.
     """
     return _body("full", lengths, limits)
 
 
-def stiff_shoulders(lengths: Mapping[str, float] | None = None, *, limits: bool = True) -> Body:
+def stiff_shoulders(lengths: Mapping[str, float] | None = None, *, limits: Limits = "support") -> Body:
     """Build the body of 30 coordinates, without clavicles; arguments as of :func:`full_body`."""
     return _body("stiff_shoulders", lengths, limits)
 
 
-def arm(lengths: Mapping[str, float] | None = None, *, limits: bool = True) -> Body:
+def arm(lengths: Mapping[str, float] | None = None, *, limits: Limits = "support") -> Body:
     """Build the arm of 8 coordinates, which hangs on an upright trunk; arguments as of :func:`full_body`."""
     return _body("arm", lengths, limits)
 
 
-def _body(kind: Kind, known: Mapping[str, float] | None, limits: bool) -> Body:
+def _body(kind: Kind, known: Mapping[str, float] | None, limits: Limits) -> Body:
     body = superquadric_body(kind, known)
     program = _programs(kind, limits)
     sizes, turned = {name: body.sizes[name] for name in LENGTHS}, segments("thorax")
@@ -75,28 +78,30 @@ def _body(kind: Kind, known: Mapping[str, float] | None, limits: bool) -> Body:
 
 
 @lru_cache(maxsize=8)
-def _programs(kind: Kind, limits: bool) -> StateSpaceModel:
+def _programs(kind: Kind, limits: Limits) -> StateSpaceModel:
     """Programs of a kind of body; all sizes share them."""
     body = superquadric_body(kind)
 
     def observe(params: Any, pose: Array, inputs: BodyInputs) -> None:
         numpyro.sample("points", ProjectedMarkers(inputs.tree, inputs.cameras, pose, inputs.noise))
 
-    return limited_body(body, observe, limits=limits)
+    return limited_body(body, limits, observe)
 
 
-def limited_body(body: SuperquadricBody, observe: Observe, *, limits: bool = True) -> StateSpaceModel:
+def limited_body(body: SuperquadricBody, limits: Limits, observe: Observe) -> StateSpaceModel:
     """Write the programs of a body that walks within its limits and about its equilibrium, and is observed in a pose.
 
     Args:
         body: The body; its markers are kept as ``markers``.
+        limits: "support" limits the sites; "barrier" leaves them free and adds a smooth log-factor; "none" does neither.
         observe: What is observed of a pose.
-        limits: Whether joints have limits.
     """
-    bounds = body.limits if limits else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
+    bounds = body.limits if limits == "support" else np.tile([-np.inf, np.inf], (body.tree.dimension, 1))
 
     def limited(params: Any, pose: Array, inputs: Any) -> None:
         observe(params, pose, inputs)
+        if limits == "barrier":
+            numpyro.factor("limits", smooth_limits(body.limits, pose))
         numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
     return walking_body(body.tree.coordinates, limited, lambda spans: limited_walk(spans, bounds, body.stabilisers))

@@ -8,7 +8,8 @@ elbow and the forearm's twist; it hangs on a trunk that stands upright, facing a
 vertical, has no limit. Axes and signs are those of :mod:`poseppl_models.cone_body`. Sixteen parts, three of
 the arm: their shapes are ours.
 
-All offsets, centres and half-axes are linear in the sizes of :mod:`poseppl_models.humanoid`.
+All offsets, centres and half-axes are linear in the sizes of :mod:`poseppl_models.humanoid`, so that tree and flesh of other
+sizes are arrays of the same programs (:meth:`SuperquadricBody.sized_in`), with gradients.
 
 >>> [superquadric_body(kind).tree.dimension for kind in AXES]
 [8, 30, 34]
@@ -17,10 +18,14 @@ All offsets, centres and half-axes are linear in the sizes of :mod:`poseppl_mode
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
@@ -63,6 +68,7 @@ class SuperquadricBody(NamedTuple):
         stabilisers: Standard deviation of each coordinate about 0 (d,), infinite where nothing holds it.
         rest: State of a person who stands at ease at the origin (d,).
         sizes: Lengths and half-widths, mm.
+        kind: Which body.
     """
 
     tree: KinematicTree
@@ -71,6 +77,13 @@ class SuperquadricBody(NamedTuple):
     stabilisers: Floats
     rest: Floats
     sizes: Mapping[str, float]
+    kind: Kind
+
+    def sized_in(self, tree: KinematicTree, flesh: Superquadrics, sizes: Array) -> tuple[KinematicTree, Superquadrics]:
+        """A given tree and flesh with sizes (S,) or (S, N), mm, in the order of the body's; batch last where there is one."""
+        arrays = (jnp.tensordot(part, sizes, ((0,), (0,)), precision="highest") for part in _basis(self.kind))
+        offsets, markers, centres, half_axes = arrays
+        return tree.with_offsets(offsets, markers), replace(flesh, centres=centres, half_axes=half_axes)
 
 
 def superquadric_body(kind: Kind = "full", sizes: Mapping[str, float] | None = None) -> SuperquadricBody:
@@ -91,11 +104,11 @@ def superquadric_body(kind: Kind = "full", sizes: Mapping[str, float] | None = N
     joints, markers, parts = _laid_out(kind, own)
     tree = kinematic_tree(joints, markers).with_pattern_of(_pattern(kind))
     stabilisers = np.array([STABILISERS.get(joint.partition("_")[0], np.inf) for joint, _ in tree.coordinates])
-    flesh = superquadrics_of(tree, parts)
+    flesh = superquadrics_of(tree, parts, pieces=1)
     limits = joint_limits(tree)
     if kind == "arm":
         limits[tree.coordinates.index(("shoulder_r", "Z"))] = -np.inf, np.inf
-    return SuperquadricBody(tree, flesh, limits, stabilisers, _rest(tree, own), own)
+    return SuperquadricBody(tree, flesh, limits, stabilisers, _rest(tree, own), own, kind)
 
 
 def _laid_out(kind: Kind, size: Mapping[str, float]) -> tuple[list[Joint], list[Marker], list[Any]]:
@@ -108,6 +121,21 @@ def _pattern(kind: Kind) -> KinematicTree:
     """A tree none of whose offsets is 0 that depends on a size."""
     joints, markers, _ = _laid_out(kind, dict.fromkeys(humanoid_sizes(), 1.0))
     return kinematic_tree(joints, markers)
+
+
+@lru_cache(maxsize=8)
+def _basis(kind: Kind) -> tuple[Floats, ...]:
+    """What a mm of each size adds (sizes, ...) to the tree's offsets, the markers', the parts' centres and half-axes."""
+    names = tuple(humanoid_sizes())
+    rows = []
+    for name in names:
+        one = dict.fromkeys(names, 0.0) | {name: 1.0}
+        joints, markers, parts = _laid_out(kind, one)
+        with jax.ensure_compile_time_eval():  # also where it is first called by a program that is traced
+            tree = kinematic_tree(joints, markers)
+        shapes = (np.array([getattr(part, field) for part in parts]) for field in ("centre", "half_axes"))
+        rows.append((np.asarray(tree.offsets), np.asarray(tree.marker_offsets), *shapes))
+    return tuple(np.stack(column) for column in zip(*rows, strict=True))
 
 
 def _arm(size: Mapping[str, float], axes: Mapping[str, str]) -> tuple[list[Joint], list[Marker], list[Any]]:

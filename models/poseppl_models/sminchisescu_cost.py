@@ -52,30 +52,40 @@ _INNER = (np.array([-0.7, 0.0, 0.7]), 2 * np.pi * np.arange(6) / 6)
 NODES = 2 * len(_RINGS) + len(_INNER[0]) * len(_INNER[1])
 """N, nodes of a part."""
 ASSIGNMENTS = 3
-"""Edges that a contour node may have."""
+"""Edges that a contour node may have, as a rule."""
 ENTRIES = 2 * len(_RINGS) * ASSIGNMENTS + 2 * len(_INNER[0]) * len(_INNER[1]) + 1
-"""Residuals of a part."""
-STRENGTH = 4.0
-"""nu."""
-OCCLUDED = 1.25
-"""k, above 1 in the paper. Without flow that is much: a limb that is truly hidden then costs more than one in the open without
-a single edge, and poses near the truth may cost less than it; at 0.5 both cost the same."""
-_WINDOW = 8
-"""How far along its normal to both sides a contour node looks for edges, steps."""
-_FINENESS = 2.0
-"""Steps to a standard deviation of edges."""
-_THRESHOLD = 0.15
-"""Energy that an edge has to have."""
-_UNASSIGNED = 0.25
-"""w_0 before weights are normalised, an edge of full energy at a motion boundary having 1."""
-_BOUNDARY = 0.5
-"""Share of an edge's importance that it has only at motion boundaries."""
-_LEAN = 0.15
-"""Cosine between surface and view over which facing sets in."""
-_SOFTNESS = 8.0
-"""Millimetres over which occlusion sets in."""
+"""Residuals of a part with so many edges a node."""
 _TINY = 1e-10
 """Least squared residual, whose root has a slope."""
+
+
+class CostSettings(NamedTuple):
+    """The cost's numbers.
+
+    Attributes:
+        window: How far along its normal to both sides a contour node looks for edges, steps.
+        fineness: Steps to a standard deviation of edges.
+        assignments: How many edges it may have.
+        threshold: Energy that an edge has to have.
+        unassigned: w_0 before weights are normalised, an edge of full energy at a motion boundary having 1.
+        boundary: Share of an edge's importance that it has only at motion boundaries.
+        strength: nu.
+        occluded: k, above 1 in the paper. Without flow that is much: a limb that is truly hidden then costs more than one
+            in the open without a single edge, and poses near the truth may cost less than it; at 0.5 both cost the same.
+        lean: Cosine between surface and view over which facing sets in.
+        softness: Millimetres over which occlusion sets in.
+    """
+
+    window: int = 8
+    fineness: float = 2.0
+    assignments: int = ASSIGNMENTS
+    threshold: float = 0.15
+    unassigned: float = 0.25
+    boundary: float = 0.5
+    strength: float = 4.0
+    occluded: float = 1.25
+    lean: float = 0.15
+    softness: float = 8.0
 
 
 class ImageSeen(NamedTuple):
@@ -106,10 +116,10 @@ class CostNoise(NamedTuple):
     weight: Array
 
 
-def _robust_root(potential: type[RobustError], squared: Array) -> Array:
+def robust_root(potential: type[RobustError], squared: Array, strength: float) -> Array:
     """sqrt(rho(s) / s) of a potential of strength nu: a residual times this has rho as its square."""
     squared = jnp.maximum(squared, _TINY)
-    return jnp.sqrt(potential(dist.Normal(0.0, 1.0), STRENGTH).potential(squared) / squared)
+    return jnp.sqrt(potential(dist.Normal(0.0, 1.0), strength).potential(squared) / squared)
 
 
 class _Assigned(NamedTuple):
@@ -121,10 +131,13 @@ class _Assigned(NamedTuple):
     importance: Array
 
 
-def _per_camera(camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts, before: Parts) -> Array:
+def _per_camera(
+    settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts, before: Parts
+) -> Array:
     """Residuals (P, entries, N) of one camera: of edges, of flow, and one for all that has no assignment.
 
     Args:
+        settings: The settings.
         camera: Lens, what it saw, noise: leaves without an axis of cameras.
         flesh: The parts.
         own: The parts in the world, whose nodes they move.
@@ -133,66 +146,68 @@ def _per_camera(camera: Any, flesh: Superquadrics, own: Parts, others: Parts, as
         before: Where the flow expects the inner nodes (P, K, 2, N or 1), and roots of its weights (P, K, 3, N or 1).
     """
     lens, _, noise = camera
-    edges, missed = _edge_residuals(camera, flesh, own, others, assigned_at)
+    edges, missed = _edge_residuals(settings, camera, flesh, own, others, assigned_at)
     inner = place_in(*own, local_nodes(flesh, *(jnp.asarray(angles, float) for angles in _INNER)))
     facing = nodes_facing(lens, inner)
     points, front = (leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]) for leaf in (inner.points, facing))
-    front = jax.nn.sigmoid(front / (0.5 * _LEAN))
-    behind = hidden(flesh, *others, lens.centre, points, _SOFTNESS)
+    front = jax.nn.sigmoid(front / (0.5 * settings.lean))
+    behind = hidden(flesh, *others, lens.centre, points, settings.softness)
     x, y = jnp.moveaxis((before[0] - project_point(lens, points)) / noise.flow, 2, 0)
     xx, xy, yy = jnp.moveaxis(before[1], 2, 0)
     offset = jnp.stack([xx * x + xy * y, xy * x + yy * y], 2)
-    root = _robust_root(Lorentzian, jnp.sum(offset**2, 2))
+    root = robust_root(Lorentzian, jnp.sum(offset**2, 2), settings.strength)
     seen = jnp.sqrt(front * (1 - behind) + _TINY)
     flow = (offset * (root * seen)[:, :, None]).reshape(len(points), -1, points.shape[-1])
-    lost = (1 - front) + OCCLUDED * front * behind
-    rest = missed + STRENGTH * jnp.sum(lost, 1, keepdims=True)
+    lost = (1 - front) + settings.occluded * front * behind
+    rest = missed + settings.strength * jnp.sum(lost, 1, keepdims=True)
     scale = jnp.sqrt(jnp.maximum(noise.weight, _TINY) / NODES)
     return scale * jnp.concatenate([edges, flow, jnp.sqrt(2 * rest)], 1)
 
 
-def _edge_residuals(camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts) -> tuple[Array, Array]:
+def _edge_residuals(
+    settings: CostSettings, camera: Any, flesh: Superquadrics, own: Parts, others: Parts, assigned_at: Parts
+) -> tuple[Array, Array]:
     """Residuals (P, K * E, N) of assigned edges, and the cost (P, 1, N) of contour nodes without, or occluded."""
     lens, seen, noise = camera
-    contour = _contour(lens, flesh, own)
-    at = contour if assigned_at is own else _contour(lens, flesh, assigned_at)
-    step = noise.edges / _FINENESS
-    found = jax.lax.stop_gradient(_assigned(seen, at, step))
+    contour = _contour(settings, lens, flesh, own)
+    at = contour if assigned_at is own else _contour(settings, lens, flesh, assigned_at)
+    step = noise.edges / settings.fineness
+    found = jax.lax.stop_gradient(_assigned(settings, seen, at, step))
     offset = found.offset - jnp.sum(found.normals * (contour.image - found.image), 2)[:, :, None]  # (P, K, E, N)
-    inside = jnp.maximum(1 - (offset / (step * (_WINDOW + 1))) ** 2, 0.0)
+    inside = jnp.maximum(1 - (offset / (step * (settings.window + 1))) ** 2, 0.0)
     weight = found.importance * inside**2
-    total = _UNASSIGNED + jnp.sum(weight, 2, keepdims=True)
-    behind = hidden(flesh, *others, lens.centre, contour.points, _SOFTNESS)
+    total = settings.unassigned + jnp.sum(weight, 2, keepdims=True)
+    behind = hidden(flesh, *others, lens.centre, contour.points, settings.softness)
     visible = contour.share * (1 - behind)
     deviation = offset / noise.edges
-    root = _robust_root(Leclerc, deviation**2)
+    root = robust_root(Leclerc, deviation**2, settings.strength)
     residuals = deviation * root * jnp.sqrt(visible[:, :, None] * weight / total + _TINY)
-    missed = 0.5 * (visible * _UNASSIGNED / total[:, :, 0] + 1 - contour.share)
-    missed = missed + OCCLUDED * contour.share * behind
-    cost = STRENGTH * jnp.sum(missed, 1, keepdims=True)
+    missed = 0.5 * (visible * settings.unassigned / total[:, :, 0] + 1 - contour.share)
+    missed = missed + settings.occluded * contour.share * behind
+    cost = settings.strength * jnp.sum(missed, 1, keepdims=True)
     return residuals.reshape(len(residuals), -1, residuals.shape[-1]), cost
 
 
-def _contour(lens: Any, flesh: Superquadrics, parts: Parts) -> ContourNodes:
+def _contour(settings: CostSettings, lens: Any, flesh: Superquadrics, parts: Parts) -> ContourNodes:
     rings, meridians = jnp.asarray(_RINGS, float), jnp.asarray(_MERIDIANS, float)
-    return contour_nodes(lens, flesh, *parts, rings, meridians, lean=_LEAN)
+    return contour_nodes(lens, flesh, *parts, rings, meridians, lean=settings.lean)
 
 
-def _assigned(seen: Any, contour: ContourNodes, step: Array) -> _Assigned:
+def _assigned(settings: CostSettings, seen: Any, contour: ContourNodes, step: Array) -> _Assigned:
     """Search for edges along the normals of a contour."""
     found = edges_along_normals(
         seen.energy,
         seen.scale,
         contour.image,
         contour.normals,
-        window=_WINDOW,
-        number=ASSIGNMENTS,
-        threshold=_THRESHOLD,
+        window=settings.window,
+        number=settings.assignments,
+        threshold=settings.threshold,
         step=step,
     )
     place = contour.image[:, :, None] + found.offset[:, :, :, None] * contour.normals[:, :, None]
     moving = _looked_up(seen.boundary, seen.scale, place)
-    importance = found.strength * (1 - _BOUNDARY * (1 - moving))
+    importance = found.strength * (1 - settings.boundary * (1 - moving))
     return _Assigned(contour.image, contour.normals, found.offset, importance)
 
 
@@ -210,10 +225,13 @@ def _expected_by_flow(lens: Any, seen: Any, flesh: Superquadrics, before: Parts)
     return image + moved, jnp.stack([_looked_up(plane, seen.scale, image) for plane in seen.trust], 2)
 
 
-def residuals_of(fixed: Any, own: Parts, others: Parts | None = None, assigned_at: Parts | None = None) -> Array:
+def residuals_of(
+    settings: CostSettings, fixed: Any, own: Parts, others: Parts | None = None, assigned_at: Parts | None = None
+) -> Array:
     """Residuals (C, P, entries, N) of parts in the world.
 
     Args:
+        settings: The settings.
         fixed: Tree, flesh, cameras, what was seen, and noise, batch last.
         own: Axes (P, 3, 3, N) and centres (P, 3, N) of the parts.
         others: The same of the parts as occluders, where these are to differ.
@@ -227,5 +245,5 @@ def residuals_of(fixed: Any, own: Parts, others: Parts | None = None, assigned_a
         each = jax.tree.map(lambda leaf, number=number: leaf[number], seen._replace(previous=seen.previous[None]))
         lens, spread = jax.tree.map(lambda leaf, number=number: leaf[number], (cameras, noise))
         expected = _expected_by_flow(lens, each, flesh, before)
-        found.append(_per_camera((lens, each, spread), flesh, own, others, assigned_at, expected))
+        found.append(_per_camera(settings, (lens, each, spread), flesh, own, others, assigned_at, expected))
     return jnp.stack(jnp.broadcast_arrays(*found))

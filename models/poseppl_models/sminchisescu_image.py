@@ -37,7 +37,7 @@ from poseppl.program import StateSpaceModel
 from poseppl_models.non_penetration import non_penetration_residuals
 from poseppl_models.sminchisescu import limited_body
 from poseppl_models.sminchisescu_body import Kind, superquadric_body
-from poseppl_models.sminchisescu_cost import CostNoise, ImageSeen
+from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen
 from poseppl_models.sminchisescu_likelihood import ContourAndFlow
 
 Images = Sequence[NDArray[Any]]
@@ -76,15 +76,16 @@ def image_programs(kind: Kind = "full", *, parts: bool = True) -> StateSpaceMode
         kind: Which body.
         parts: Whether parts are kept out of each other.
     """
-    body = superquadric_body(kind)
+    body, settings = superquadric_body(kind), CostSettings()
     repelled = non_penetration_residuals(body.flesh.names)
 
     def observe(params: Any, pose: Array, inputs: CostInputs) -> None:
-        numpyro.sample("image", ContourAndFlow(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
+        arguments = (inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise)
+        numpyro.sample("image", ContourAndFlow(*arguments, settings))
         if parts:
             numpyro.sample("parts", dist.Normal(repelled(pose, inputs.tree, inputs.flesh), 1.0))
 
-    return limited_body(body, observe)
+    return limited_body(body, "support", observe)
 
 
 def seen_in_images(images: Images, previous: Any, before: Images | None = None, *, levels: Levels = (1.0,)) -> ImageSeen:

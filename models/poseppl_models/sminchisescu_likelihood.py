@@ -6,8 +6,8 @@ shifts and turns of all parts at once, give all d columns of the Jacobian (:func
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,18 +20,18 @@ from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.batched_score import batched_score
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl.motion.geometry.superquadrics import Superquadrics, part_axes
-from poseppl_models.sminchisescu_cost import CostNoise, ImageSeen, residuals_of
+from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen, residuals_of
 
 _CHUNK = 16
 
 
-def _residuals_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any) -> Array:
+def _residuals_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings) -> Array:
     """Residuals (C, entries, N) of states (d, N), given cameras, what they saw, and its noise."""
-    found = residuals_of((tree, flesh, *seen), part_axes(flesh, frames_of(tree, state)))
+    found = residuals_of(settings, (tree, flesh, *seen), part_axes(flesh, frames_of(tree, state)))
     return found.reshape(len(found), -1, found.shape[-1])
 
 
-def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any) -> Array:
+def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *seen: Any, settings: CostSettings) -> Array:
     """Derivatives (C, entries, d, N): a residual moves with its own part, as that part's link does."""
     frames = frames_of(tree, state)
     axes, centres = part_axes(flesh, frames)
@@ -39,7 +39,7 @@ def _jacobian_last(state: Array, tree: KinematicTree, flesh: Superquadrics, *see
 
     def residuals(axes: Array, centres: Array) -> Array:
         others = jax.lax.stop_gradient((axes, centres))
-        found = residuals_of((tree, flesh, *seen), (axes, centres), others)
+        found = residuals_of(settings, (tree, flesh, *seen), (axes, centres), others)
         return jnp.broadcast_to(found, (*found.shape[:-1], count))
 
     unit = jnp.eye(3, dtype=state.dtype)
@@ -58,37 +58,49 @@ def _cross(row: Array, vectors: Array) -> Array:
     return jnp.cross(jnp.broadcast_to(row, vectors.shape), vectors, axis=1)
 
 
-def _density_last(state: Array, fixed: Any) -> Array:
-    """Log-densities (N,) of states (d, N), given what is known of the images, values and mask."""
-    *known, value, mask = fixed
-    offset = _residuals_last(state, *known) - value
-    terms = -0.5 * offset**2 - 0.5 * np.log(2 * np.pi)
-    return jnp.sum(jnp.where(mask > 0, terms, 0.0), (0, 1))
+class _Functions(NamedTuple):
+    """The batch-last functions of some settings, as functions of single states."""
+
+    residuals: Any
+    density: Any
+    value_and_gradient: Any
+    jacobian: Any
 
 
-def _value_and_gradient_last(state: Array, fixed: Any) -> tuple[Array, Array]:
-    value, pull = jax.vjp(partial(_density_last, fixed=fixed), state)
-    return value, pull(jnp.ones_like(value))[0]
+@lru_cache(maxsize=8)
+def _functions(settings: CostSettings) -> _Functions:
+    residuals = partial(_residuals_last, settings=settings)
+
+    def density(state: Array, fixed: Any) -> Array:
+        *known, value, mask = fixed
+        offset = residuals(state, *known) - value
+        terms = -0.5 * offset**2 - 0.5 * np.log(2 * np.pi)
+        return jnp.sum(jnp.where(mask > 0, terms, 0.0), (0, 1))
+
+    def value_and_gradient(state: Array, fixed: Any) -> tuple[Array, Array]:
+        value, pull = jax.vjp(partial(density, fixed=fixed), state)
+        return value, pull(jnp.ones_like(value))[0]
+
+    return _Functions(
+        batched_score(residuals, chunk=_CHUNK),
+        batch_last(density, chunk=_CHUNK),
+        batch_last(value_and_gradient, chunk=_CHUNK),
+        batch_last(partial(_jacobian_last, settings=settings), chunk=_CHUNK),
+    )
 
 
-_residuals = batched_score(_residuals_last, chunk=_CHUNK)
-_density = batch_last(_density_last, chunk=_CHUNK)
-_value_and_gradient = batch_last(_value_and_gradient_last, chunk=_CHUNK)
-_jacobian = batch_last(_jacobian_last, chunk=_CHUNK)
-
-
-@jax.custom_vjp
-def _log_density(state: Array, fixed: Any) -> Array:
-    density: Array = _density(state, fixed)
+@partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _log_density(settings: CostSettings, state: Array, fixed: Any) -> Array:
+    density: Array = _functions(settings).density(state, fixed)
     return density
 
 
-def _forward(state: Array, fixed: Any) -> tuple[Array, Any]:
-    density, gradient = _value_and_gradient(state, fixed)
+def _forward(settings: CostSettings, state: Array, fixed: Any) -> tuple[Array, Any]:
+    density, gradient = _functions(settings).value_and_gradient(state, fixed)
     return density, (gradient, fixed)
 
 
-def _backward(kept: Any, cotangent: Array) -> Any:
+def _backward(settings: CostSettings, kept: Any, cotangent: Array) -> Any:
     gradient, fixed = kept
     return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
 
@@ -96,10 +108,39 @@ def _backward(kept: Any, cotangent: Array) -> Any:
 _log_density.defvjp(_forward, _backward)
 
 
-class ContourAndFlow(dist.Normal):  # type: ignore[misc]
-    """The residuals of a pose, of batch shape (C, P * entries a part); the value is 0. Only differentiated by the state.
+class ImageResiduals(dist.Normal):  # type: ignore[misc]
+    """Residuals (C, entries) of a state in images; the value is 0. Only differentiated by the state.
 
-    Derivatives hold fixed what other parts hide.
+    Args:
+        residuals: Of a state and what is known of its images.
+        jacobian: Their derivatives (C, entries, d).
+        state: Shape (d,).
+        known: Of the images.
+    """
+
+    is_predictive = False
+    """The images are among the arguments: a draw is of no image."""
+
+    def __init__(
+        self, residuals: Any, jacobian: Any, state: Array, known: tuple[Any, ...], *, validate_args: Any = None
+    ) -> None:
+        self.jacobian, self.state, self.known = jacobian, state, known
+        super().__init__(residuals(state, *known), 1.0, validate_args=validate_args)
+
+    @property
+    def fixed(self) -> tuple[Any, ...]:
+        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
+        return self.known
+
+    def whitened_jacobian(self, mask: Array | None) -> Array:
+        """Derivative of the residuals by ``state`` (C * entries, d), 0 where masked."""
+        rows: Array = self.jacobian(self.state, *self.known)
+        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
+        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])
+
+
+class ContourAndFlow(ImageResiduals):
+    """The residuals of a pose, of batch shape (C, P * entries a part); their derivatives hold fixed what other parts hide.
 
     Args:
         tree: The body.
@@ -108,10 +149,8 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         state: Shape (d,).
         seen: What was seen.
         noise: Standard deviations and weights.
+        settings: The cost's numbers.
     """
-
-    is_predictive = False
-    """The images are among the arguments: a draw is of no image."""
 
     def __init__(
         self,
@@ -121,24 +160,14 @@ class ContourAndFlow(dist.Normal):  # type: ignore[misc]
         state: Array,
         seen: ImageSeen,
         noise: CostNoise,
+        settings: CostSettings,
         *,
         validate_args: Any = None,
     ) -> None:
-        self.state, self.known = state, (tree, flesh, cameras, seen, noise)
-        super().__init__(_residuals(state, *self.known), 1.0, validate_args=validate_args)
-
-    @property
-    def fixed(self) -> tuple[Any, ...]:
-        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
-        return self.known
-
-    def whitened_jacobian(self, mask: Array | None) -> Array:
-        """Derivative of the residuals by ``state`` (C * entries, d), 0 where masked."""
-        rows: Array = _jacobian(self.state, *self.known)
-        seen = jnp.ones(self.batch_shape, bool) if mask is None else mask
-        return jnp.where(seen[..., None], rows, 0.0).reshape(-1, self.state.shape[0])
+        self.settings, own = settings, _functions(settings)
+        super().__init__(own.residuals, own.jacobian, state, (tree, flesh, cameras, seen, noise), validate_args=validate_args)
 
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        return _log_density(self.state, (*self.known, value, weight))
+        return _log_density(self.settings, self.state, (*self.known, value, weight))

@@ -4,7 +4,7 @@ What the paper finds to be essential can be left out here: robust errors, joint 
 first is an input, so that what was compiled with it serves without. The points stand in for the paper's images:
 a joint that is detected somewhere else is an outlier as an edge of the background is.
 
->>> point_programs("arm") is point_programs("arm") is not point_programs("arm", limits=False)
+>>> point_programs("arm") is point_programs("arm") is not point_programs("arm", limits="none")
 True
 """
 
@@ -23,7 +23,7 @@ from poseppl.motion.geometry.superquadrics import Superquadrics
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl_models.non_penetration import non_penetration_residuals
-from poseppl_models.sminchisescu import limited_body
+from poseppl_models.sminchisescu import Limits, limited_body
 from poseppl_models.sminchisescu_body import Kind, superquadric_body
 
 STRENGTH = 4.0
@@ -57,12 +57,12 @@ class PointInputs(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def point_programs(kind: Kind = "full", *, limits: bool = True, parts: bool = True) -> StateSpaceModel:
+def point_programs(kind: Kind = "full", *, limits: Limits = "support", parts: bool = True) -> StateSpaceModel:
     """Write the programs; data are ``points`` (C, markers, 2), and ``parts``, which are 0, where parts are kept apart.
 
     Args:
         kind: Which body.
-        limits: Whether joints have limits.
+        limits: "support" limits the sites; "barrier" adds a smooth log-factor; "none" leaves joints free.
         parts: Whether parts are kept out of each other, which on a whole body takes most of the time.
     """
     body = superquadric_body(kind)
@@ -75,7 +75,7 @@ def point_programs(kind: Kind = "full", *, limits: bool = True, parts: bool = Tr
             residuals = repelled(pose, inputs.tree, inputs.flesh)
             numpyro.sample("parts", dist.Normal(residuals, jnp.ones_like(residuals)))
 
-    return limited_body(body, observe, limits=limits)
+    return limited_body(body, limits, observe)
 
 
 def point_inputs(*known: Any, robust: bool = True) -> PointInputs:

@@ -1,4 +1,4 @@
-"""Bodies of 8, 30 and 34 coordinates: limits as supports, stabilisers."""
+"""Bodies of 8, 30 and 34 coordinates: limits as supports, stabilisers, sizes as arrays."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from poseppl_models.humanoid import INTERNAL, anthropometric_prior, humanoid_sizes
 from poseppl_models.limited_normal import LimitedNormal, _JointLimits
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.sminchisescu import arm, full_body, measure, measure_arm, stiff_shoulders
@@ -90,7 +91,7 @@ def test_draws_keep_to_the_limits():
     """400 steps of 0.3 rad from a straight elbow; steps of a plain walk go beyond in a tenth of the draws."""
     body, limits = arm(), superquadric_body("arm").limits
     inputs = inputs_of(body, 0.3)
-    model, plain = body.compile(inputs, body.params), arm(limits=False).compile(inputs, body.params)
+    model, plain = body.compile(inputs, body.params), arm(limits="barrier").compile(inputs, body.params)
     start = jnp.clip(inputs.start, *jnp.asarray(limits, float).T)
     keys = jax.random.split(jax.random.key(1), 400)
     moved, free = (jax.jit(jax.vmap(lambda key, m=m: m.sample_transition(key, start, inputs)))(keys) for m in (model, plain))
@@ -123,9 +124,21 @@ def test_stabilisers_are_the_stationary_distribution():
     assert np.all(spread**2 + steps**2 > 1.02 * spread**2)
 
 
-def test_an_unknown_size_is_refused():
+@pytest.mark.parametrize("kind", BUILDERS)
+def test_sizes_are_arrays_of_the_same_body(kind):
+    """Tree and flesh of other sizes, from arrays, are those that are built of them (float32 mm), not the standard's."""
+    rng = np.random.default_rng(0)
+    sizes = {name: value * rng.uniform(0.9, 1.1) + rng.uniform(0, 5) for name, value in humanoid_sizes().items()}
+    body, other = superquadric_body(kind), superquadric_body(kind, sizes)
+    tree, flesh = body.sized_in(body.tree, body.flesh, jnp.array([sizes[name] for name in body.sizes]))
+    pairs = ((tree.offsets, other.tree.offsets), (tree.marker_offsets, other.tree.marker_offsets),
+             (flesh.centres, other.flesh.centres), (flesh.half_axes, other.flesh.half_axes))  # fmt: skip
+    for found, expected in pairs:
+        np.testing.assert_allclose(found, expected, atol=2e-3)
+    assert np.abs(np.asarray(flesh.half_axes - body.flesh.half_axes)).max() > 2
+    assert jax.tree.structure(tree) == jax.tree.structure(other.tree)
     with pytest.raises(ValueError, match="no size 'tail'"):
-        superquadric_body("arm", {"tail": 1.0})
+        superquadric_body(kind, {"tail": 1.0})
 
 
 def test_measured_bodies():
@@ -140,8 +153,20 @@ def test_measured_bodies():
         measure_arm({"elbow_r": np.zeros((1, 3))})
 
 
+def test_anthropometric_prior():
+    """Sizes vary with the stature: two limbs are correlated by a shared factor of 3.9 % beside 3.5 % of their own."""
+    mean, covariance = anthropometric_prior(("thigh", "shank", *INTERNAL, "thigh_width"))
+    relative = np.sqrt(np.diag(covariance)) / np.where(mean == 0, 1, mean)
+    assert len(INTERNAL) == 8 and np.all(np.linalg.eigvalsh(covariance) > 0)
+    np.testing.assert_allclose(relative[:2], np.hypot(0.039, 0.035), rtol=1e-12)
+    correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    np.testing.assert_allclose(correlation, 0.039**2 / (0.039**2 + 0.035**2), rtol=1e-12)
+    with pytest.raises(ValueError, match="no size 'tail'"):
+        anthropometric_prior(("tail",))
+
+
 def test_a_filter_runs_within_the_limits():
-    """The arm over 2 frames by a particle filter; Gaussian moments are refused with the cure, and there without limits."""
+    """The arm over 2 frames by a particle filter; Gaussian moments are refused with the cure, and there with a barrier."""
     body = arm()
     inputs = inputs_of(body, 0.1)
     model = body.compile(inputs, body.params)
@@ -153,5 +178,5 @@ def test_a_filter_runs_within_the_limits():
     assert np.isfinite(info.log_evidence) and elbow.min() >= np.radians(-5) - 1e-6
     with pytest.raises(ValueError, match="not over the real line"):
         model.transition_moments(inputs.start, inputs)
-    free = arm(limits=False).compile(inputs, body.params)
+    free = arm(limits="barrier").compile(inputs, body.params)
     assert np.isfinite(free.transition_moments(inputs.start, inputs)[0]).all()

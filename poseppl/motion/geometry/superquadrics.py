@@ -18,13 +18,10 @@ Angles here are not quite Barr's, whose cosines are raised to e and whose nodes 
 cos^sqrt(e) and sin^sqrt(e), scaled onto the superellipse. The surface is the same, and for ellipsoids the angles are.
 
 >>> from poseppl.motion.geometry import Joint, Marker, kinematic_tree
->>> from poseppl.motion.geometry.kinematics import frames_of
 >>> tree = kinematic_tree([Joint("hip", None, (0, 0, 0), "X")], [Marker("knee", "hip", (0, 0, -400))])
 >>> flesh = superquadrics_of(tree, [Superquadric("thigh", "hip", (80.0, 70.0, 220.0), taper=(0.2, 0.2), centre=(0, 0, -200))])
->>> last = jax.tree.map(lambda leaf: leaf[..., None], flesh)
->>> axes = part_axes(last, frames_of(tree, jnp.zeros((tree.dimension, 1))))
->>> poles = place_in(*axes, local_nodes(last, jnp.array([-0.5, 0.5]) * jnp.pi, jnp.zeros(1))).points
->>> poles[0, :, 0, :, 0].round().tolist()
+>>> poles = surface_nodes(tree, flesh, jnp.zeros(tree.dimension), jnp.array([-0.5, 0.5]) * jnp.pi, jnp.zeros(1)).points
+>>> poles[0, :, 0].round().tolist()
 [[0.0, 0.0, -420.0], [0.0, 0.0, 20.0]]
 """
 
@@ -39,8 +36,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.flesh import axes_of, links_of
-from poseppl.motion.geometry.kinematics import Frames
+from poseppl.motion.geometry.kinematics import Frames, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 
 Triple = tuple[float, float, float]
@@ -92,6 +90,7 @@ class Superquadrics:
         bends: Angles, and directions towards which (P, 2), radians.
         links: The link of each part.
         names: Of the parts.
+        pieces: Into how many nearly convex pieces silhouettes cut each part along its z.
     """
 
     rotations: Array
@@ -102,9 +101,10 @@ class Superquadrics:
     bends: Array
     links: tuple[int, ...]
     names: tuple[str, ...]
+    pieces: int
 
 
-_STATIC = ["links", "names"]
+_STATIC = ["links", "names", "pieces"]
 jax.tree_util.register_dataclass(
     Superquadrics, [field.name for field in fields(Superquadrics) if field.name not in _STATIC], _STATIC
 )
@@ -117,20 +117,25 @@ class Nodes(NamedTuple):
     normals: Array
 
 
-def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric]) -> Superquadrics:
+def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric], *, pieces: int | None = None) -> Superquadrics:
     """Lay out the parts of a body.
 
     Args:
         tree: The body.
         parts: Its parts.
+        pieces: Into how many pieces silhouettes cut each part; if None, as many as the most bent part needs
+            (:func:`pieces_needed`).
 
     Raises:
-        ValueError: An unknown joint, two parts of one name, an x along the axis, or a shape that is none: sizes that are
-            not positive, exponents or tapers out of range, or bent so much that the part runs through itself.
+        ValueError: An unknown joint, two parts of one name, an x along the axis, no piece, or a shape that is none: sizes that
+            are not positive, exponents or tapers out of range, or bent so much that the part runs through itself.
     """
     links = links_of(tree, parts)
     for part in parts:
         _check(part)
+    needed = max(map(pieces_needed, parts)) if pieces is None else pieces
+    if needed < 1:
+        raise ValueError(f"{needed} pieces a part; expected at least 1")
     return Superquadrics(
         rotations=jnp.asarray(np.stack([axes_of(part.axis, part.across) for part in parts]), float),
         centres=jnp.asarray([part.centre for part in parts], float),
@@ -140,7 +145,47 @@ def superquadrics_of(tree: KinematicTree, parts: Sequence[Superquadric]) -> Supe
         bends=jnp.asarray([(part.bend, part.bend_towards) for part in parts], float),
         links=links,
         names=tuple(part.name for part in parts),
+        pieces=needed,
     )
+
+
+def pieces_needed(part: Superquadric, loss: float = 0.003) -> int:
+    """Into how many pieces a part has to be cut for the convex hulls of the pieces to tell its silhouette.
+
+    The hull of an arc of length l and angle g fills a segment of the circle on the hollow side, of area l^2 g / 12; the n
+    pieces of a part of length L, angle B and width w add B L / (12 w n^2) of its area, seen from where the bend shows.
+
+    Args:
+        part: The part.
+        loss: The greatest fraction of the area that may be added so.
+    """
+    ratio = part.half_axes[2] / min(part.half_axes[:2])
+    tapered = 2 if max(map(abs, part.taper)) > 0.1 and part.exponents[0] > 1 else 1  # such a profile is hollow, too
+    return max(tapered, int(np.ceil(np.sqrt(abs(part.bend) * ratio / (12 * loss)))))
+
+
+def surface_nodes(tree: KinematicTree, flesh: Superquadrics, state: Array, latitudes: Array, longitudes: Array) -> Nodes:
+    """Nodes of one state (d,) in the world; for gradients in reverse take :func:`nodes_of`, this has none.
+
+    Args:
+        tree: The body.
+        flesh: Its parts.
+        state: Coordinates.
+        latitudes: R angles from -pi/2 to pi/2.
+        longitudes: W angles.
+    """
+    nodes: Nodes = batch_last(lambda *arguments: nodes_of(*arguments))(tree, flesh, state, latitudes, longitudes)
+    return nodes
+
+
+def nodes_of(tree: KinematicTree, flesh: Superquadrics, state: Array, latitudes: Array, longitudes: Array) -> Nodes:
+    """Nodes (P, R, W, 3, N) of states (d, N), the batch last; other leaves have a last axis of N or 1, angles may have none."""
+    return place_nodes(flesh, frames_of(tree, state), local_nodes(flesh, latitudes, longitudes))
+
+
+def place_nodes(flesh: Superquadrics, frames: Frames, nodes: Nodes) -> Nodes:
+    """Nodes in the given frames of links, the batch last."""
+    return place_in(*part_axes(flesh, frames), nodes)
 
 
 def part_axes(flesh: Superquadrics, frames: Frames) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Superquadrics of random shapes on a joint that moves freely."""
+"""Superquadrics of random shapes on a joint that moves freely; their silhouettes by the package and by marching along rays."""
 
 from __future__ import annotations
 
@@ -6,8 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from cone_views import TREE, last, pose
+from oracles.ray_casting import rays
+from oracles.superquadric_rays import part_is_hit
 
-from poseppl.motion.geometry.superquadrics import Superquadric, local_nodes
+from poseppl.motion.geometry import project
+from poseppl.motion.geometry.coverage import hard_coverage
+from poseppl.motion.geometry.kinematics import frames_of
+from poseppl.motion.geometry.superquadric_outlines import outlines_of, superquadric_distances
+from poseppl.motion.geometry.superquadrics import Superquadric, local_nodes, superquadrics_of
+
+PIECES = 6
+"""Of all shapes here, so that one program does for all."""
 
 
 def random_part(rng):
@@ -24,6 +33,17 @@ def random_part(rng):
         tuple(rng.normal(0, 30, 3)),
         tuple(rng.normal(size=3)),
     )
+
+
+def distances_of(cameras, flesh, tree, state, points):
+    """Distances (C, P, K, N), all batch last."""
+    return superquadric_distances(outlines_of(cameras, flesh, frames_of(tree, state)), points)
+
+
+@jax.jit
+def covered(view, flesh, state, points):
+    """Coverage (C, K) of points (C, K, 2)."""
+    return hard_coverage(distances_of(last(view), last(flesh), last(TREE), state[:, None], points[..., None]))[..., 0]
 
 
 @jax.jit
@@ -52,4 +72,33 @@ def frame_of(part, state):
     return joint @ np.stack([x, np.cross(z, x), z], 1), np.asarray(state[:3]) + joint @ np.array(part.centre)
 
 
-__all__ = ["TREE", "frame_of", "last", "local_points", "placed_nodes", "pose", "random_part"]
+def silhouettes(part, state, view, side=150, wrong=None, pieces=PIECES):
+    """Coverage by the package (of the part ``wrong``, if given) and by rays, both (side^2,), of points around it."""
+    axes, centre = frame_of(part, state)
+    eye, turn = np.asarray(view.centre[0], float), np.asarray(view.rotation[0], float)
+    flesh = superquadrics_of(TREE, [part], pieces=pieces)
+    nodes = local_points(flesh, *np.linspace([-np.pi / 2, 0], [np.pi / 2, 6], 12).T)
+    flat = (nodes.reshape(-1, 3) @ axes.T + centre - eye) @ turn.T
+    flat = flat[:, :2] / flat[:, 2:]
+    low, high = flat.min(0), flat.max(0)
+    margin = 0.1 * (high - low)
+    grid = np.stack(np.meshgrid(*np.linspace(low - margin, high + margin, side).T), -1).reshape(-1, 2)
+    directions = rays(turn, 1.0, 0.0, grid)
+    points = project(view, jnp.asarray(eye + 1000.0 * directions))[0]
+    shape = flesh if wrong is None else superquadrics_of(TREE, [wrong], pieces=pieces)
+    found = covered(view, shape, jnp.asarray(state, float), points[None])
+    return np.asarray(found)[0], part_is_hit(eye, directions, axes, centre, part)
+
+
+__all__ = [
+    "PIECES",
+    "TREE",
+    "covered",
+    "distances_of",
+    "frame_of",
+    "last",
+    "placed_nodes",
+    "pose",
+    "random_part",
+    "silhouettes",
+]

@@ -24,7 +24,7 @@ def lens():
 
 
 def contour(part, state):
-    flesh = last(superquadrics_of(TREE, [part]))
+    flesh = last(superquadrics_of(TREE, [part], pieces=1))
 
     def of(state):
         placed = part_axes(flesh, frames_of(last(TREE), state[:, None]))
@@ -60,7 +60,7 @@ def test_points_move_smoothly():
     """Central differences in float64 of the points in the image by the pose; the share's too."""
     limb = Superquadric("limb", "hip", (40.0, 30.0, 200.0), (0.7, 0.9), (0.2, 0.1), 0.2)
     with precision(np.float64):
-        flesh = last(superquadrics_of(TREE, [limb]))
+        flesh = last(superquadrics_of(TREE, [limb], pieces=1))
 
         def of(state):
             placed = part_axes(flesh, frames_of(last(TREE), state[:, None]))
@@ -76,7 +76,7 @@ def test_points_move_smoothly():
 def test_what_is_behind_another_part_is_hidden():
     """A ball behind another one is; beside it, in front of it and by itself it is not. Points inside another part are."""
     parts = [Superquadric(name, "hip", (50.0, 50.0, 50.0)) for name in ("front", "back")]
-    flesh = last(superquadrics_of(TREE, parts))
+    flesh = last(superquadrics_of(TREE, parts, pieces=1))
     axes = jnp.tile(jnp.eye(3)[None, :, :, None], (2, 1, 1, 1))
     eye = jnp.array([0.0, -DISTANCE, 0.0])[:, None]
 

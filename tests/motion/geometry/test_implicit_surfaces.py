@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles.plain_superquadrics import is_inside
+from oracles.superquadric_rays import is_inside
 from precision import precision
 from superquadric_views import TREE, last, local_points, random_part
 
@@ -18,7 +18,7 @@ _DISTANCES = jax.jit(surface_distances)
 
 def distances(part, points):
     """f (K,) at points (K, 3) of the part's frame."""
-    return np.asarray(_DISTANCES(last(superquadrics_of(TREE, [part])), jnp.asarray(points)[None, ..., None])[0, :, 0])
+    return np.asarray(_DISTANCES(last(superquadrics_of(TREE, [part], pieces=1)), jnp.asarray(points)[None, ..., None])[0, :, 0])
 
 
 def test_sampled_surfaces_are_where_it_is_zero():
@@ -28,7 +28,7 @@ def test_sampled_surfaces_are_where_it_is_zero():
         for _ in range(20):
             part = random_part(rng)
             eta, omega = rng.uniform(-1.5, 1.5, 12), rng.uniform(0, 6.28, 12)
-            points = local_points(superquadrics_of(TREE, [part]), eta, omega).reshape(-1, 3)
+            points = local_points(superquadrics_of(TREE, [part], pieces=1), eta, omega).reshape(-1, 3)
             np.testing.assert_allclose(distances(part, points), 0, atol=1e-6)
             wrong = part._replace(taper=(part.taper[0] + 0.1, part.taper[1]))
             assert np.abs(distances(wrong, points)).max() > 0.5
@@ -66,7 +66,7 @@ def test_gradients():
     part = Superquadric("limb", "hip", (50.0, 40.0, 150.0), (0.6, 0.9), (0.2, -0.1), 0.4, 0.3)
     points = np.array([[60.0, 10.0, 30.0], [-20.0, 15.0, -160.0], [5.0, -70.0, 0.5], [30.0, 30.0, 170.0]])
     with precision(np.float64):
-        gradient = jax.grad(lambda p: jnp.sum(_DISTANCES(last(superquadrics_of(TREE, [part])), p[None, ..., None])))
+        gradient = jax.grad(lambda p: jnp.sum(_DISTANCES(last(superquadrics_of(TREE, [part], pieces=1)), p[None, ..., None])))
         steps = [distances(part, points + 1e-5 * row) - distances(part, points - 1e-5 * row) for row in np.eye(3)]
         np.testing.assert_allclose(gradient(jnp.asarray(points)), np.stack(steps, 1) / 2e-5, atol=1e-6)
         assert np.isfinite(gradient(jnp.zeros((1, 3)))).all()
@@ -75,7 +75,7 @@ def test_gradients():
 @pytest.mark.parametrize("decay", [1.0, 2.0, 3.0])
 def test_repulsion(decay):
     """One node 59 mm inside of a ball to 40 mm outside: exp(-f |f|^(p - 1)), its tangent beyond e^8; a gradient inside."""
-    flesh = last(superquadrics_of(TREE, [Superquadric(name, "hip", (60.0, 60.0, 60.0)) for name in "ab"]))
+    flesh = last(superquadrics_of(TREE, [Superquadric(name, "hip", (60.0, 60.0, 60.0)) for name in "ab"], pieces=1))
     axes = jnp.tile(jnp.eye(3)[None, :, :, None], (2, 1, 1, 1))
 
     @jax.jit

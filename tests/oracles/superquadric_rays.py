@@ -1,4 +1,4 @@
-"""The inside of tapered and bent superquadrics, in plain NumPy.
+"""Silhouettes of tapered and bent superquadrics by marching along rays, in plain NumPy.
 
 A point is inside if, unbent and then untapered, it satisfies Barr's inequality
 
@@ -33,3 +33,21 @@ def unbent(points, part):
     r = direction[0] * x + direction[1] * y
     straight = radius - np.hypot(z, radius - r)
     return x + direction[0] * (straight - r), y + direction[1] * (straight - r), np.arctan2(z, radius - r) * radius
+
+
+def part_is_hit(eye, directions, axes, centre, part, steps=160):
+    """Whether rays (K, 3) from an eye outside meet the part; misses chords that are shorter than a step.
+
+    ``axes`` (3, 3) has the part's x, y and z as columns, ``centre`` (3,) is its centre.
+    """
+    a, b, c = part.half_axes
+    reach = np.hypot(np.hypot(a, b) * (1 + max(map(abs, part.taper))), c)  # bending keeps sections rigid and shortens the axis
+    origin = (np.asarray(eye, float) - centre) @ axes
+    way = directions @ axes / np.linalg.norm(directions, axis=-1, keepdims=True)
+    nearest, closest = -way @ origin, np.linalg.norm(origin - (way @ origin)[:, None] * way, axis=-1)
+    near = np.flatnonzero(closest < 1.5 * reach)
+    hit = np.zeros(len(way), bool)
+    for step in np.linspace(-1.5 * reach, 1.5 * reach, steps):
+        left = near[~hit[near]]
+        hit[left] = is_inside(origin + (nearest[left] + step)[:, None] * way[left], part)
+    return hit
