@@ -87,8 +87,13 @@ def detected_people(
         for index, person in enumerate(found):
             table[number - first, index] = person
     numbers = np.arange(first, last + 1)
-    clock = None if times is None else np.array([times.get(int(number), np.nan) for number in numbers])
-    return people_of_table(table, numbers, names, at)._replace(individuals=tuple(individuals), times=clock)
+    clock = np.array([(times or {}).get(int(number), np.nan) for number in numbers])
+    known = np.flatnonzero(np.isfinite(clock))
+    back = np.flatnonzero(np.diff(clock[known]) < 0)
+    if back.size:
+        raise at.error(f"the time of frame {numbers[known[back[0] + 1]]} is before that of the frame before", "ascending times")
+    timed = clock if known.size else None
+    return people_of_table(table, numbers, names, at)._replace(individuals=tuple(individuals), times=timed)
 
 
 def people_of_table(table: Floats, frames: Integers, names: Sequence[str], at: Location) -> DetectedPeople:

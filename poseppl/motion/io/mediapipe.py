@@ -123,6 +123,8 @@ def _pose(landmarks: Any, at: Location) -> Floats:
         where = at.in_field(f"{at.field or ''}.landmarks[{index}]".lstrip("."))
         if isinstance(landmark, list) and len(landmark) in (3, 4):
             rows.append([_value(landmark[i], where) for i in (0, 1, -1)])
+            if rows[-1][2] < 0:
+                raise where.error("a visibility below 0, as depths may be", "x, y, visibility; or x, y, z, visibility")
         elif isinstance(landmark, dict) and {"x", "y"} <= set(landmark):
             certain = next((landmark[key] for key in _CERTAIN if landmark.get(key) is not None), 1.0)
             rows.append([_value(value, where) for value in (landmark["x"], landmark["y"], certain)])

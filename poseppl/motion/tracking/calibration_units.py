@@ -26,7 +26,8 @@ STATURE = 1.75
 """Metres, of the body that the segments below are of."""
 _SEGMENTS = {("hip", "knee"): 430.0, ("knee", "ankle"): 420.0, ("shoulder", "elbow"): 300.0, ("elbow", "wrist"): 260.0}
 _UNITS = ("mm", "cm", "m")
-_LARGEST_FACTOR = 2.0
+LARGEST_FACTOR = 2.0
+"""People are at most so many times as large, or as small, as a body of 1.75 m."""
 _MOST_FRAMES, _LEAST_SEGMENTS = 60, 20
 _CONFIDENT = 0.3
 
@@ -70,7 +71,7 @@ def infer_unit(
     middle = float(np.median(ratios))
     name = min(_UNITS, key=lambda unit: abs(np.log(middle * MM_PER_UNIT[unit] / MM_PER_UNIT["m"])))
     stature = STATURE * middle * MM_PER_UNIT[name] / MM_PER_UNIT["m"]
-    if not 1 / _LARGEST_FACTOR <= stature / STATURE <= _LARGEST_FACTOR:
+    if not 1 / LARGEST_FACTOR <= stature / STATURE <= LARGEST_FACTOR:
         raise InputError(
             f"the calibration does not tell its unit of length, and in {name} the person would be {stature:.2g} m tall",
             field="--unit",
@@ -97,7 +98,7 @@ def _segment_ratios(cameras: Cameras, people: Sequence[DetectedPeople], markers:
                     if pair is not None and (best is None or pair[0] < best[0]):
                         best = pair
             if best is not None:
-                ratios += _ratios(best[1], markers)
+                ratios += segment_ratios(best[1], markers)
     return np.array(ratios)
 
 
@@ -113,7 +114,8 @@ def _pair(centres: Floats, rays: Floats) -> tuple[float, Floats] | None:
     return float(np.median(apart)) / max(size, 1e-12), places
 
 
-def _ratios(places: Floats, markers: Mapping[str, int]) -> list[float]:
+def segment_ratios(places: Floats, markers: Mapping[str, int]) -> list[float]:
+    """Lengths of the segments between places (K, 3), in mm, over those of a body of 1.75 m; those that are known."""
     found = []
     for (upper, lower), length in _SEGMENTS.items():
         for side in "lr":

@@ -20,6 +20,8 @@ from poseppl.motion.io.frame_range import FrameRange
 
 EXACT = 1e-3
 """Nearer to a frame than this, it is that frame."""
+_FAR = 1e9
+"""A place in the list of frames that is outside of it, whatever the offset."""
 _STRIDE = 0.5
 """Detections of successive frames are of one person where they are nearer than this share of its height or width."""
 
@@ -32,27 +34,29 @@ class Clock(NamedTuple):
         offset: Frames of the camera by which it is late.
         times: Whether the file's own times are taken instead of ``ratio``.
         rate: Frames a second of the recording.
+        start: Time of the recording's frame 0, in the files' own seconds.
     """
 
     ratio: float = 1.0
     offset: float = 0.0
     times: bool = False
     rate: float = 1.0
+    start: float = 0.0
 
     def positions(self, found: DetectedPeople, numbers: Integers) -> Floats:
         """Where the recording's frames are in the camera's list of frames, from 0; outside of it before its first and last."""
         if not self.times or found.times is None:
             return np.asarray(self.ratio * numbers + self.offset - found.frames[0])
         known = np.isfinite(found.times)
-        places, seconds = np.flatnonzero(known).astype(float), found.times[known]
-        return np.asarray(np.interp(numbers / self.rate, seconds, places, left=-1.0, right=len(found.times)) + self.offset)
+        places, seconds = np.flatnonzero(known).astype(float), found.times[known] - self.start
+        return np.asarray(np.interp(numbers / self.rate, seconds, places, left=-_FAR, right=_FAR) + self.offset)
 
     def span(self, found: DetectedPeople) -> tuple[float, float]:
         """The recording's frames that the camera's first and last frame are of."""
         if not self.times or found.times is None:
             first, last = (float(found.frames[end]) for end in (0, -1))
             return (first - self.offset) / self.ratio, (last - self.offset) / self.ratio
-        known = found.times[np.isfinite(found.times)]
+        known = found.times[np.isfinite(found.times)] - self.start
         return float(known[0] * self.rate), float(known[-1] * self.rate)
 
 

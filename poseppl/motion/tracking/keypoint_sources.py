@@ -23,6 +23,10 @@ LEAST_OFFSET, SURE = 0.5, 3.0
 """An offset is acted on where it is at least so many frames, and so many standard deviations from none."""
 _ROUNDS = 3
 _TOLD_FRAMES = 5
+LARGEST_RATIO = 50.0
+"""A camera's frames, by their times, are at most so many times as far apart as those of the recording, or as near."""
+_DAY = 86400.0
+"""Seconds; times that begin later are those of a clock, not of a recording."""
 _FEW = 0.5
 """A camera that sees someone in a smaller share of its frames is told of."""
 
@@ -75,6 +79,9 @@ def read_sources(
         people.append(found)
         notes += note
         seen = np.isfinite(found.points).any((1, 2, 3)).mean()
+        sure = found.confidence[np.isfinite(found.points).all(-1)]
+        if sure.size and np.median(sure) > 1:
+            notes.append(f"{name}: most confidences are above 1, up to {sure.max():.3g}, and count as 1: 0 to 1 are expected")
         if seen < _FEW:
             notes.append(f"{name}: nobody was found in {1 - seen:.0%} of its {len(found.frames)} frames")
     if len({(found.layout, found.names) for found in people}) > 1:
@@ -139,10 +146,27 @@ def own_clocks(names: Sequence[str], people: Sequence[DetectedPeople], clocks: C
     if any(timed) and not all(timed):
         missing = ", ".join(name for name, has in zip(names, timed, strict=True) if not has)
         raise InputError(f"no times in the files of {missing}", field="--keypoints", expected="times in all files or in none")
+    start = _start_of_times(names, people, clocks.rate) if all(timed) else 0.0
     return [
-        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate)
+        Clock(clocks.rates.get(name, clocks.rate) / clocks.rate, clocks.offsets.get(name, 0.0), all(timed), clocks.rate, start)
         for name in names
     ]
+
+
+def _start_of_times(names: Sequence[str], people: Sequence[DetectedPeople], rate: float) -> float:
+    """Seconds from which frames are counted: 0, or the first whole one of times that count from some other day.
+
+    Raises:
+        InputError: A camera's times are no seconds of frames at about that rate.
+    """
+    known = [found.times[np.isfinite(found.times)] for found in people if found.times is not None]
+    for name, times in zip(names, known, strict=True):
+        gap = float(np.median(np.diff(times))) if len(times) > 1 else 1 / rate
+        if not 1 / LARGEST_RATIO <= gap * rate <= LARGEST_RATIO:
+            problem = f"the frames of {name} are {gap:.3g} s apart by their times, those of the recording {1 / rate:.3g} s"
+            raise InputError(problem, field="--rate", expected="times in seconds, and the rate of the recording")
+    first = min(float(times[0]) for times in known)
+    return float(np.floor(first)) if first >= _DAY else 0.0
 
 
 def align_roughly(names: Sequence[str], people: Sequence[DetectedPeople], clocks: Clocks) -> list[DetectedPeople]:

@@ -23,6 +23,7 @@ from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.calibration_checks import calibration_notes
 from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
 from poseppl.motion.tracking.camera_refinement import RefinedCameras, refine_cameras
@@ -206,7 +207,8 @@ def scene_of_keypoints(
     data = PointData(points, spread, faults=faults)
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
-    seen = (confidence, sizes, (*told, *unit_notes, *clock_notes))
+    wrong = calibration_notes(places, body.tree.marker_names)
+    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes))
     found = KeypointScene(
         scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps
     )

@@ -97,6 +97,24 @@ def test_names_of_other_joints_are_no_layout_of_as_many_points(tmp_path: Path, n
     assert found.layout == layout and found.names == (LAYOUTS[layout] if layout else tuple(names))
 
 
+def test_times_that_tell_nothing_or_go_back(tmp_path: Path) -> None:
+    def timed(*times: float | None) -> Path:
+        return write(tmp_path / "a.json", [{"time": time, "landmarks": landmarks(f)} for f, time in enumerate(times)])
+
+    assert read_keypoints(timed(None, None), size=(1000, 500)).times is None
+    found = read_keypoints(timed(0.0, None, 0.5), size=(1000, 500)).times
+    assert found is not None
+    np.testing.assert_array_equal(found, [0.0, np.nan, 0.5])
+    with pytest.raises(InputError, match="the time of frame 2 is before that of the frame before"):
+        read_keypoints(timed(0.5, None, 0.0), size=(1000, 500))
+
+
+def test_a_depth_is_no_visibility(tmp_path: Path) -> None:
+    places = [[mark["x"], mark["y"], -0.2] for mark in landmarks(0)]
+    with pytest.raises(InputError, match=r"landmarks\[0\]: a visibility below 0"):
+        read_keypoints(write(tmp_path / "a.json", [places]), size=(1000, 500))
+
+
 @pytest.mark.parametrize(("count", "layout"), [(133, "coco17"), (136, "halpe26")])
 def test_whole_bodies_are_cut_to_the_body(tmp_path: Path, count: int, layout: str) -> None:
     table = np.random.default_rng(0).uniform(1, 2, (2, 1, count, 3))

@@ -14,7 +14,14 @@ from poseppl.motion.io import DetectedPeople, read_cameras
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.clock_offsets import SYSTEMATIC, fine_offsets
 from poseppl.motion.tracking.clocks import Clock, align, resampled
-from poseppl.motion.tracking.keypoint_sources import Clocks, common_frames, find_offsets, points_of, without_strays
+from poseppl.motion.tracking.keypoint_sources import (
+    Clocks,
+    common_frames,
+    find_offsets,
+    points_of,
+    read_sources,
+    without_strays,
+)
 from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 
@@ -125,6 +132,38 @@ def test_times_are_those_of_the_file(cameras: Cameras, people: list[DetectedPeop
     ]
     with pytest.raises(InputError, match="no times in the files of cam_01"):
         common_frames(NAMES, cameras, [people[0], *shifted[1:]], Clocks(60.0), None)
+
+
+@pytest.mark.parametrize("offset", [-6.0, 6.0])
+def test_a_camera_sees_nobody_outside_of_its_times(people: list[DetectedPeople], offset: float) -> None:
+    timed = people[0]._replace(times=np.arange(100) / 60.0)
+    clock = Clock(offset=offset, times=True, rate=60.0)
+    seen = np.isfinite(resampled(timed, clock.positions(timed, np.arange(-50, 150)), np.arange(-50, 150)).points)
+    assert not seen[[*range(44), *range(156, 200)]].any() and seen[60:140].any((1, 2, 3)).all()
+
+
+def test_times_of_a_clock_count_from_its_first_second(cameras: Cameras, people: list[DetectedPeople]) -> None:
+    """Seconds since 1970 would be frame numbers of eleven digits, of which other programs keep nine."""
+    timed = [found._replace(times=1.7e9 + 0.5 + np.arange(100) / 60.0) for found in people]
+    aligned, _ = common_frames(NAMES, cameras, timed, Clocks(60.0, find=False), None)
+    assert aligned.frames.tolist() == list(range(30, 130))
+    for found, read in zip(aligned.people, people, strict=True):
+        np.testing.assert_allclose(found.points[10:90], read.points[10:90], atol=1e-3)
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001])
+def test_times_that_are_no_seconds_are_refused(cameras: Cameras, people: list[DetectedPeople], factor: float) -> None:
+    timed = [found._replace(times=factor * np.arange(100) / 60.0) for found in people]
+    with pytest.raises(InputError, match=r"--rate: the frames of cam_01 are .* s apart by their times"):
+        common_frames(NAMES, cameras, timed, Clocks(60.0, find=False), None)
+
+
+def test_confidences_in_percent_are_told(data_dir: Path, people: list[DetectedPeople]) -> None:
+    known = {record.name: record for record in read_cameras(data_dir / "pose2sim_balancing/calibration/Calib_qualisys.toml")}
+    for factor, count in ((1.0, 0), (100.0, 4)):
+        seen = [found._replace(confidence=factor * found.confidence) for found in people]
+        _, notes = read_sources(dict(zip(NAMES, seen, strict=True)), known, None, None)
+        assert sum("most confidences are above 1" in note for note in notes) == count
 
 
 def test_a_file_that_ends_early_takes_nothing_from_the_others(cameras: Cameras, people: list[DetectedPeople]) -> None:
