@@ -60,6 +60,14 @@ def saying(result: Any, **attrs: Any) -> Any:
     return other
 
 
+def test_the_tree_of_a_result_keeps_what_it_knows_to_be_zero(result: Any) -> None:
+    body = recorded_model(result).body
+    rounded = recorded_model(saying(result, lengths={name: value + 1e-4 for name, value in body.lengths.items()})).body
+    assert rounded.tree.marker_pattern == body.tree.marker_pattern
+    moved = recorded_model(saying(result, lengths={name: value + 1.0 for name, value in body.lengths.items()})).body
+    assert moved.tree.marker_pattern != body.tree.marker_pattern
+
+
 def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
