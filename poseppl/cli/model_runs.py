@@ -54,7 +54,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     model = _compiled(name, source_digest(name), tuple(options["inputs"]), tuple(sorted(options["params"].items())))
     series = series_of(model, table, inputs, path)
     filter, settings = algorithm.build(model, options["settings"])
-    number = len(next(iter(table.values())))
+    number = len(next(iter(table.columns.values())))
     progress.stage("compiling", total=number)
     first = None if inputs is None else {key: values[0] for key, values in inputs.items()}
     checks = None if model.prediction_obstacle(first) else predictive_checks(model)

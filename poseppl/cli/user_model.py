@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.errors import InputError
-from poseppl.files.table_reading import read_table
+from poseppl.files.table_reading import NumberTable, read_table
 from poseppl.files.user_code import import_named
 from poseppl.program import CompiledModel, StateSpaceModel
-from poseppl.runs.columns import columns_of, frames_of
+from poseppl.runs.columns import FRAME, columns_of, frames_of
 
 _EXPECTED = "a StateSpaceModel, or a function without arguments that returns one, such as model = StateSpaceModel(...)"
 
@@ -76,32 +76,42 @@ def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str
     return model
 
 
-def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> tuple[dict[str, NDArray[Any]], Any]:
-    """The columns of a table, some of its rows, and the inputs among them by name; None where no input is named.
+def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> tuple[NumberTable, Any]:
+    """A table, some of its rows, and the inputs among its columns by name; None where no input is named.
 
     Raises:
         InputError: The table cannot be read, has no such rows, or lacks an input.
     """
-    table = {name: values[rows] for name, values in read_table(path).items()}
-    if not table or not len(next(iter(table.values()))):
+    whole = read_table(path)
+    table = whole._replace(columns={name: values[rows] for name, values in whole.columns.items()})
+    if not table.columns or not len(next(iter(table.columns.values()))):
         raise InputError("there is no such row", file=path, field="--frames", expected="rows of the table, counted from 0")
-    missing = [name for name in input_names if name not in table]
+    _check_read(table, input_names)
+    missing = [name for name in input_names if name not in table.columns]
     if missing:
-        expected = f"some of {', '.join(table)}"
+        expected = f"some of {', '.join(table.columns)}"
         raise InputError(f"no column {missing[0]!r}", file=path, field="--inputs", expected=expected)
-    return table, {name: np.asarray(table[name], np.float32) for name in input_names} or None
+    return table, {name: np.asarray(table.columns[name], np.float32) for name in input_names} or None
 
 
-def series_of(model: CompiledModel, table: dict[str, NDArray[Any]], inputs: Any, path: str | Path) -> Series:
+def _check_read(table: NumberTable, names: Collection[str]) -> None:
+    """Refuse to go without what a column of one of these names, or an entry of one, holds in place of numbers."""
+    for name, error in table.unread.items():
+        if name in names or name.partition("[")[0] in names:
+            raise error
+
+
+def series_of(model: CompiledModel, table: NumberTable, inputs: Any, path: str | Path) -> Series:
     """Data, inputs and frame numbers for a model.
 
     Raises:
-        InputError: A column is missing, or the data do not fit the model.
+        InputError: A column is missing or holds no numbers, or the data do not fit the model.
     """
     shapes = {name: site.shape for name, site in model.observation_sites.items()}
-    data = columns_of(table, shapes, path)
+    _check_read(table, (*shapes, FRAME))
+    data = columns_of(table.columns, shapes, path)
     try:
         model.observe(data)
     except ValueError as error:
         raise InputError(str(error), file=path) from error
-    return Series(data, inputs, frames_of(table, path))
+    return Series(data, inputs, frames_of(table.columns, path))

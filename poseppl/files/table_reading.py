@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poseppl.errors import FilePath, Location
+from poseppl.errors import FilePath, InputError, Location
 from poseppl.files.bounded_reading import check_file
 from poseppl.files.csv_reading import rows_of_csv
 from poseppl.files.netcdf_reading import read_netcdf
@@ -18,40 +20,64 @@ _EXPECTED = "a table of numbers: NAME.csv, NAME.parquet or NAME.nc"
 _MISSING = ("", "na", "nan", "null", "none")
 """What stands for a number that is missing, in any case."""
 _MOST_BYTES = 2**30
+_Read = Callable[[], NDArray[Any]]
+"""Reads a column, or raises what is wrong with it."""
 
 
-def read_table(path: FilePath) -> dict[str, NDArray[Any]]:
+class NumberTable(NamedTuple):
+    """The columns of a table.
+
+    Attributes:
+        columns: Columns (T,), or variables (T, ...), by name; NaN where a number is missing.
+        unread: What is wrong with each of those that hold no numbers, such as dates.
+    """
+
+    columns: dict[str, NDArray[Any]]
+    unread: dict[str, InputError]
+
+
+def read_table(path: FilePath) -> NumberTable:
     """Read the columns of a table.
 
     Args:
         path: A .csv file with a head, a .parquet file, or a .nc file of variables (T, ...).
 
-    Returns:
-        Columns (T,), or variables (T, ...), by name; NaN where a number is missing.
-
     Raises:
-        InputError: The file is of another kind, cannot be read, or holds what is no number; says where.
+        InputError: The file is of another kind, cannot be read, or has no column of numbers; says where.
     """
     kind = Path(path).suffix.lower()
     if kind == ".csv":
-        return _columns_of_csv(path)
-    if kind in (".parquet", ".pq"):
-        return _columns_of_parquet(path)
-    if kind == ".nc":
-        tree = read_netcdf(path, expected=_EXPECTED)
-        variables = {str(name): values.values for name, values in tree.dataset.variables.items()}
-        return {name: _numbers(Location(path, field=name), values) for name, values in variables.items()}
-    raise Location(path).error(f"a file of the kind {kind or 'of no kind'!r}", _EXPECTED)
+        readers = _columns_of_csv(path)
+    elif kind in (".parquet", ".pq"):
+        readers = _columns_of_parquet(path)
+    elif kind == ".nc":
+        variables = read_netcdf(path, expected=_EXPECTED).dataset.variables
+        readers = {str(name): partial(_numbers, Location(path, field=str(name)), of.values) for name, of in variables.items()}
+    else:
+        raise Location(path).error(f"a file of the kind {kind or 'of no kind'!r}", _EXPECTED)
+    table = NumberTable({}, {})
+    for name, read in readers.items():
+        try:
+            table.columns[name] = read()
+        except InputError as error:
+            table.unread[name] = error
+    if table.unread and not table.columns:
+        raise next(iter(table.unread.values()))
+    return table
 
 
-def _columns_of_csv(path: FilePath) -> dict[str, NDArray[Any]]:
+def _columns_of_csv(path: FilePath) -> dict[str, _Read]:
     (at, names), *rows = list(rows_of_csv(path, empty=True)) or [(Location(path), [])]
     if len(set(names)) < len(names) or "" in names or not names:
         raise at.error(f"its head is {names}", "a name for each column, all different")
     if not rows:
         raise Location(path).error("no row below its head", "a row for each frame")
-    values = [[_number(here.in_field(name), word) for name, word in zip(names, row, strict=True)] for here, row in rows]
-    return dict(zip(names, np.array(values).T, strict=True))
+    places, words = zip(*rows, strict=True)
+    return {name: partial(_column, name, places, column) for name, column in zip(names, zip(*words, strict=True), strict=True)}
+
+
+def _column(name: str, places: Sequence[Location], words: Sequence[str]) -> NDArray[Any]:
+    return np.array([_number(at.in_field(name), word) for at, word in zip(places, words, strict=True)])
 
 
 def _number(at: Location, word: str) -> float:
@@ -63,7 +89,7 @@ def _number(at: Location, word: str) -> float:
         raise at.error(f"{word!r}", "a number, or nothing where none is") from None
 
 
-def _columns_of_parquet(path: FilePath) -> dict[str, NDArray[Any]]:
+def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:
     source, at = check_file(path, max_bytes=_MOST_BYTES), Location(path)
     try:
         parquet: Any = import_module("pyarrow.parquet")
@@ -77,7 +103,7 @@ def _columns_of_parquet(path: FilePath) -> dict[str, NDArray[Any]]:
         raise at.error(f"no Parquet: {error}", _EXPECTED) from error
     if table is None:
         raise at.error(f"declares {size / 2**20:.0f} MiB", f"at most {_MOST_BYTES // 2**20} MiB unpacked")
-    return {name: _numbers(at.in_field(name), table[name].to_pandas().to_numpy()) for name in table.column_names}
+    return {name: partial(_numbers, at.in_field(name), table[name].to_pandas().to_numpy()) for name in table.column_names}
 
 
 def _numbers(at: Location, values: NDArray[Any]) -> NDArray[Any]:

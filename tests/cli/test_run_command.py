@@ -126,14 +126,26 @@ def test_what_does_not_fit_is_said(folder, capsys, words, message):
     assert not list(folder.glob("poseppl-*"))
 
 
+def test_dates_that_nothing_uses_are_left_out_and_those_that_something_does_are_named(folder, capsys):
+    head, *rows = (folder / "data.csv").read_text().split()
+    dated = [f"date,{head}", *(f"2020-01-{day:02d},{row}" for day, row in enumerate(rows, 1))]
+    (folder / "dated.csv").write_text("\n".join(dated))
+    table, plain = read_table("dated.csv"), read_table("data.csv")
+    assert list(table.unread) == ["date"] and table.columns.keys() == plain.columns.keys()
+    words = ["run", "model.py", "--data", "dated.csv", "--param", "noise=1", "--inputs"]
+    assert main([*words, "push"]) == 0
+    assert main([*words, "push", "--inputs", "date"]) == 1
+    assert "dated.csv, line 2, date: '2020-01-01'" in capsys.readouterr().err
+
+
 def test_tables_of_three_kinds_are_one(folder):
     pandas = pytest.importorskip("pandas")
-    table = read_table("data.csv")
+    table = read_table("data.csv").columns
     pandas.DataFrame(table).to_parquet("data.parquet")
     xr.Dataset({name: ("t", values) for name, values in table.items()}).to_netcdf("data.nc", engine="h5netcdf")
     assert np.isnan(table["y[1]"][2]) and list(table) == ["frame", "push", "y[0]", "y[1]"]
     for name in ("data.parquet", "data.nc"):
-        other = read_table(name)
+        other = read_table(name).columns
         for column, values in table.items():
             np.testing.assert_array_equal(other[column], values)
     (folder / "text.parquet").write_bytes(b"no parquet")
