@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options
+from poseppl.cli.options import chosen, common_options
 from poseppl.cli.run import model_options
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
@@ -65,14 +65,12 @@ def batch(folder: str, model: str, **options: Any) -> None:
             model=str(source.resolve()) + model[len(str(source)) :] if source.suffix == ".py" else model,
             source=source_digest(model),
             folder=str(target.resolve()),
-            filter_name=options["filter_name"],
             settings=tuple(sorted(options["settings"].items())),
             inputs=tuple(options["inputs"]),
             params=tuple(sorted(options["params"].items())),
             smooth=options["smooth"] or "",
             hindcast=options["hindcast"] or 0,
-            seed=options["seed"],
-            max_draws=options["max_draws"],
+            **chosen(options, "filter_name", "seed", "max_draws"),
         )
         for path in tables
     ]

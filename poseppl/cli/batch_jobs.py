@@ -67,16 +67,7 @@ class _Notes:
 
 def run_table(job: TableJob) -> dict[str, Any]:
     """Filter a table, write its result and picture, and tell what came of it, as JSON, with ``error`` where it failed."""
-    options = {
-        "filter_name": job.filter_name,
-        "settings": dict(job.settings),
-        "inputs": job.inputs,
-        "params": dict(job.params),
-        "smooth": job.smooth,
-        "hindcast": job.hindcast,
-        "seed": job.seed,
-        "max_draws": job.max_draws,
-    }
+    options = {**vars(job), "settings": dict(job.settings), "params": dict(job.params)}
     notes = _Notes()
     try:
         found = filtered(job.model, job.table, options, notes)

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options
+from poseppl.cli.options import common_options, seed_option
 from poseppl.cli.track_keypoints import keypoint_recording, source_options, words_of_keypoints
 from poseppl.cli.track_video import ManyFiles
 
@@ -38,7 +38,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.option("--calibration", metavar="FILE", type=click.Path(), required=True, help="The calibrated cameras.")
 @click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
 @click.option("--rate", metavar="HZ", type=float, help="Frames a second. [default: 30]")
-@click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the draws.")
+@seed_option("Of the draws.")
 @common_options
 def calibrate_detector(name: str, **options: Any) -> None:
     """Find how large the errors of a detector's keypoints are, by keypoint and by the confidence that it tells.

@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from poseppl.cli.options import common_options
-from poseppl.errors import InputError
 
 FORMATS = ("trc", "mot", "c3d", "csv", "rrd")
 BY_DEFAULT = ("trc", "mot")
@@ -82,14 +81,12 @@ def export(result: str, formats: tuple[str, ...], output: str | None, level: flo
     "OpenSim's coordinates" of the documentation.
     """
     from poseppl.cli.console import ConsoleProgress, start_jax
-    from poseppl.cli.files import check_writable, contents_of
+    from poseppl.cli.files import check_writable, contents_of, output_folder
     from poseppl.motion.io.exchange_formats import files_of
     from poseppl.motion.tracking.export import has_angles
     from poseppl.runs.results import load_result
 
-    folder = Path(result).parent if output is None else Path(output)
-    if not folder.is_dir():
-        raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
+    folder = output_folder(output, result)
     tree = load_result(result)
     target, chosen = folder / Path(result).name, formats or (BY_DEFAULT if has_angles(tree) else BY_DEFAULT[:1])
     check_writable((path for paths in files_of(folder, target.stem, chosen).values() for path in paths), [result])

@@ -59,6 +59,18 @@ def output_path(given: str | None, stem: str, suffix: str) -> Path:
     return path
 
 
+def output_folder(given: str | None, result: str) -> Path:
+    """The folder of --output; by default that of a result.
+
+    Raises:
+        InputError: It is not there.
+    """
+    folder = Path(result).parent if given is None else Path(given)
+    if not folder.is_dir():
+        raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
+    return folder
+
+
 def check_writable(paths: Iterable[Path], inputs: Iterable[str | Path | None] = ()) -> None:
     """Check that files can be written, and are not among the inputs, before the work is done.
 

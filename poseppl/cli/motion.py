@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options
+from poseppl.cli.options import common_options, seed_option
 from poseppl.errors import InputError
 
 BODY = "poseppl_models.darby:full_body"
@@ -50,9 +50,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     "--rounds", metavar="N", type=click.IntRange(1), default=50, show_default=True, help="Rounds of Baum-Welch, at most."
 )
 @click.option("--free", metavar="JOINT", multiple=True, help="Joints that are not learned. [default: the root, neck and head]")
-@click.option(
-    "--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of what training starts from."
-)
+@seed_option("Of what training starts from.")
 @click.option("--plot", metavar="FILE.png", type=click.Path(), help="Picture of the states.")
 @common_options
 def fit_motion(name: str, files: tuple[str, ...], **options: Any) -> None:

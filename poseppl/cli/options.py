@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Option = Callable[[Any], Any]
+
+
+OF_RECORDINGS = ("skeleton", "names", "scale", "up")
+OF_PLACED_CAMERAS = ("cameras", "camera_distance", "view")
 
 
 def option_group(*given: Option) -> Callable[[Command], Command]:
@@ -20,6 +25,32 @@ def option_group(*given: Option) -> Callable[[Command], Command]:
         return command
 
     return decorate
+
+
+def seed_option(purpose: str | None = None) -> Option:
+    """The option --seed."""
+    return click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help=purpose)
+
+
+def chosen(options: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """Some of the options, as arguments of the same names."""
+    return {name: options[name] for name in names}
+
+
+def refuse(names: Iterable[str], told: str) -> None:
+    """Refuse options of the command that is running if they are given.
+
+    Args:
+        names: Those that are refused.
+        told: The end of the message, such as "does not go with --live".
+
+    Raises:
+        click.UsageError: One of them is given.
+    """
+    source = click.get_current_context().get_parameter_source
+    for name in names:
+        if source(name) != ParameterSource.DEFAULT:
+            raise click.UsageError(f"--{name.removesuffix('_name').replace('_', '-')} {told}")
 
 
 subject_options = option_group(

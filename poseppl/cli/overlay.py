@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from poseppl.cli.options import common_options
-from poseppl.errors import InputError
 
 EXAMPLES = """
 \b
@@ -38,14 +37,12 @@ def overlay(result: str, videos: tuple[str, ...], output: str | None, quiet: boo
     result is its first picture, also where a camera's clock was found to differ. Needs pip install 'poseppl[vision]'.
     """
     from poseppl.cli.console import ConsoleProgress
-    from poseppl.cli.files import check_writable, contents_of
+    from poseppl.cli.files import check_writable, contents_of, output_folder
     from poseppl.motion.rendering.overlay_video import write_overlay
     from poseppl.motion.tracking.video_sources import open_named
     from poseppl.runs.results import load_result
 
-    folder = Path(result).parent if output is None else Path(output)
-    if not folder.is_dir():
-        raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
+    folder = output_folder(output, result)
     tree, opened = load_result(result), open_named(videos)
     paths = overlay_paths(opened, folder / Path(result).name)
     check_writable(paths, [result, *(word.rpartition("=")[2] for word in videos)])

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options, option_group
+from poseppl.cli.options import common_options, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
 from poseppl.errors import InputError
 
@@ -113,7 +113,7 @@ model_options = option_group(
         help="Forecast 1 to H frames ahead from every frame, and score that by the data that came; poseppl compare shows it.",
     ),
     click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
-    click.option("--seed", metavar="N", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True),
+    seed_option(),
     click.option(
         "--max-draws", metavar="N", type=click.IntRange(1), default=200, show_default=True, help="Draws kept of a frame."
     ),

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.cli.subject import check_seed
 from poseppl.errors import InputError
 
 EXAMPLES = """
@@ -102,8 +103,7 @@ def simulate(recording: str | None, **options: Any) -> None:
     RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton);
     without it, the built-in walk is seen.
     """
-    if not 0 <= options["seed"] < 2**32:
-        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    check_seed(options)
     if options["video"]:
         from poseppl.cli.video import simulate_video
 

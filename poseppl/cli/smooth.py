@@ -9,6 +9,7 @@ import click
 
 from poseppl.cli.options import common_options
 from poseppl.cli.settings import CommandWithSettings, settings_option
+from poseppl.cli.subject import check_seed
 from poseppl.errors import InputError
 
 EXAMPLES = """
@@ -86,8 +87,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
 
     if options["max_draws"] is not None and options["max_draws"] < 1:
         raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
-    if not 0 <= options["seed"] < 2**32:
-        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+    check_seed(options)
     chosen = {name: options[name] for name in ("seed", "max_draws", "model", "errors")}
     tree = load_result(result)
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")

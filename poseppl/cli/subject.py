@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from poseppl.cli.options import OF_PLACED_CAMERAS, chosen
 from poseppl.errors import InputError
 
 
@@ -26,13 +27,9 @@ def find_subject(recording: str | None, options: dict[str, Any]) -> Any:
         recording,
         options["skeleton"],
         model=model,
-        frames=options["frames"],
         rate=rate,
-        scale=options["scale"],
-        up=options["up"],
-        names=options["names"],
-        lengths=options["lengths"],
         turn=options.get("turn"),
+        **chosen(options, "frames", "scale", "up", "names", "lengths"),
     )
 
 
@@ -44,12 +41,18 @@ def given_rate(options: dict[str, Any]) -> float | None:
     return rate
 
 
+def check_seed(options: dict[str, Any]) -> None:
+    """Raise `InputError` for a --seed out of range."""
+    if not 0 <= options["seed"] < 2**32:
+        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
+
+
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """Cameras and their names: from a file, or placed around the subject."""
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking.placing import camera_names, cameras_around, cameras_of_records
 
-    placed = {name: options[name] for name in ("cameras", "camera_distance", "view") if options[name] is not None}
+    placed = {name: given for name, given in chosen(options, *OF_PLACED_CAMERAS).items() if given is not None}
     if options["camera"] is not None:
         for name in placed:
             raise InputError("cameras come from the file", field="--" + name.replace("_", "-"), expected="no --camera with it")

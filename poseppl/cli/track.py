@@ -8,7 +8,15 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from poseppl.cli.options import camera_options, common_options, subject_options
+from poseppl.cli.options import (
+    OF_PLACED_CAMERAS,
+    OF_RECORDINGS,
+    camera_options,
+    chosen,
+    common_options,
+    refuse,
+    subject_options,
+)
 from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import settings_option
 from poseppl.cli.track_keypoints import (
@@ -30,7 +38,7 @@ from poseppl.cli.track_video import (
     video_options,
     write_overlays,
 )
-from poseppl.errors import InputError, PosepplError
+from poseppl.errors import PosepplError
 
 _SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "devices")
 """Settings of a track that are options of the same names."""
@@ -242,9 +250,7 @@ def _check_usage(recording: str | None, observations: str | None, options: dict[
     if observations is not None:
         if options["camera"] is None:
             raise click.UsageError("--observations needs --camera TOML")
-        for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view"):
-            if options[name] is not None:
-                raise click.UsageError(f"--{name.replace('_', '-')} does not go with --observations")
+        refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS), "does not go with --observations")
     elif options["stature"] is not None and not options["video"] and not options["keypoints"]:
         raise click.UsageError("--stature goes with --video, --observations or --keypoints; a recording tells its own")
 
@@ -253,7 +259,7 @@ def _run(
     recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], target: Path, progress: Any
 ) -> tuple[Any, str | None, Any]:
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
-    from poseppl.cli.subject import given_rate
+    from poseppl.cli.subject import check_seed, given_rate
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
@@ -272,7 +278,7 @@ def _run(
         options=options["settings"],
         on_failure=options["on_failure"],
         other_motion=not options["prior_alone"],
-        **{name: options[name] for name in _SETTINGS},
+        **chosen(options, *_SETTINGS),
     )
     FILTERS[settings.filter].check(settings.options)
     if options["smooth_method"]:
@@ -290,14 +296,12 @@ def _run(
             observations,
             read_cameras(options["camera"]),
             model=model,
-            frames=options["frames"],
-            noise=options["noise"],
             rate=given_rate(options),
-            stature=options["stature"],
-            lengths=options["lengths"],
+            **chosen(options, "frames", "noise", "stature", "lengths"),
         )
     else:
-        scene = observe_motion(*_seen(recording, options, progress), noise=options["noise"], seed=_seed(options["seed"]))
+        check_seed(options)
+        scene = observe_motion(*_seen(recording, options, progress), **chosen(options, "noise", "seed"))
     if scene.rate is None:
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
     progress.stage("compiling", total=len(scene.frames))
@@ -324,12 +328,6 @@ def _choose_for_prior(options: dict[str, Any]) -> None:
         options["model"] = known.body
     if click.get_current_context().get_parameter_source("filter_name") == ParameterSource.DEFAULT:
         options["filter_name"] = DEFAULT_FILTER
-
-
-def _seed(seed: int) -> int:
-    if not 0 <= seed < 2**32:
-        raise InputError(f"{seed}", field="--seed", expected="0 to 4294967295")
-    return seed
 
 
 def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tuple[Any, Any, tuple[str, ...]]:

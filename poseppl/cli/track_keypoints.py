@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import option_group
+from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.track_live import check_live_usage, live_options
 from poseppl.errors import InputError, Location, PosepplError
 
@@ -26,7 +26,6 @@ _ONLY = (
     "detector_errors",
     "live",
 )
-_NOT_WITH = ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera")
 
 source_options = option_group(
     click.option(
@@ -184,9 +183,7 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
     """
     check_live_usage(options)
     if not options["keypoints"]:
-        for name in _ONLY:
-            if options[name] not in (None, ()):
-                raise click.UsageError(f"--{name.replace('_', '-')} goes with --keypoints")
+        refuse(_ONLY, "goes with --keypoints")
         return
     if others:
         raise click.UsageError("give --keypoints, a RECORDING or --observations, not two of them")
@@ -194,9 +191,8 @@ def check_keypoint_usage(options: dict[str, Any], others: bool) -> None:
         raise click.UsageError("--keypoints needs --calibration FILE")
     if options["detector_errors"] is not None and options["noise"] is not None:
         raise click.UsageError("give --detector-errors or --noise, not both")
-    for name in _NOT_WITH:
-        if options[name] is not None and not (name == "skeleton" and wants_points(options)):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --keypoints")
+    names = OF_RECORDINGS[1:] if options["skeleton"] is not None and wants_points(options) else OF_RECORDINGS
+    refuse((*names, *OF_PLACED_CAMERAS, "camera"), "does not go with --keypoints")
 
 
 def wants_points(options: dict[str, Any]) -> bool:
@@ -230,18 +226,11 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     found = scene_of_keypoints(
         words_of_keypoints(options["keypoints"]),
         read_calibration(options["calibration"], options["unit"]),
-        layout=options["layout"],
-        detector=options["detector"],
         clocks=_clocks(options, given_rate(options)),
-        person=options["person"] or 1,
-        frames=options["frames"],
-        noise=options["noise"],
         rate=given_rate(options),
-        stature=options["stature"],
-        lengths=options["lengths"],
-        refine=not options["keep_calibration"],
         mend=not options["keep_detections"],
-        detector_errors=errors_of_detector(options),
+        **chosen(options, "detector", "frames"),
+        **about_person(options),
         **more,
     )
     for note in found.notes():
@@ -249,12 +238,17 @@ def keypoint_recording(options: dict[str, Any], progress: Any, **more: Any) -> A
     return found
 
 
-def errors_of_detector(options: dict[str, Any]) -> Any:
-    """What is known of the detector's errors; None where nothing is."""
+def about_person(options: dict[str, Any]) -> dict[str, Any]:
+    """Arguments that tell of the person, its keypoints and their errors."""
     from poseppl.motion.tracking.detector_files import read_detector_errors
 
     known = options["detector_errors"]
-    return None if known is None else read_detector_errors(known)
+    return {
+        **chosen(options, "layout", "noise", "stature", "lengths"),
+        "person": options["person"] or 1,
+        "refine": not options["keep_calibration"],
+        "detector_errors": None if known is None else read_detector_errors(known),
+    }
 
 
 def exported_targets(options: dict[str, Any], target: Path) -> list[Path]:

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from poseppl.cli.live_table import LiveTable
-from poseppl.cli.options import option_group
+from poseppl.cli.options import option_group, refuse
 from poseppl.errors import InputError, PosepplError
 
 START, WAIT, IDLE = 1.0, 1.0, 10.0
@@ -55,15 +55,11 @@ live_options = option_group(
 def check_live_usage(options: dict[str, Any]) -> None:
     """Refuse options that do not go with --live, or only with it."""
     if not options["live"]:
-        for name in _ONLY:
-            if options[name] is not None:
-                raise click.UsageError(f"--{name} goes with --live")
+        refuse(_ONLY, "goes with --live")
         return
     if options["checkpoint"] is not None:
         raise click.UsageError("--checkpoint does not go with --live: all frames are in the folders, as a recording without it")
-    for name in _NOT_WITH:
-        if options[name] not in (None, ()):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --live")
+    refuse(_NOT_WITH, "does not go with --live")
     for name in ("walk", "markers"):
         if options[name] == "learned":
             raise click.UsageError(f"--{name} learned needs the whole recording, and does not go with --live")
@@ -176,7 +172,7 @@ class _Follower:
 
     def _begin(self) -> None:
         """Filter the first frames, and find what the others need."""
-        from poseppl.cli.track_keypoints import errors_of_detector
+        from poseppl.cli.track_keypoints import about_person
         from poseppl.motion.tracking.live import LiveTrack
 
         options, self.first = self._options, len(self._waiting)
@@ -188,14 +184,8 @@ class _Follower:
             self._settings,
             self._progress.note,
             rate=self._rate,
-            layout=options["layout"],
             model=self._settings.model,
-            person=options["person"] or 1,
-            noise=options["noise"],
-            stature=options["stature"],
-            lengths=options["lengths"],
-            refine=not options["keep_calibration"],
-            detector_errors=errors_of_detector(options),
+            **about_person(options),
         )
         self._table.begin(self.track.markers)
         self._table.write(self.track.estimate, [frame.since for frame in self._waiting])

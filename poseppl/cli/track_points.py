@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-from click.core import ParameterSource
-
+from poseppl.cli.options import refuse
 from poseppl.cli.track_keypoints import words_of_keypoints
 
 _BODYS = (
@@ -55,11 +53,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     from poseppl.motion.tracking.point_smoothing import smooth_points
     from poseppl.motion.tracking.walk import ASSUMED_RATE
 
-    source = click.get_current_context().get_parameter_source
-    for name in _NOT_WITH:
-        if source(name) != ParameterSource.DEFAULT:
-            word = name.removesuffix("_name").replace("_", "-")
-            raise click.UsageError(f"--{word} does not go with --keypoints of named points")
+    refuse(_NOT_WITH, "does not go with --keypoints of named points")
     progress.stage("reading")
     skeleton = None if options["skeleton"] is None else read_skeleton(options["skeleton"])
     calibration = read_calibration(options["calibration"], options["unit"])

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from poseppl.cli.options import chosen
 from poseppl.cli.track_keypoints import wants_points
 from poseppl.errors import InputError, PosepplError
 
@@ -56,7 +57,7 @@ def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> A
     settings = SmoothSettings(
         str(smoothing_method(options)),
         errors="lasting" if options["keypoints"] else "independent",
-        **{name: options[name] for name in ("seed", "max_draws", "model")},
+        **chosen(options, "seed", "max_draws", "model"),
     )
     try:
         return smooth(tree, settings, scene if options["video"] else None)

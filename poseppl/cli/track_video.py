@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import option_group
+from poseppl.cli.options import OF_PLACED_CAMERAS, OF_RECORDINGS, chosen, option_group, refuse
 from poseppl.cli.overlay import overlay_paths
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
@@ -108,15 +108,12 @@ def check_video_usage(options: dict[str, Any], others: bool) -> None:
         others: Whether a recording or observations are given too.
     """
     if not options["video"]:
-        for name in _ONLY:
-            if options[name] and not (name == "calibration" and options["keypoints"]):
-                raise click.UsageError(f"--{name.replace('_', '-')} goes with --video")
+        shared = ("calibration",) if options["keypoints"] else ()
+        refuse((name for name in _ONLY if name not in shared), "goes with --video")
         return
     if others:
         raise click.UsageError("give --video, a RECORDING or --observations, not two of them")
-    for name in ("skeleton", "names", "scale", "up", "cameras", "camera_distance", "view", "camera", "noise"):
-        if options[name] is not None:
-            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --video")
+    refuse((*OF_RECORDINGS, *OF_PLACED_CAMERAS, "camera", "noise"), "does not go with --video")
 
 
 def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> Any:
@@ -128,10 +125,10 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
     from poseppl.motion.vision import BackgroundSettings
 
     rate = given_rate(options)
-    chosen = FrameRange.parse(options["frames"])
-    if chosen.step > 1:
+    frames = FrameRange.parse(options["frames"])
+    if frames.step > 1:
         raise InputError(f"{options['frames']!r}", field="--frames", expected="A:B, frames A to B - 1 of the videos")
-    start, stop = chosen.start, chosen.stop
+    start, stop = frames.start, frames.stop
     known = [video.num_frames for video in sources.videos if video.num_frames is not None]
     progress.stage("finding silhouettes", total=(min(known) if stop is None and known else stop or 0) - start)
     settings = SilhouetteSettings()
@@ -145,15 +142,12 @@ def scene_of_options(sources: Any, options: dict[str, Any], progress: Any) -> An
         scene = see_silhouettes(
             sources,
             model=options["model"] or DEFAULT_MODEL,
-            stature=options["stature"],
-            lengths=options["lengths"],
             settings=settings,
             background=BackgroundSettings(refine=bool(options["refine"])),
-            facing=options["facing"],
             start=start,
             stop=stop,
-            on_failure=options["on_failure"],
             advance=progress.advance,
+            **chosen(options, "stature", "lengths", "facing", "on_failure"),
         )
     if rate is not None:
         scene = scene._replace(rate=rate)

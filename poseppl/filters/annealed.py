@@ -34,7 +34,7 @@ from jax import Array
 from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
-from poseppl.particles.weights import Normalised, effective_sample_size, normalise
+from poseppl.particles.weights import Normalised, effective_sample_size, normalise, without_infinity
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
@@ -167,8 +167,7 @@ def annealing_filter(model: CompiledModel, num_particles: int, settings: Anneali
     """Build an annealed filter from how its particles are predicted and dispersed."""
 
     def values_of(particles: Array, data: tuple[Observation, Any]) -> Array:
-        values = log_likelihoods(model, particles, *data)
-        return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
+        return without_infinity(log_likelihoods(model, particles, *data))
 
     def anneal(
         rng_key: Array, predicted: Array, disperse: Disperse, ancestors: Array, data: tuple[Observation, Any]

@@ -34,7 +34,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.gaussians.chain_mixture import fit_mixture
@@ -130,10 +130,7 @@ def assumed_density_filter(
         )
         return chain_state(draws, chains.log_step_size, log_weights=log_weights), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ChainState, Info]:
-        return step(rng_key, initial_state(observation, inputs), observation, inputs)
-
-    return Filter(init, step, initial_state=initial_state)
+    return filter_of_steps(initial_state, step)
 
 
 def _prior(

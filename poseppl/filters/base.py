@@ -137,3 +137,20 @@ class Filter:
         """Attributes of a result that tell of the filter, for those who judge it."""
         told = {"closed form": self.closed_form, "evidence": self.evidence}
         return told if self.points is None else {**told, "points of the past": self.points}
+
+
+def filter_of_steps(
+    initial_state: Callable[[Any, Any], Any], step: Callable[[Array, Any, Any, Any], tuple[Any, Info]], **told: Any
+) -> Filter:
+    """A filter whose first frame is a step from the state before it.
+
+    Args:
+        initial_state: The field of :class:`Filter`.
+        step: Likewise.
+        told: Other fields.
+    """
+
+    def init(rng_key: Array, observation: Any, inputs: Any = None) -> tuple[Any, Info]:
+        return step(rng_key, initial_state(observation, inputs), observation, inputs)
+
+    return Filter(init, step, initial_state=initial_state, **told)

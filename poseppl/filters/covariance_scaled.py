@@ -35,7 +35,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
@@ -130,10 +130,7 @@ def covariance_scaled_filter(
         boxed, _joined(limits, boxed), proposal, jumps, num_particles, num_modes, num_starts, num_steps, prior == "closest"
     )
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[ModeState, Info]:
-        return tracker.step(rng_key, tracker.initial_state(observation, inputs), observation, inputs)
-
-    return Filter(init, tracker.step, initial_state=tracker.initial_state)
+    return filter_of_steps(tracker.initial_state, tracker.step)
 
 
 class _Tracker(NamedTuple):

@@ -44,7 +44,7 @@ from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
-from poseppl.particles.weights import Normalised, normalise
+from poseppl.particles.weights import Normalised, normalise, without_infinity
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import draw_initial, log_likelihoods, log_prediction, propagate
@@ -190,7 +190,7 @@ def _evolve(
     posterior, num_particles = layers.posterior, predicted.shape[0]
 
     def weighed(positions: Array) -> tuple[Array, Array]:
-        return positions, _safe(log_likelihoods(model, positions, *data))
+        return positions, without_infinity(log_likelihoods(model, positions, *data))
 
     predicted, values = weighed(predicted)
     lost = jnp.all(jnp.isneginf(values))
@@ -241,7 +241,3 @@ def _conclude(evolved: _Evolved, ancestors: Array, previous: DEMCState | None, p
 def _noise_factor(values: Array, follows: str) -> Array:
     survival = jnp.maximum(normalise(values).ess, 1.0) / values.shape[0]
     return {"survival": survival, "degeneracy": 1.0 / survival, "nothing": jnp.ones_like(survival)}[follows]
-
-
-def _safe(values: Array) -> Array:
-    return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)

@@ -29,7 +29,7 @@ from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.gaussians.ensemble import (
     Form,
     Increment,
@@ -149,10 +149,7 @@ def ensemble_kalman_filter(
     def step(rng_key: Array, state: EnsembleState, observation: Observation, inputs: Any = None) -> tuple[EnsembleState, Info]:
         return analyse(model, settings, rng_key, state, observation, inputs)[:2]
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[EnsembleState, Info]:
-        return step(rng_key, start(observation, inputs), observation, inputs)
-
-    return Filter(init, step, initial_state=start)
+    return filter_of_steps(start, step)
 
 
 def initial_state(model: CompiledModel, settings: EnsembleSettings) -> EnsembleState:

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.linearisation import Method, condition, linearise, linearise_about, predict
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
@@ -89,10 +89,7 @@ def kalman_filter(
         log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
         return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
-        return step(rng_key, initial_state(observation, inputs), observation, inputs)
-
-    return Filter(init, step, initial_state=initial_state, closed_form=True)
+    return filter_of_steps(initial_state, step, closed_form=True)
 
 
 def update(

@@ -13,6 +13,7 @@ from poseppl.kernels.hmc import Chains, HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Modes, group_masses, group_modes, whitening
 from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
 from poseppl.particles.resampling import systematic
+from poseppl.particles.weights import without_nan
 
 _EVENNESS = 0.75
 """Chains are shared among modes in proportion to this power of their masses: a lesser mode gets more than its share."""
@@ -91,5 +92,5 @@ def start_chains(rng_key: Array, modes: Modes, chosen: Array, log_density: LogDe
     noise = noise.reshape(len(chosen), CANDIDATES, dimension)
     candidates = modes.states[chosen][:, None] + jnp.einsum("nij,ncj->nci", modes.scales[chosen], noise)
     importance = jax.vmap(jax.vmap(log_density))(candidates) + 0.5 * jnp.sum(noise**2, -1)
-    picked = weighted_choice(chances[:, 0], jnp.where(jnp.isnan(importance), -jnp.inf, importance))
+    picked = weighted_choice(chances[:, 0], without_nan(importance))
     return jnp.take_along_axis(candidates, picked[:, None, None], 1)[:, 0]

@@ -28,7 +28,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.conditional_proposal import conditional_model
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
@@ -115,9 +115,6 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
         particles = jnp.zeros((num_particles, model.dimension), means.dtype)
         return state_of(particles, log_prior, means, scales, started=False)
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[SwitchingState, Info]:
-        return step(rng_key, initial_state(observation, inputs), observation, inputs)
-
     def step(
         rng_key: Array, state: SwitchingState, observation: Observation, inputs: Any = None
     ) -> tuple[SwitchingState, Info]:
@@ -127,7 +124,7 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
         log_prior, mean, scale, before = predicted
         return update(rng_key, log_prior, _Gaussians(mean, scale), before, observation, inputs)
 
-    return Filter(init, step, initial_state=initial_state, closed_form=True)
+    return filter_of_steps(initial_state, step, closed_form=True)
 
 
 class _Gaussians(NamedTuple):

@@ -39,7 +39,7 @@ from poseppl.kernels.moves import (
     whitening_from_spread,
 )
 from poseppl.particles.resampling import Resampling
-from poseppl.particles.weights import effective_sample_size, normalise
+from poseppl.particles.weights import effective_sample_size, normalise, without_infinity
 
 _BISECTIONS = 40
 
@@ -151,8 +151,7 @@ def temper(
     whitening_of = partial(_whitening, prior_covariance=prior_covariance, settings=settings)
 
     def likelihood(x: Array) -> Array:
-        value = log_likelihood(x)
-        return jnp.where(jnp.isnan(value) | jnp.isposinf(value), -jnp.inf, value)
+        return without_infinity(log_likelihood(x))
 
     def unfinished(carry: tuple[Array, Tempered]) -> Array:
         run = carry[1]

@@ -17,6 +17,7 @@ from blackjax.adaptation.step_size import dual_averaging_adaptation
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.particles.weights import without_nan
 
 Kernel = Literal["nuts", "hmc"]
 
@@ -89,8 +90,7 @@ def adapted_chain(
     """
 
     def safe_density(position: Array) -> Array:
-        value = log_density(position)
-        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+        return without_nan(log_density(position))
 
     move = _kernel(safe_density, start, settings)
     averaging, improve, _ = dual_averaging_adaptation(settings.target_acceptance)

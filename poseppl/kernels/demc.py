@@ -31,6 +31,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
+from poseppl.particles.weights import without_infinity
 
 LogDensity = Callable[[Array], Array]
 
@@ -236,8 +237,7 @@ def symmetric_noise(rng_key: Array, half_width: Array, x: Array) -> Array:
 
 
 def _values(positions: Array, log_density: LogDensity) -> Array:
-    values = jax.vmap(log_density)(positions)
-    return jnp.where(jnp.isnan(values) | jnp.isposinf(values), -jnp.inf, values)
+    return without_infinity(jax.vmap(log_density)(positions))
 
 
 def _three_indices(uniforms: Array, count: Array | int) -> Array:

@@ -30,6 +30,7 @@ from poseppl.kernels import truncation
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.laplace import whitening
 from poseppl.kernels.trust_region import Climb, active_face
+from poseppl.particles.weights import without_nan
 
 _FLOOR = 1e-6
 """Least eigenvalue of a curvature that is scaled to a unit diagonal: what is flatter counts as this flat."""
@@ -44,10 +45,10 @@ class FaceModes(NamedTuple):
         scales: Their inverse square roots (S, d, d), upper triangular.
         log_masses: Masses of the cut Gaussians (S,), -inf where a climb has no finite cost.
         covariances: On the free face (S, d, d), of rank d less the number of active constraints.
-        active: Active constraints (S, d + m), in the order of `Constraints.normals`.
-        slopes: Their multipliers (S, d + m).
-        inner_curvatures: Of the density in t (S, d + m), 1 where a constraint is not active.
-        inward: How a state moves with t (S, d, d + m), 0 where a constraint is not active.
+        active: Active constraints (S, d).
+        slopes: Their multipliers (S, d).
+        inner_curvatures: Of the density in t (S, d), 1 where a constraint is not active.
+        inward: How a state moves with t (S, d, d), 0 where a constraint is not active.
     """
 
     states: Array
@@ -95,7 +96,7 @@ def _describe(climb: Climb, constraints: Constraints) -> FaceModes:
         states=x,
         precisions=steep,
         scales=whitening(x, steep).scale,
-        log_masses=jnp.where(jnp.isnan(mass), -jnp.inf, mass),
+        log_masses=without_nan(mass),
         covariances=0.5 * (face + face.T),
         active=active,
         slopes=multipliers,

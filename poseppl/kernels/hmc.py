@@ -19,6 +19,7 @@ from jax import Array
 from poseppl.checks import RangeError, check_at_least, check_fraction
 from poseppl.kernels.own_kernel import OwnKernel, Updated, update_by
 from poseppl.particles.random_numbers import normals_and_uniforms
+from poseppl.particles.weights import without_nan
 
 LogDensity = Callable[[Array], Array]
 
@@ -106,8 +107,7 @@ def hmc_chains(
     dtype, number = starts.dtype, settings.num_updates
 
     def safe_density(position: Array) -> Array:
-        value = log_density(position)
-        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+        return without_nan(log_density(position))
 
     if settings.own is not None:
         return _own_chains(settings.own, rng_key, starts, safe_density, jnp.asarray(log_step_size, dtype), settings)

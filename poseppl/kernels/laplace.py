@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.gaussians.gaussian import diagonal, lower_inverse
+from poseppl.particles.weights import without_nan
 
 _DAMPING = (0.0, 1.0, 0.3, 0.1, 0.01)
 """Fractions of a Gauss-Newton step that are tried; the best is taken, so that the density never falls."""
@@ -98,10 +99,8 @@ def find_modes(
         precision = curvature(x)
         scale = whitening(x, precision).scale
         volume = jnp.sum(jnp.log(diagonal(scale))) + 0.5 * x.shape[0] * jnp.log(2 * jnp.pi)
-        mass = jnp.where(jnp.isnan(value + volume), -jnp.inf, value + volume)
-        trials = x + damping[:, None] * (scale @ (scale.T @ gradient))
-        values = jax.vmap(log_density)(trials)
-        best = trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))]
+        mass = without_nan(value + volume)
+        best = likeliest(log_density, x + damping[:, None] * (scale @ (scale.T @ gradient)))
         return Modes(x, precision, scale, mass), jnp.where(jnp.all(jnp.isfinite(best)), best, x)
 
     def step(carry: tuple[Modes, Array], _: None) -> tuple[tuple[Modes, Array], None]:
@@ -112,6 +111,11 @@ def find_modes(
     empty = Modes(starts, square, square, jnp.zeros_like(starts[:, 0]))
     (modes, _), _ = jax.lax.scan(step, (empty, starts), None, length=num_steps + 1)
     return modes
+
+
+def likeliest(log_density: Callable[[Array], Array], trials: Array) -> Array:
+    """The trial of the highest density, of trials (K, ...)."""
+    return trials[jnp.argmax(without_nan(jax.vmap(log_density)(trials)))]
 
 
 def mode_log_weights(modes: Modes) -> Array:
@@ -126,7 +130,7 @@ def mode_log_weights(modes: Modes) -> Array:
     # the factors of 2 pi in the density and in the mixture cancel
     log_mixture = jax.nn.logsumexp(jnp.nan_to_num(-0.5 * distance - half_log_det, nan=-jnp.inf), axis=1)
     shared = modes.log_masses - half_log_det - log_mixture
-    return jnp.where(jnp.isnan(shared), -jnp.inf, shared)
+    return without_nan(shared)
 
 
 _SAME_MODE = 3.0

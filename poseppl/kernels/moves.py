@@ -30,6 +30,7 @@ from poseppl.checks import RangeError, check_at_least, check_choice, check_fract
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.kernels.own_kernel import OwnKernel, update_by
 from poseppl.particles.stacks import rows_of
+from poseppl.particles.weights import without_nan
 
 ConditionalDensity = Callable[[Array, Any], Array]
 """Unnormalised log-density of a position (d,) given a context; NaN counts as -inf."""
@@ -143,8 +144,7 @@ def move_population(
     dtype, own = starts.positions.dtype, settings.own
 
     def safe_density(white: Array, context: Any) -> Array:
-        value = log_density(transform.to_state(white), context)
-        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+        return without_nan(log_density(transform.to_state(white), context))
 
     update = _update(safe_density, settings, dimension)
 
@@ -164,7 +164,7 @@ def move_population(
     # the chain rule: z moves x by the scale of the transform
     gradients = starts.gradients * transform.scale if transform.scale.ndim == 1 else starts.gradients @ transform.scale
     white = transform.to_white(starts.positions)
-    states: Any = white, jnp.where(jnp.isnan(starts.values), -jnp.inf, starts.values), gradients
+    states: Any = white, without_nan(starts.values), gradients
     if own is not None:
         states = jax.vmap(lambda z, context: own.init(z, lambda z: safe_density(z, context)))(white, starts.contexts)
     (_, log_step_size), (positions, acceptance, divergent, evaluations) = jax.lax.scan(turn, (states, log_step_size), rng_keys)

@@ -31,6 +31,7 @@ from jax import Array
 
 from poseppl.checks import check_choice
 from poseppl.particles.prefix_sum import Split, largest_sum, running_split_sum, running_sum, split_number, unit
+from poseppl.particles.weights import without_nan
 
 Resampling = Callable[[Array, Array, int], Array]
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
@@ -38,7 +39,7 @@ Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
 def _expected_children(log_weights: Array, num: int) -> Array:
     """e_i = num * w_i (N,), which add up to num beyond the precision of one sum."""
-    clean = jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+    clean = without_nan(log_weights)
     peak = jnp.max(clean)
     weights = jnp.where(jnp.isfinite(peak), jnp.exp(clean - jnp.where(jnp.isfinite(peak), peak, 0.0)), 1.0)
     expected = weights * (num / jnp.sum(weights))

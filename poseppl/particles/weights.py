@@ -34,6 +34,16 @@ class Normalised(NamedTuple):
     ess: Array
 
 
+def without_nan(log_values: Array) -> Array:
+    """Log-weights or log-densities of any shape, of which NaN counts as impossible."""
+    return jnp.where(jnp.isnan(log_values), -jnp.inf, log_values)
+
+
+def without_infinity(log_values: Array) -> Array:
+    """Log-densities of any shape, of which NaN and +inf count as impossible."""
+    return jnp.where(jnp.isposinf(log_values), -jnp.inf, without_nan(log_values))
+
+
 def normalise(log_weights: Array) -> Normalised:
     """Normalise log-weights (N,).
 
@@ -41,7 +51,7 @@ def normalise(log_weights: Array) -> Normalised:
         >>> normalise(jnp.array([-5.0, -jnp.inf, -5.0])).weights.tolist()
         [0.5, 0.0, 0.5]
     """
-    clean = jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+    clean = without_nan(log_weights)
     peak = jnp.max(clean)
     degenerate = ~jnp.isfinite(peak)
     shifted = jnp.where(degenerate, 0.0, clean - jnp.where(degenerate, 0.0, peak))

@@ -103,6 +103,13 @@ def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> Hist
     return History(particles, normalise(state.log_weights.reshape(-1)).log_weights, info.ancestors, info.failed)
 
 
+def check_continuous(model: CompiledModel) -> None:
+    """Raise `ValueError` for a model with discrete sites, which have no gradient."""
+    discrete = [name for name, site in model.sites.items() if site.discrete]
+    if discrete:
+        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+
+
 def smoothing_info(
     num_frames: int,
     ess: Array,

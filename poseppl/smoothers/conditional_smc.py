@@ -26,6 +26,7 @@ from jax import Array
 from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.particles.stacks import split_first
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import draw_initial, log_likelihoods, propagate
 from poseppl.smoothers.backward_pass import Earlier, backward_pass, log_backward
@@ -84,8 +85,7 @@ def _run(
     num_free = num_particles - 1
 
     def weigh(particles: Array, observation: Observation, inputs: Any) -> Array:
-        log_weights = log_likelihoods(model, particles, observation, inputs)
-        return jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+        return without_nan(log_likelihoods(model, particles, observation, inputs))
 
     def advance(carry: tuple[Array, Array], row: Any) -> tuple[Any, Any]:
         particles, log_weights = carry

@@ -26,10 +26,11 @@ from jax import Array
 from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
+from poseppl.kernels.laplace import likeliest
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 
-LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
+_LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
 """Fractions of a step that are tried; the best is taken, so that the density never falls."""
 _RIDGE = 8.0
 """On the diagonal of the matrix scaled to a unit diagonal, in units of the type's precision: 1e-6 for float32."""
@@ -76,13 +77,16 @@ def climb(model: CompiledModel, xs: Array, observations: Observation, inputs: An
         return model.log_joint(xs, observations, inputs)
 
     def step(xs: Array, _: None) -> tuple[Array, None]:
-        move = solve(safe_cholesky(trajectory_precision(model, xs, observations, inputs)), jax.grad(log_density)(xs))
-        move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
-        trials = xs + jnp.asarray(LENGTHS, xs.dtype)[:, None, None] * move
-        values = jax.vmap(log_density)(trials)
-        return trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))], None
+        return damped_step(log_density, safe_cholesky(trajectory_precision(model, xs, observations, inputs)), xs), None
 
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
+
+
+def damped_step(log_density: Callable[[Array], Array], factor: BlockCholesky, xs: Array) -> Array:
+    """A step of Newton's from a trajectory (T, d), by a factor of the curvature, as long as the density likes best."""
+    move = solve(factor, jax.grad(log_density)(xs))
+    move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
+    return likeliest(log_density, xs + jnp.asarray(_LENGTHS, xs.dtype)[:, None, None] * move)
 
 
 def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:

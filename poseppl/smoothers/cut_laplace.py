@@ -26,8 +26,9 @@ from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
-from poseppl.smoothers.curvature import LENGTHS, safe_cholesky, trajectory_precision
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.curvature import damped_step, safe_cholesky, trajectory_precision
+from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
 """Trajectories that are drawn side by side."""
@@ -78,13 +79,8 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         own = marginal_covariances(factor).own - follow @ jnp.swapaxes(response, 1, 2)
         rest = jnp.broadcast_to(covariance[size:, size:], (len(start), num_static, num_static))
         around = jnp.block([[own, follow], [jnp.swapaxes(follow, 1, 2), rest]])
-        num_frames = len(start)
-        return Smoothed(
-            jnp.moveaxis(draws, 0, 1),
-            jnp.full((num_frames, num_draws), -jnp.log(num_draws), start.dtype),
-            smoothing_info(num_frames, jnp.asarray(num_draws), num_gradient=num_frames * num_mode_steps),
-            gaussian_marginals(_whole(moving, static), around),
-        )
+        marginals = gaussian_marginals(_whole(moving, static), around)
+        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(start) * num_mode_steps)
 
     return Smoother(smooth, joint=True, closed_form=True)
 
@@ -110,9 +106,4 @@ def _climb(model: CompiledModel, moving: Array, static: Array, observations: Obs
     def log_density(moving: Array) -> Array:
         return model.log_joint(_whole(moving, static), observations, inputs)
 
-    factor = _curvature(model, moving, static, observations, inputs)[0]
-    move = solve(factor, jax.grad(log_density)(moving))
-    move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
-    trials = moving + jnp.asarray(LENGTHS, moving.dtype)[:, None, None] * move
-    values = jax.vmap(log_density)(trials)
-    return trials[jnp.argmax(jnp.where(jnp.isnan(values), -jnp.inf, values))]
+    return damped_step(log_density, _curvature(model, moving, static, observations, inputs)[0], moving)

@@ -1,4 +1,4 @@
-"""Draws of Markov chains as the result of a smoother, and how many independent draws they amount to, frame by frame."""
+"""Draws, independent or of Markov chains, as the result of a smoother, and how many independent ones they amount to."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import blackjax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.gaussians.marginals import Marginals
 from poseppl.smoothers.base import Smoothed, smoothing_info
 
 
@@ -15,6 +16,13 @@ def smoothed_chains(draws: Array, **diagnosis: Any) -> Smoothed:
     """The result of chains (T, M, R, d), whose draws weigh the same; what else there is to say goes to `smoothing_info`."""
     info = smoothing_info(len(draws), effective_draws_by_frame(draws), **diagnosis)
     return Smoothed(draws, jnp.zeros(draws.shape[:-1], draws.dtype), info)
+
+
+def smoothed_draws(draws: Array, marginals: Marginals | None = None, **diagnosis: Any) -> Smoothed:
+    """The result of independent trajectories (T, N, d) of one weight; what else there is to say goes to `smoothing_info`."""
+    num_frames, num_draws = draws.shape[:2]
+    log_weights = jnp.full((num_frames, num_draws), -jnp.log(num_draws), draws.dtype)
+    return Smoothed(draws, log_weights, smoothing_info(num_frames, jnp.asarray(num_draws), **diagnosis), marginals)
 
 
 def effective_draws_by_frame(particles: Array) -> Array:

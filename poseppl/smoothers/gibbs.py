@@ -65,7 +65,6 @@ def gibbs_smoother(
     target: Target = "mixture",
     collapsed: bool = True,
     blocked: bool = False,
-    quantise: Any = None,
     mixture: MixtureSettings | None = None,
 ) -> Smoother:
     """Gibbs sampling, the likelihood replaced by a mixture learned from the filter.
@@ -79,7 +78,6 @@ def gibbs_smoother(
         target: "mixture", or "model" for moves that are accepted against the likelihood itself.
         collapsed: Whether components are drawn with the state integrated out; False draws them given it, as the paper does.
         blocked: Whether a round draws the whole trajectory given the components; for linear Gaussian transitions alone.
-        quantise: Pitch, a number or (d,), to whose multiples the filter's particles and the draws are rounded; None keeps them.
             The paper's is 3 degrees. The chains themselves are continuous.
         mixture: The other settings of the mixture; :class:`~poseppl.smoothers.likelihood_mixture.MixtureSettings` if None.
 
@@ -99,7 +97,6 @@ def gibbs_smoother(
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         key_fit, key_start, key_chains = jax.random.split(rng_key, 3)
-        history = history._replace(particles=_rounded(history.particles, quantise))
         likelihood = fit_likelihood_mixture(key_fit, model, history, observations, inputs, settings)
         starts = gibbs_starts(model, key_start, history, inputs, num_chains)
         chains = gibbs_chains(
@@ -115,7 +112,7 @@ def gibbs_smoother(
             collapsed=collapsed,
             blocked=blocked,
         )
-        draws = jnp.moveaxis(_rounded(chains.draws, quantise), 2, 0)
+        draws = jnp.moveaxis(chains.draws, 2, 0)
         return smoothed_chains(
             draws,
             acceptance=chains.acceptance,
@@ -227,7 +224,3 @@ def _blocked_round(rng_key: Array, mixture: LikelihoodMixture, prior: Any, origi
     key_components, key_noise = jax.random.split(rng_key)
     noise = jax.random.normal(key_noise, xs.shape, xs.dtype)
     return jax.vmap(draw)(jax.random.split(key_components, xs.shape[0]), noise, xs)
-
-
-def _rounded(x: Array, pitch: Any) -> Array:
-    return x if pitch is None else jnp.round(x / jnp.asarray(pitch, x.dtype)) * jnp.asarray(pitch, x.dtype)

@@ -11,6 +11,7 @@ from jax import Array
 
 from poseppl.filters.base import Filter, Info
 from poseppl.particles.stacks import prepend, split_first
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.base import History, collect_history
 
@@ -60,4 +61,4 @@ def filter_evidence(filter: Filter, rng_key: Array, observations: Observation, i
     """Log-evidence of all frames as a filter estimates it, a scalar; -inf when it cannot."""
     increments = scan_filter(filter, rng_key, observations, inputs, lambda _, info: info.log_evidence)
     total = jnp.sum(increments)
-    return jnp.where(jnp.isnan(total), -jnp.inf, total)
+    return without_nan(total)

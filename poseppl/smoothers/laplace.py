@@ -20,8 +20,9 @@ from poseppl.gaussians.block_tridiagonal import marginal_covariances, solve_uppe
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
 """Trajectories that are drawn side by side."""
@@ -43,9 +44,7 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
         ValueError: A number out of range, or a model with discrete sites.
     """
     check_at_least(1, num_draws=num_draws, num_mode_steps=num_mode_steps)
-    discrete = [name for name, site in model.sites.items() if site.discrete]
-    if discrete:
-        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+    check_continuous(model)
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
         start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
@@ -53,12 +52,7 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
         factor = safe_cholesky(trajectory_precision(model, mode, observations, inputs))
         noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
         draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
-        num_frames = len(mode)
-        return Smoothed(
-            jnp.moveaxis(draws, 0, 1),
-            jnp.full((num_frames, num_draws), -jnp.log(num_draws), mode.dtype),
-            smoothing_info(num_frames, jnp.asarray(num_draws), num_gradient=num_frames * num_mode_steps),
-            gaussian_marginals(mode, marginal_covariances(factor).own),
-        )
+        marginals = gaussian_marginals(mode, marginal_covariances(factor).own)
+        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(mode) * num_mode_steps)
 
     return Smoother(smooth, joint=True, closed_form=True)

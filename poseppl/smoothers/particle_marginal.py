@@ -26,6 +26,7 @@ from jax import Array
 from poseppl.checks import check_at_least
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.observation import check_is_observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
@@ -109,7 +110,7 @@ def pmmh(
         built = filter_for(model.with_params(bijector.to_params(u)), build_filter)
         log_evidence = filter_evidence(built, rng_key, observations, inputs)
         log_posterior = log_evidence + bijector.log_prior(model, u)
-        return jnp.where(jnp.isnan(log_posterior), -jnp.inf, log_posterior), log_evidence
+        return without_nan(log_posterior), log_evidence
 
     key_start, key_first, key_updates = jax.random.split(rng_key, 3)
     positions, known = starting_points(model, bijector, key_start, num_chains, start)

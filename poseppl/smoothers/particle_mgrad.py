@@ -26,10 +26,11 @@ from jax import Array
 from poseppl.checks import check_at_least, check_choice
 from poseppl.particles.resampling import multinomial
 from poseppl.particles.stacks import split_first
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_transitions
-from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.conditional_smc import Sweep, draw_back
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.gradient_proposal import (
@@ -83,9 +84,7 @@ def particle_mgrad_smoother(
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Variant, variant=variant)
     check_choice(Scaling, scaling=scaling)
-    discrete = [name for name, site in model.sites.items() if site.discrete]
-    if discrete:
-        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+    check_continuous(model)
     num_moves = num_warmup + num_draws
     target = 1 - (1 + num_particles) ** (-1 / 3)
 
@@ -216,4 +215,4 @@ def _extend(
     phis = jnp.concatenate([phi[None], shifted(axes, h, moved, gradients)])
     log_weights = log_prior(particles) + jnp.concatenate([value[None], values])
     log_weights = log_weights + log_correction(variant, axes, h, u, particles, means, phis)
-    return particles, jnp.where(jnp.isnan(log_weights), -jnp.inf, log_weights)
+    return particles, without_nan(log_weights)

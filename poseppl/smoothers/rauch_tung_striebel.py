@@ -28,7 +28,8 @@ from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.effective import smoothed_draws
 
 
 @built_once
@@ -53,11 +54,8 @@ def rauch_tung_striebel_smoother(
         forward = _passes(model, observations, inputs, linearisation, num_iterations)
         particles = _draw(rng_key, forward, num_draws)
         num_frames = len(particles)
-        info = smoothing_info(
-            num_frames, jnp.asarray(num_draws), num_transition=float(num_frames), num_gradient=2.0 * num_frames
-        )
-        log_weights = jnp.full(particles.shape[:-1], -jnp.log(num_draws), particles.dtype)
-        return Smoothed(particles, log_weights, info, gaussian_marginals(*_backward(forward)))
+        marginals = gaussian_marginals(*_backward(forward))
+        return smoothed_draws(particles, marginals, num_transition=float(num_frames), num_gradient=2.0 * num_frames)
 
     return Smoother(smooth, joint=True, closed_form=True)
 

@@ -33,6 +33,7 @@ from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.particles.stacks import rows_of
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.observation import check_is_observation
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
@@ -182,7 +183,7 @@ def _move_params(setting: _Setting, rng_key: Array, xs: Array, u: Array, step_si
     def log_density(u: Array) -> Array:
         joint = setting.bound(u).log_joint(xs, setting.observations, setting.inputs)
         value = joint + setting.bijector.log_prior(setting.model, u)
-        return jnp.where(jnp.isnan(value), -jnp.inf, value)
+        return without_nan(value)
 
     kernel: Any = blackjax.nuts.build_kernel()
     start = blackjax.hmc.init(u, log_density)

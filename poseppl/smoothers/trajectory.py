@@ -35,7 +35,7 @@ from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.kernels.adapted_chain import AdaptedChain, ChainSettings, Kernel, adapted_chain, trajectory_lengths
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
 from poseppl.smoothers.curvature import average_precision, climb, safe_cholesky
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.starts import draw_trajectories
@@ -77,9 +77,7 @@ def trajectory_smoother(
     """
     check_at_least(1, num_chains=num_chains, num_curvatures=num_curvatures)
     check_at_least(0, num_mode_steps=num_mode_steps)
-    discrete = [name for name, site in model.sites.items() if site.discrete]
-    if discrete:
-        raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+    check_continuous(model)
     settings = ChainSettings(num_draws, num_warmup, kernel, num_leapfrog, max_doublings, target_acceptance).check()
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:

@@ -37,7 +37,7 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import factorise
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import append, rows_of
-from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean
+from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean, without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
@@ -230,6 +230,5 @@ def _first_frame(
 
 def _log_sum(terms: Array, axis: int) -> Array:
     """Log of the sum of exp(terms), NaN counting as nothing."""
-    clean = jnp.where(jnp.isnan(terms), -jnp.inf, terms)
-    total: Array = jax.nn.logsumexp(clean, axis=axis)
+    total: Array = jax.nn.logsumexp(without_nan(terms), axis=axis)
     return total

@@ -64,7 +64,8 @@ from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_transitions
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.effective import smoothed_draws
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
     MixtureSettings,
@@ -142,16 +143,13 @@ def variational_smoother(
         fitted = fit_variational(model, history, likelihood, inputs, num_rounds, factorised=factorised)
         noise = jax.random.normal(key_draw, (num_draws, num_frames, dimension), history.particles.dtype)
         draws = fitted.means[:, None] + jnp.swapaxes(jax.vmap(lambda z: solve_upper(fitted.factor, z))(noise), 0, 1)
-        log_weights = jnp.full((num_frames, num_draws), -jnp.log(float(num_draws)), draws.dtype)
         energy = fitted.free_energy
         rounding = 100 * float(np.finfo(energy.dtype).eps) * (jnp.max(jnp.abs(energy)) + num_frames * dimension)
-        info = smoothing_info(
-            num_frames,
-            jnp.asarray(num_draws),
+        return smoothed_draws(
+            draws,
             divergences=jnp.sum(jnp.diff(energy) > rounding),
             num_transition=float(4 * dimension * (num_rounds + 1) * max(num_frames - 1, 0)),
         )
-        return Smoothed(draws, log_weights, info)
 
     return Smoother(smooth, joint=not factorised, closed_form=True)
 

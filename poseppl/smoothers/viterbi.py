@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.particles.stacks import split_first
+from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_likelihoods, log_transition_matrix
@@ -86,8 +87,7 @@ def _predecessor(model: CompiledModel, index: Array, row: tuple[Array, Any]) -> 
 
 def _paths(model: CompiledModel, xs: Array, earlier: Array, best: Array, inputs: Any) -> Array:
     """Log-densities (n, N) of the best paths to states (n, d) through each earlier one (N, d)."""
-    paths = log_transition_matrix(model, xs, earlier, inputs) + best
-    return jnp.where(jnp.isnan(paths), -jnp.inf, paths)
+    return without_nan(log_transition_matrix(model, xs, earlier, inputs) + best)
 
 
 def _usable(log_densities: Array) -> Array:
