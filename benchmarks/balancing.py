@@ -15,7 +15,6 @@ them, and the standard deviation of the error. The random walk is 15 mm and 0.15
 from __future__ import annotations
 
 import itertools
-import os
 import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 import xarray as xr
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
 from poseppl_models.silhouettes import full_body
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.motion.bodies.body import Body
@@ -70,7 +69,7 @@ def main() -> None:
         __doc__, frames=100, filters="assumed-density,annealed", cameras="4,2,1", runs=1, videos=False, result=""
     )
     start_jax()
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    folder = DATA / "pose2sim_balancing"
     count = 10 if options.quick else options.frames
     records, masks, occlusion = read_masks(folder, count)
     reference, rows = read_triangulation(folder / "reference" / "Balancing_for_IK.trc", count), []

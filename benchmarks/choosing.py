@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -167,8 +166,7 @@ def figures_of(runs: list[Mapping[str, Any]]) -> list[Any]:
 def main() -> None:
     options = arguments(__doc__, models="", filters="", seeds=3, frames=60, again=False, output="choosing")
     start_jax()
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     seeds, frames = (1, 5) if options.quick else (options.seeds, options.frames)
     filters = [name for name in options.filters.split(";") if name] or list(dict.fromkeys([*FIRST, *FILTERS, *VARIANTS]))
     models = [name for name in options.models.split(";") if name] or [*MODELS, BODY]

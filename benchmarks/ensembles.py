@@ -15,14 +15,13 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
+from kept_runs import read_runs
 from poseppl_models.lorenz96 import lorenz96
 from predictive_checks import judge, kinds
-from rendered_walks import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
@@ -112,8 +111,7 @@ def summary(table: Table) -> list[list[str]]:
 def main() -> None:
     options = arguments(__doc__, dimensions="40,400", spreads="1", filters="", seeds=3, frames=100, output="ensembles")
     start_jax()
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     seeds, frames = (1, 5) if options.quick else (options.seeds, options.frames)
     table = Table("ensembles", _COLUMNS, read_runs(output / "ensembles.csv"), _ABOUT)
     for dimension, spread in itertools.product(map(int, options.dimensions.split(",")), options.spreads.split(",")):

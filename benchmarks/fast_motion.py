@@ -18,9 +18,7 @@ runs; those that OUTPUT/fast_motion.csv holds are not made again.
 
 from __future__ import annotations
 
-import os
 import statistics
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -28,12 +26,12 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from kept_runs import keep_run, read_runs
 from random_walk import measured, watch
-from rendered_walks import read_runs
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table, write_csv
+from poseppl.experiments.tables import Table
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions, project
@@ -136,9 +134,8 @@ class Tracker:
 def main() -> None:
     options = arguments(__doc__, recordings=RECORDINGS, cases=CASES, frames=100, runs=3, output="fast-motion")
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
+    folder, output = DATA, options.output
     frames, runs = (5, 1) if options.quick else (options.frames, options.runs)
-    output.mkdir(parents=True, exist_ok=True)
     rows = read_runs(output / "fast_motion.csv")
     table = Table("fast_motion", _COLUMNS, rows, "Runs of fast_motion.py: errors in mm, shares of the joints' coordinates.")
     tracker, done = Tracker(), {row[:5] for row in table.rows}
@@ -150,9 +147,7 @@ def main() -> None:
                 if key in done:
                     continue
                 found = tracker.run(scene, case, seed)
-                table.rows.append((*key, *(f"{value:.5g}" for value in found)))
-                write_csv(table, output)
-                print(*table.rows[-1], flush=True)
+                keep_run(table, (*key, *(f"{value:.5g}" for value in found)), output)
     show("Mean ± standard deviation over runs", [*_COLUMNS[:4], "error, mm", "coverage, %"], summed(table.rows))
 
 

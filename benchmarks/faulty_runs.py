@@ -10,7 +10,6 @@ results are kept there, and those that are there are judged again without tracki
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,7 @@ from faulty_keypoints import keypoint_scene, triangulated
 from faulty_masks import masked_walk
 from poseppl_models.choo_fleet import full_body
 from scipy.spatial.transform import Rotation
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose, verdicts
@@ -51,7 +50,7 @@ def main() -> None:
     start_jax()
     count = 8 if options.quick else 60
     rows = []
-    for name, case in cases(Path(os.environ.get("POSEPPL_DATA", "../shared/data")), count).items():
+    for name, case in cases(DATA, count).items():
         if options.only in name:
             rows.append([name, *judged(case, Path(options.kept) / f"{name}.nc" if options.kept else None)])
             print("|", " | ".join(rows[-1]), "|", flush=True)

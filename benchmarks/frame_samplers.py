@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import blackjax
@@ -180,8 +179,7 @@ def main() -> None:
             table.rows.append(row(name, f"{sampler}, step size {best:g}", frame, tried[best]))
     shown = [[value if isinstance(value, str) else f"{value:.3g}" for value in each] for each in table.rows]
     show("One frame", [*columns], shown)
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     write_csv(table, output)
 
 

@@ -14,7 +14,6 @@ low-pass is Butterworth's of fourth order, 6 Hz, forwards and backwards.
 from __future__ import annotations
 
 import itertools
-import os
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
@@ -136,7 +135,7 @@ def main() -> None:
     """Print the table and write it to OUTPUT/keypoints.csv."""
     options = arguments(__doc__, output="keypoints")
     frames = "0:6" if options.quick else None
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    folder = DATA / "pose2sim_balancing"
     start_jax()
     full = scene_of(folder, (1, 2, 3, 4), frames)
     reference, rows = places_of(full), []
@@ -162,8 +161,7 @@ def main() -> None:
         table.columns,
         [[value if isinstance(value, str) else f"{value:.3g}" for value in row] for row in table.rows],
     )
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     write_csv(table, output)
 
 

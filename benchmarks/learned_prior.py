@@ -21,20 +21,19 @@ OUTPUT/learned_prior.csv are not made again.
 from __future__ import annotations
 
 import itertools
-import os
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from rendered_walks import read_runs
-from timing import arguments, show
+from kept_runs import keep_run, read_runs
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics.diagnosis import root_index
 from poseppl.diagnostics.verdicts.silhouettes import overlap
-from poseppl.experiments.tables import Table, write_csv
+from poseppl.experiments.tables import Table
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.learned import pose_recording, read_recording, train_motion_model, write_motion_model
 from poseppl.motion.tracking import Scene, TrackSettings, observe_motion, recorded_subject, track
@@ -131,8 +130,7 @@ def main() -> None:
         output="learned-prior",
     )
     start_jax()
-    data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    data, output = DATA, options.output
     num_frames, runs = (5, 1) if options.quick else (NUM_FRAMES, options.runs)
     found = read_runs(output / "learned_prior.csv")
     columns = (*_COLUMNS, "overlap") if options.scenes else _COLUMNS
@@ -140,9 +138,7 @@ def main() -> None:
     done = {row[:3] for row in table.rows}
     for key in itertools.product(options.recordings.split(","), options.cases.split(","), map(str, range(runs))):
         if key not in done:
-            table.rows.append((*key, *run(data, output, key, num_frames, options.scenes, options.noise)))
-            write_csv(table, output)
-            print(*table.rows[-1], flush=True)
+            keep_run(table, (*key, *run(data, output, key, num_frames, options.scenes, options.noise)), output)
     show("Runs", columns, [[str(value) for value in row] for row in table.rows])
 
 

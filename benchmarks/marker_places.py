@@ -13,18 +13,16 @@ those that OUTPUT/marker_places.csv holds are not made again.
 from __future__ import annotations
 
 import itertools
-import os
 import time
-from pathlib import Path
 from typing import Any
 
 import jax
+from kept_runs import keep_run, read_runs
 from random_walk import RECORDINGS, measured, summed, watch
-from rendered_walks import read_runs
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table, write_csv
+from poseppl.experiments.tables import Table
 from poseppl.motion.tracking import Problem, Scene, make_problem
 from poseppl.motion.tracking.marker_learning import learn_markers
 from poseppl.motion.tracking.point_data import PointData
@@ -42,9 +40,8 @@ def main() -> None:
         __doc__, recordings=",".join(RECORDINGS), cameras="2,4", frames=100, runs=3, filter="kalman", output="marker-places"
     )
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
+    folder, output = DATA, options.output
     frames, runs = (5, 1) if options.quick else (options.frames, options.runs)
-    output.mkdir(parents=True, exist_ok=True)
     table = Table("marker_places", _COLUMNS, read_runs(output / "marker_places.csv"), _ABOUT)
     done = {row[:_KEY] for row in table.rows}
     for cameras, name in itertools.product(map(int, options.cameras.split(",")), options.recordings.split(",")):
@@ -53,9 +50,7 @@ def main() -> None:
             key = (name, f"{scene.rate:g}", str(cameras), walk, markers, str(len(scene.frames)), str(seed))
             if key in done:
                 continue
-            table.rows.append((*key, *(f"{value:.5g}" for value in run(scene, options.filter, walk, markers, seed))))
-            write_csv(table, output)
-            print(*table.rows[-1], flush=True)
+            keep_run(table, (*key, *(f"{value:.5g}" for value in run(scene, options.filter, walk, markers, seed))), output)
     columns = ["recording", "Hz", "cameras", "walk", "markers", "frames", "error, mm", "coverage, %", "s", "s of learning"]
     show("Mean ± standard deviation over runs", columns, summed(table.rows, _KEY))
 

@@ -14,7 +14,6 @@ known. Errors in mm, and how often intervals of the distances hold.
 from __future__ import annotations
 
 import itertools
-import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from poseppl_models.named_points import clutter_log_odds, noise_scales
 from scipy.stats import norm
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
@@ -171,10 +170,9 @@ def board_table(folder: Path, quick: bool) -> Table:
 def main() -> None:
     """Print the tables and write them to OUTPUT."""
     options = arguments(__doc__, output="named_points", part="")
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
+    folder = DATA
     start_jax()
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     parts = {"fly": (fly_table, "fly_legs"), "board": (board_table, "charuco_board")}
     for name, (make, place) in parts.items():
         if options.part in ("", name):

@@ -15,7 +15,6 @@ all by the present verdict.
 from __future__ import annotations
 
 import itertools
-import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -25,12 +24,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from kept_runs import read_runs
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
 from poseppl_models.lorenz96 import lorenz96
 from random_walk import RECORDINGS, shared_problem, watch
-from rendered_walks import read_runs
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import check_predictions, check_unreached, predictive_figures, verdicts
@@ -136,7 +135,7 @@ def recorded_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]
 
 def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: int) -> Any:
     """Result of a filter on a recording, its limbs among the inputs, so that all share one program."""
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
+    folder = DATA
     scene = watch(folder, recording, cameras, frames, seed + 1).scenes[seed]
     if (cameras, name) not in _SHARED:
         model = shared_problem(scene, None).model
@@ -226,8 +225,7 @@ def main() -> None:
         __doc__, models="lorenz,growth,linear", filters="", seeds=3, frames=100, output="predictive-checks", again=False
     )
     start_jax()
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    output = options.output
     seeds, frames = (1, 12) if options.quick else (options.seeds, options.frames)
     table = Table("predictive_checks", _COLUMNS, read_runs(output / "predictive_checks.csv"), _ABOUT)
     if options.again:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import statistics
 import time
 from collections.abc import Sequence
@@ -26,14 +25,14 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from balancing import STATURE, errors, read_triangulation
+from kept_runs import keep_run, read_runs
 from poseppl_models.choo_fleet import full_body
-from rendered_walks import read_runs
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import joint_error
 from poseppl.diagnostics.calibration import between
-from poseppl.experiments.tables import Table, write_csv
+from poseppl.experiments.tables import Table
 from poseppl.filters import assumed_density_filter
 from poseppl.motion.io import read_cameras
 from poseppl.motion.tracking import Problem, Scene, make_problem, observe_motion, recorded_subject
@@ -100,9 +99,8 @@ def main() -> None:
         __doc__, recordings=names, walks="frame,second,learned", cameras="1,2", frames=100, runs=3, output="random-walk"
     )
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
+    folder, output = DATA, options.output
     frames, runs = (5, 1) if options.quick else (options.frames, options.runs)
-    output.mkdir(parents=True, exist_ok=True)
     table = Table("runs", _COLUMNS, read_runs(output / "runs.csv"), "Runs of random_walk.py; mm and seconds.")
     trackers: dict[tuple[int, bool], Tracker] = {}
     for cameras, name in itertools.product(map(int, options.cameras.split(",")), options.recordings.split(",")):
@@ -121,9 +119,7 @@ def main() -> None:
                 continue
             summary, *seconds = trackers[kind].run(scene, walk, seed)
             found = (*measured(scene, summary, watched.reference), *seconds)
-            table.rows.append((*key, *(f"{value:.5g}" for value in found)))
-            write_csv(table, output)
-            print(*table.rows[-1], flush=True)
+            keep_run(table, (*key, *(f"{value:.5g}" for value in found)), output)
     columns = ["recording", "Hz", "cameras", "walk", "frames", "error, mm", "coverage, %", "s", "s of learning"]
     show("Mean ± standard deviation over runs", columns, summed(table.rows))
 

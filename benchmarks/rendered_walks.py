@@ -16,7 +16,6 @@ again.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import statistics
 import warnings
@@ -25,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from kept_runs import read_runs
 from timing import arguments, show
 
 from poseppl.cli.console import start_jax
@@ -62,8 +62,7 @@ def main() -> None:
     )
     start_jax()
     frames, runs = (3, 1) if options.quick else (options.frames, options.runs)
-    table = Table("runs", _COLUMNS, read_runs(Path(options.output) / "runs.csv"), "Runs of rendered_walks.py; mm and seconds.")
-    Path(options.output).mkdir(parents=True, exist_ok=True)
+    table = Table("runs", _COLUMNS, read_runs(options.output / "runs.csv"), "Runs of rendered_walks.py; mm and seconds.")
     settings = SilhouetteSettings(noise=options.noise, edges=options.edges)
     special = (" true masks" if options.true_masks else "") + (f" {options.noise:g} mm" if options.noise != 80 else "")
     special += (" edges" if options.edges else "") + (" refined" if options.refine else "")
@@ -75,7 +74,7 @@ def main() -> None:
         seen = see(scene, NAMES[: int(cameras)], frames, options.true_masks, settings, background) if missing else None
         for key in missing:
             table.rows.append((*key, *run_of(seen, key[2], int(key[3]))))
-            write_csv(table, Path(options.output))
+            write_csv(table, options.output)
             jax.clear_caches()  # programs of many runs together are more than a process may map
             print(*table.rows[-1], flush=True)
     columns = ["scene", "cameras", "filter", "error", "relative", "coverage, %", "s a frame"]
@@ -107,14 +106,6 @@ def run_of(seen: Any, name: str, seed: int) -> tuple[str, ...]:
         known["compile_seconds"],
     )
     return tuple(f"{value:.5g}" for value in found)
-
-
-def read_runs(path: Path) -> list[tuple[str, ...]]:
-    """The rows of a table of runs, none if there is no such file."""
-    if not path.is_file():
-        return []
-    with path.open(newline="") as file:
-        return [tuple(row) for row in csv.reader(file)][1:]
 
 
 def summed(rows: list[tuple[str, ...]]) -> list[list[str]]:

@@ -8,12 +8,10 @@ of `track`, seconds of its compilation, and how many programs JAX compiled.
 
 from __future__ import annotations
 
-import os
 import time
-from pathlib import Path
 
 from jax import monitoring
-from timing import arguments, show
+from timing import DATA, arguments, show
 
 from poseppl.motion.tracking import TrackSettings, observe_motion, recorded_subject, track
 from poseppl.motion.tracking.placing import camera_names, cameras_around
@@ -21,7 +19,7 @@ from poseppl.motion.tracking.placing import camera_names, cameras_around
 
 def main() -> None:
     options = arguments(__doc__, frames=24)
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "cmu_walks"
+    folder = DATA / "cmu_walks"
     compiled: list[str] = []
     monitoring.register_event_duration_secs_listener(
         lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None

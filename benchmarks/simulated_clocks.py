@@ -10,17 +10,17 @@ be mended, and how many cameras see another person than the others in more than 
 
 from __future__ import annotations
 
-import os
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+from kept_runs import keep_run, read_runs
 from laboratory_rig import detect, rig_records
-from simulated_keypoints import OPENSIM, WALKS, kept, recorded
-from timing import arguments
+from simulated_keypoints import OPENSIM, WALKS, recorded
+from timing import DATA, arguments
 
 from poseppl.cli.console import start_jax
-from poseppl.experiments.tables import Table, shown, write_csv
+from poseppl.experiments.tables import Table, shown
 from poseppl.motion.tracking.clocks import Clock
 from poseppl.motion.tracking.keypoint_sources import LEAST_OFFSET, SURE, find_offsets
 from poseppl.motion.tracking.keypoints import LEAST_AGREEMENT
@@ -53,15 +53,12 @@ def main() -> None:
     """Print and write OUTPUT/simulated_clocks.csv."""
     options = arguments(__doc__, output="simulated-clocks")
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
-    table = Table("simulated_clocks", COLUMNS, kept(output / "simulated_clocks.csv"))
+    folder, output = DATA, options.output
+    table = Table("simulated_clocks", COLUMNS, read_runs(output / "simulated_clocks.csv"))
     for (clutter, size), (seed, name) in product(CASES[: 1 if options.quick else None], enumerate([*WALKS, OPENSIM])):
         if (name, clutter, size) not in {row[:3] for row in table.rows}:
             found = run(folder, name, SIZES[size], clutter == "yes", seed)
-            table.rows.append((name, clutter, size, *map(shown, found)))
-            print(*table.rows[-1], flush=True)
-            write_csv(table, output)
+            keep_run(table, (name, clutter, size, *map(shown, found)), output)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,7 @@ Runs that the tables in OUTPUT hold are not made again.
 
 from __future__ import annotations
 
-import csv
 import itertools
-import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,8 +25,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from kept_runs import read_runs
 from laboratory_rig import LAYOUT, RIG, Detected, detect, placed_subject, rig_middle, rig_records
-from timing import arguments
+from timing import DATA, arguments
 
 from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
@@ -170,25 +169,16 @@ def run(folder: Path, name: str, cameras: int, case: str, filter: str, seed: int
     return [(*key, *row) for row in ((PLACES, SHIFT, *places), *angles)], (*key, near, *limbs_row(found, detected))
 
 
-def kept(path: Path) -> list[tuple[Any, ...]]:
-    """Rows of an earlier table; none where there is none."""
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return [tuple(row) for row in csv.reader(file)][1:]
-
-
 def main() -> None:
     """Run what is not yet in OUTPUT/simulated_keypoints.csv and OUTPUT/simulated_limbs.csv."""
     options = arguments(
         __doc__, cameras="4,2", cases=",".join(CASES), recordings="", filter="assumed-density", output="simulated-keypoints"
     )
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    folder, output = DATA, options.output
     names = ("simulated_keypoints", "simulated_limbs")
     results, limbs = (
-        Table(name, columns, kept(output / f"{name}.csv")) for name, columns in zip(names, (COLUMNS, LIMBS), strict=True)
+        Table(name, columns, read_runs(output / f"{name}.csv")) for name, columns in zip(names, (COLUMNS, LIMBS), strict=True)
     )
     recordings = options.recordings.split(",") if options.recordings else [*WALKS, OPENSIM]
     cases = itertools.product(options.cases.split(","), options.cameras.split(","), recordings)

@@ -18,7 +18,6 @@ With "mended" cameras, their poses are off by draws of the refinement's prior an
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -30,7 +29,7 @@ import numpy as np
 from laboratory_rig import GAP_SHARE, LAYOUT, RIG, rig_middle, rig_records
 from poseppl_models.detected_points import DetectedBody, seen_by_detector
 from scipy.stats import f as fisher
-from timing import arguments
+from timing import DATA, arguments
 
 from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
@@ -217,8 +216,7 @@ def main() -> None:
     """Print and write OUTPUT/smoother_ranks.csv, anew after each case."""
     options = arguments(__doc__, cases=",".join(CASES), cameras="4,2", replicates=100, output="smoother-ranks")
     start_jax()
-    folder, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    folder, output = DATA, options.output
     table = Table("smoother_ranks", COLUMNS, [])
     for cameras in map(int, options.cameras.split(",")):
         for case in options.cases.split(","):

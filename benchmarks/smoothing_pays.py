@@ -13,7 +13,6 @@ with compilation. Rows of OUTPUT/smoothing_pays.csv are not made again; OUTPUT/s
 from __future__ import annotations
 
 import itertools
-import os
 import time
 import warnings
 from pathlib import Path
@@ -21,8 +20,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from rendered_walks import read_runs
-from timing import arguments, show
+from kept_runs import read_runs
+from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
 from poseppl.experiments.images.scenes import Scene as RenderedScene, see
@@ -128,8 +127,7 @@ def main() -> None:
         __doc__, cameras="1,2,4", seen=POINTS, methods=",".join(SMOOTHERS), seeds=3, frames=40, output="smoothing-pays"
     )
     start_jax()
-    data, output = Path(os.environ.get("POSEPPL_DATA", "../shared/data")), Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    data, output = DATA, options.output
     num_frames, seeds = (5, 1) if options.quick else (options.frames, options.seeds)
     about = "Runs of smoothing_pays.py: errors in mm, shares of the joints' coordinates, seconds a frame."
     table = Table("smoothing_pays", _COLUMNS, read_runs(output / "smoothing_pays.csv"), about)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import statistics
 import sys
@@ -14,6 +15,9 @@ from typing import Any, NamedTuple
 import jax
 from rich.console import Console
 from rich.table import Table
+
+DATA = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
+"""The folder of the recordings."""
 
 
 class Timing(NamedTuple):
@@ -52,7 +56,7 @@ def peak_memory() -> float:
 
 
 def arguments(description: str | None, **options: Any) -> argparse.Namespace:
-    """Parse --quick, flags (False by default), and options of the type of their defaults."""
+    """Parse --quick, flags (False by default), and options of the type of their defaults; the folder ``output`` is made."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--quick", action="store_true", help="a tiny size, to see that it runs")
     for name, default in options.items():
@@ -61,4 +65,8 @@ def arguments(description: str | None, **options: Any) -> argparse.Namespace:
             parser.add_argument(option, action="store_true")
         else:
             parser.add_argument(option, type=type(default), default=default, help=f"{default} by default")
-    return parser.parse_args()
+    given = parser.parse_args()
+    if "output" in options:
+        given.output = Path(given.output)
+        given.output.mkdir(parents=True, exist_ok=True)
+    return given

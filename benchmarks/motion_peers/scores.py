@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +12,7 @@ import numpy as np
 from balancing import read_triangulation
 from given import SETS, Given, set_name, write_given
 from keypoints import RATE, adjusted_cameras, coverage, held, places_of, scene_of
-from timing import show
+from timing import DATA, show
 
 from poseppl.cli.console import start_jax
 from poseppl.experiments.tables import Table, write_csv
@@ -64,7 +63,7 @@ class Found(NamedTuple):
 
 def data_folder() -> Path:
     """Where the recording is."""
-    return Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    return DATA / "pose2sim_balancing"
 
 
 def joints_of(found: KeypointScene) -> list[int]:

@@ -6,7 +6,6 @@ person it finds by itself.
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from given import Answer, Given
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from keypoints import scene_of  # noqa: E402
+from timing import DATA  # noqa: E402
 
 from poseppl.cli.console import start_jax  # noqa: E402
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track  # noqa: E402
@@ -27,7 +27,7 @@ NAME, PACKAGE = "poseppl", "poseppl"
 def methods(given: Given) -> dict[str, Callable[[], Answer]]:
     """The smoother's answer, which users get."""
     start_jax()
-    folder = Path(os.environ.get("POSEPPL_DATA", "../shared/data")) / "pose2sim_balancing"
+    folder = DATA / "pose2sim_balancing"
     cameras, frames = tuple(int(number) for number in given.cameras), f"0:{len(given.points)}"
 
     def smoothed() -> Answer:

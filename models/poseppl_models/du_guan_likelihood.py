@@ -4,11 +4,11 @@ It is a product of three functions of the image (G) and of the projected body (H
 
     p_1 = |S_G and S_H| / |S_G or S_H|,    p_2 = exp(-d(C_G, C_H) / s_2),    p_3 = exp(-|B_G - B_H| / s_3),
 
-S being silhouettes, C colour histograms with their weighted Bhattacharyya distance d
-(:func:`poseppl.motion.vision.weighted_distance`), and B Fourier descriptors of boundaries. The paper says "their ratio" of the
-overlap, and takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and
-exponentials are chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and
-``params["boundary_scale"]``; p_1 is taken to the power 1 / s_1, ``params["overlap_scale"]``, as it stands at 1.
+S being silhouettes, C colour histograms with their weighted Bhattacharyya distance d, sqrt(1 - sum_r w_r rho_r) of the overlaps
+rho_r of parts with their shares w_r, and B Fourier descriptors of boundaries. The paper says "their ratio" of the overlap, and
+takes the two distances as densities, which grow with the resemblance of nothing; the ratio to the union and exponentials are
+chosen here. So s_2 and s_3 are temperatures of the distances: ``params["colour_scale"]`` and ``params["boundary_scale"]``; p_1
+is taken to the power 1 / s_1, ``params["overlap_scale"]``, as it stands at 1.
 
 Colours are those at a grid of pixels of each part, over what is known; each pixel of bin b adds sqrt(q_b / (n n_b)) to the
 overlap of a part's histogram with the sought q, n_b of the n pixels being of this bin, which needs no histogram. A part

@@ -28,6 +28,7 @@ from jax import Array
 
 from poseppl.arrays import Integers
 from poseppl.motion.learned import MotionModel
+from poseppl.motion.learned.angles import wrapped
 from poseppl.program import StateSpaceModel
 from poseppl_models.random_walk import Observe, joint_sites
 from poseppl_models.seen import see_points, see_silhouettes
@@ -184,11 +185,6 @@ class Activity(NamedTuple):
 
 Pose = Callable[[Mapping[str, Any], Activity], Array]
 """From the sites of a state, and the activity, to the pose (d,)."""
-
-
-def wrapped(angles: Array) -> Array:
-    """Angles within half a turn of zero, radians."""
-    return angles - 2 * jnp.pi * jnp.round(angles / (2 * jnp.pi))
 
 
 def learned_pose(coordinates: Sequence[tuple[str, str]], learned: Sequence[int]) -> Pose:

@@ -17,7 +17,7 @@ from jax import Array
 
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batched_score import batched_density, batched_score
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
 from poseppl.motion.geometry.superquadrics import Superquadrics, part_axes
 from poseppl_models.sminchisescu_cost import CostNoise, CostSettings, ImageSeen, residuals_of
@@ -63,7 +63,6 @@ class _Functions(NamedTuple):
 
     residuals: Any
     density: Any
-    value_and_gradient: Any
     jacobian: Any
 
 
@@ -71,41 +70,17 @@ class _Functions(NamedTuple):
 def _functions(settings: CostSettings) -> _Functions:
     residuals = partial(_residuals_last, settings=settings)
 
-    def density(state: Array, fixed: Any) -> Array:
-        *known, value, mask = fixed
+    def density(state: Array, *constants: Any) -> Array:
+        *known, value, mask = constants
         offset = residuals(state, *known) - value
         terms = -0.5 * offset**2 - 0.5 * np.log(2 * np.pi)
         return jnp.sum(jnp.where(mask > 0, terms, 0.0), (0, 1))
 
-    def value_and_gradient(state: Array, fixed: Any) -> tuple[Array, Array]:
-        value, pull = jax.vjp(partial(density, fixed=fixed), state)
-        return value, pull(jnp.ones_like(value))[0]
-
     return _Functions(
         batched_score(residuals, chunk=_CHUNK),
-        batch_last(density, chunk=_CHUNK),
-        batch_last(value_and_gradient, chunk=_CHUNK),
+        batched_density(density, chunk=_CHUNK),
         batch_last(partial(_jacobian_last, settings=settings), chunk=_CHUNK),
     )
-
-
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
-def _log_density(settings: CostSettings, state: Array, fixed: Any) -> Array:
-    density: Array = _functions(settings).density(state, fixed)
-    return density
-
-
-def _forward(settings: CostSettings, state: Array, fixed: Any) -> tuple[Array, Any]:
-    density, gradient = _functions(settings).value_and_gradient(state, fixed)
-    return density, (gradient, fixed)
-
-
-def _backward(settings: CostSettings, kept: Any, cotangent: Array) -> Any:
-    gradient, fixed = kept
-    return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
-
-
-_log_density.defvjp(_forward, _backward)
 
 
 class ImageResiduals(dist.Normal):  # type: ignore[misc]
@@ -170,4 +145,4 @@ class ContourAndFlow(ImageResiduals):
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        return _log_density(self.settings, self.state, (*self.known, value, weight))
+        return _functions(self.settings).density(self.state, *self.known, value, weight)

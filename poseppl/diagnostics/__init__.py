@@ -44,7 +44,6 @@ from poseppl.diagnostics.simulation_based import (
     calibrate_parameters as calibrate_parameters,
 )
 from poseppl.diagnostics.survival import (
-    effective_number as effective_number,
     survival as survival,
     unique_ancestors as unique_ancestors,
 )

@@ -1,7 +1,7 @@
-"""Degeneracy of weighted particles: the effective number of samples, and how many ancestors a set of particles has left.
+"""How many ancestors a set of particles has left.
 
->>> float(effective_number(np.log([0.5, 0.5, 1e-30]))), int(unique_ancestors(np.array([0, 0, 2])))
-(2.0, 2)
+>>> int(unique_ancestors(np.array([0, 0, 2])))
+2
 """
 
 from __future__ import annotations
@@ -9,25 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import Floats, Integers
-
-
-def effective_number(log_weights: ArrayLike) -> Floats:
-    """Effective number of samples, one over the sum of the squared normalised weights (Choo and Fleet 2001, Eq. 6).
-
-    Args:
-        log_weights: (..., particle), normalised or not.
-
-    Returns:
-        (...), between 1 and the number of particles; NaN where every weight is zero or one of them is NaN.
-    """
-    values = np.asarray(log_weights, np.float64)
-    top = values.max(axis=-1, keepdims=True)
-    weights = np.exp(values - np.where(np.isfinite(top), top, 0.0))
-    total = weights.sum(axis=-1)
-    squares = np.square(weights).sum(axis=-1)
-    valid = np.isfinite(top[..., 0])
-    return np.where(valid, np.square(total) / np.where(valid, squares, 1.0), np.nan)
+from poseppl.arrays import Integers
 
 
 def unique_ancestors(ancestors: ArrayLike) -> Integers:

@@ -11,20 +11,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-import jax
 import pytest
 
 from poseppl.cli import main
 from poseppl.motion.tracking.video_sources import read_scene_truth
 from poseppl.runs.results import load_result, provenance
 
+pytestmark = pytest.mark.usefixtures("here")
+
 SMALL = ["--filter", "particle", "--set", "num_particles=200", "--frames", "0:4", "--max-draws", "20"]
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
 def refused(capsys: pytest.CaptureFixture[str], arguments: list[str], *words: str, status: int = 1) -> str:
@@ -72,7 +67,7 @@ def test_a_walk_is_laid_along_a_circle() -> None:
     assert left[-1, 1] > straight[-1, 1] + 500 and right[-1, 1] < straight[-1, 1] - 500
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("here", "without_pictures")
 @pytest.mark.slow
 def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     assert (
@@ -98,7 +93,7 @@ def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixt
     refused(capsys, ["track", *files, "--rate", "0"], "--rate")
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("here", "without_pictures")
 def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL, "-q"]) == 0
     capsys.readouterr()
@@ -112,7 +107,7 @@ def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> No
     refused(capsys, ["smooth", "absent.nc"], "absent.nc")
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("here", "without_pictures")
 def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["track", *SMALL, "--checkpoint", "run", "--quiet"]
     assert main(arguments) == 0
@@ -217,18 +212,19 @@ def test_unexpected_faults_show_where_with_debug(capsys: pytest.CaptureFixture[s
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_ctrl_c_leaves_no_half_written_file() -> None:
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])  # 143 in a shell
+def test_a_run_that_is_stopped_tidies_up_and_says_how_to_go_on(sent: signal.Signals, status: int) -> None:
     command = [sys.executable, "-c", "import sys; from poseppl.cli import main; sys.exit(main())"]
     arguments = ["track", *SMALL, "--frames", "0:5000", "--checkpoint", "run"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 100
     while not list(Path("run").glob("part-*")) and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     _, message = process.communicate(timeout=100)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert "Traceback" not in message and "interrupted" in message and "--resume" in message
-    assert [path.name for path in Path().iterdir()] == ["run"]
+    assert [path.name for path in Path().iterdir()] == ["run"] and not list(Path("run").glob(".*"))
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,8 @@ FILTERS = {
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def _processors(here, monkeypatch):
     monkeypatch.setenv("NPROC", "18")  # as the command sets it; here it is put back afterwards
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from drawn_bodies import drawn_result
@@ -18,9 +17,7 @@ from poseppl.runs.results import save_result
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+def _files(here: None, tmp_path: Path) -> None:
     rest = np.asarray(full_body().rest)
     tree = drawn_result(np.tile(rest, (3, 1)), np.full(len(rest), 0.02), np.arange(3), None, num_draws=20)
     save_result(tree, tmp_path / "walk.nc")

@@ -5,15 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import signal
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
 from breaking_filter import break_down
@@ -30,10 +25,9 @@ SMALL = ["--filter", "kalman", "--set", "num_particles=20", "--frames", "0:4", "
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _below(here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
 @pytest.fixture(scope="module")
@@ -130,17 +124,3 @@ def test_frames_before_one_that_breaks_down_are_written(
     assert np.isfinite(tree["unconstrained_posterior/state"]).all() and tree["truth/markers"].shape[0] == at
     assert len(problem_of_result(tree).observations.values["points"]) == at
     assert main(["report", "poseppl-walk.nc", "-q"]) == 0 and Path("poseppl-walk.png").exists()
-
-
-def test_a_run_that_is_terminated_tidies_up_and_says_how_to_go_on() -> None:
-    command = [sys.executable, "-c", "import sys; from poseppl.cli import main; sys.exit(main())"]
-    arguments = ["track", *SMALL, "--frames", "0:5000", "--checkpoint", "run"]
-    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 100
-    while not list(Path("run").glob("part-*")) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.terminate()
-    _, message = process.communicate(timeout=100)
-    assert process.returncode == -signal.SIGTERM  # 143 in a shell
-    assert "Traceback" not in message and "interrupted" in message and "--resume" in message
-    assert [path.name for path in Path().iterdir()] == ["run"] and not list(Path("run").glob(".*"))

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from balancing_options import words
@@ -19,13 +18,7 @@ from poseppl.motion.io import open_video
 from poseppl.motion.io.trc import read_trc
 from poseppl.runs.results import load_result, provenance
 
-pytestmark = pytest.mark.usefixtures("without_pictures")
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+pytestmark = pytest.mark.usefixtures("here", "without_pictures")
 
 
 def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
 from balancing_options import words
@@ -29,9 +28,7 @@ SMALL = ["--live", "--start", "0.08", "--wait", "60", "--filter", "kalman", "--m
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+def _files(here: None) -> None:
     for camera in CAMERAS:
         Path(f"cam0{camera}").mkdir()
 

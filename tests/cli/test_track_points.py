@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
 
@@ -21,9 +20,7 @@ SKELETON = 'points = ["L1A", "L1B"]\n[[links]]\nbetween = ["L1A", "L1B"]\n[[pair
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+def _files(here: None) -> None:
     Path("legs.toml").write_text(SKELETON, encoding="utf-8")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 
@@ -13,13 +12,7 @@ from poseppl.runs.results import load_result, provenance
 
 SMALL = ["--filter", "particle", "--set", "num_particles=100", "--max-draws", "10", "-q", "-o", "out.nc"]
 SKELETON = "cmu_expmap/skeleton.json"
-pytestmark = pytest.mark.usefixtures("without_pictures")
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
+pytestmark = pytest.mark.usefixtures("here", "without_pictures")
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import predictive_checks as benchmark
 import pytest
+from poseppl_models.linear_gaussian import linear_gaussian
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-import predictive_checks as benchmark  # noqa: E402
-from poseppl_models.linear_gaussian import linear_gaussian  # noqa: E402
-
-from poseppl.runs.predictive import Prediction  # noqa: E402
+from poseppl.runs.predictive import Prediction
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from verdicts.compile_times import compile_times
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts.compile_times import compile_times  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("kind", "name", "settings", "compilation", "run", "memory")
 

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from verdicts import fast_motion
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts import fast_motion  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("recording", "rate", "case", "frames", "seed", "error", "coverage")
 FIXED = [98.0, 100.0, 102.0]

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from verdicts import predictions, walks
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts import predictions, walks  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 
 def checked(*runs: tuple[float, str]) -> list[str]:

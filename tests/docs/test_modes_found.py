@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from verdicts import modes
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts import modes  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("pose", "method", "starts", "evaluations", "modes", "of", "mass")
 

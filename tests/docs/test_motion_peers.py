@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
+from verdicts import motion_peers
+from verdicts.pages import DOCS, read_tables
+
+from poseppl.experiments.tables import Table
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "docs"))
-
-from verdicts import motion_peers  # noqa: E402
-from verdicts.pages import DOCS, read_tables  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
-
 pytestmark = pytest.mark.quick
 TABLE = read_tables()["motion_peers"]
 

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from verdicts import learned_prior
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts import learned_prior  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
 

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
+from verdicts.simulated_keypoints import BINS, clocks, ranks, recorded
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts.simulated_keypoints import BINS, clocks, ranks, recorded  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("recording", "cameras", "case", "what", "ideal", "median", "percentile_95", "coverage_50", "coverage_90", "width")
 LIMBS = ("recording", "cameras", "case", "aligned", "exchanged", "found", "falsely", "pairs")

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from verdicts.smoothing import smoothing_pays
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from verdicts.smoothing import smoothing_pays  # noqa: E402
-
-from poseppl.experiments.tables import Table  # noqa: E402
+from poseppl.experiments.tables import Table
 
 COLUMNS = ("walk", "seen", "cameras", "seed", "method", "error", "coverage_50", "coverage_90", "seconds")
 

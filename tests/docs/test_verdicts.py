@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
+from verdicts import sampling
+from verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of
+
+from poseppl.experiments.page import PAGE, claims_of, page_of
+from poseppl.experiments.provenance import read_folder
+from poseppl.experiments.tables import Table
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "docs"))
-
-from verdicts import sampling  # noqa: E402
-from verdicts.pages import DOCS, FOLDERS, MARKED, SECTIONS, experiments, made, read_tables, tables_of  # noqa: E402
-
-from poseppl.experiments.page import PAGE, claims_of, page_of  # noqa: E402
-from poseppl.experiments.provenance import read_folder  # noqa: E402
-from poseppl.experiments.tables import Table  # noqa: E402
-
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
 VERDICT = re.compile(r"\b(holds|does not hold|not reached|was reached|undecided)\b(?! \d| nearer|, unless)", re.IGNORECASE)
 

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "docs"))
-
-from website.algorithms import algorithms, glance  # noqa: E402
-from website.check import faults  # noqa: E402
-from website.contents import index  # noqa: E402
-from website.docstrings import marked_up  # noqa: E402
-from website.markup import plain  # noqa: E402
-from website.modules import PACKAGES, all_modules, exports  # noqa: E402
-from website.tree import relinked  # noqa: E402
+from website.algorithms import algorithms, glance
+from website.check import faults
+from website.contents import index
+from website.docstrings import marked_up
+from website.markup import plain
+from website.modules import PACKAGES, all_modules, exports
+from website.tree import relinked
 
 GOOD = "<html><head><title>A page</title></head><body><h1 id='a'>A</h1>{}</body></html>"
 

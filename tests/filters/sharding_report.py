@@ -17,7 +17,7 @@ sys.path[:0] = [str(TESTS), str(TESTS / "laws")]
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
 from catalogue import FILTERS  # noqa: E402
-from law_problems import Problem, frame, problem  # noqa: E402
+from law_problems import Problem, problem  # noqa: E402
 
 from poseppl.filters import Filter, particle_filter, sharded  # noqa: E402
 from poseppl.runs.checkpoint import Checkpoint  # noqa: E402
@@ -29,7 +29,7 @@ NUM_FRAMES = 4
 def go(filter_: Filter, posed: Problem) -> tuple[list, list, list, float]:
     """States, evidences, where the particles are, and the transcendental functions of a step, on each device."""
     keys = jax.random.split(jax.random.key(3), NUM_FRAMES)
-    data = [(frame(posed.observations, t), frame(posed.inputs, t)) for t in range(NUM_FRAMES)]
+    data = [posed.at(t) for t in range(NUM_FRAMES)]
     state, info = jax.jit(filter_.init)(keys[0], *data[0])
     step = jax.jit(filter_.step).lower(keys[1], state, *data[1]).compile()
     states, infos = [state], [info]
@@ -73,7 +73,7 @@ def _particles(rng_key, state, info, inputs):
 
 
 def _refused(posed: Problem) -> str:
-    first = frame(posed.observations, 0), frame(posed.inputs, 0)
+    first = posed.at(0)
     try:
         jax.eval_shape(sharded(particle_filter(posed.model, 10), 4).init, jax.random.key(0), *first)
     except ValueError as error:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import MASKED, frame, problem, replicate, z_scores
+from law_problems import MASKED, problem, replicate, z_scores
 
 from poseppl.filters import AnnealedState, annealed_filter
 from poseppl.filters.annealed import _cross, annealing_exponent
@@ -36,7 +36,7 @@ def first_frame(num_layers, num_particles=400, **settings):
     init = annealed_filter(posed.model, num_particles, num_layers=num_layers, **settings).init
 
     def one(key):
-        state, _ = init(key, frame(posed.observations, 0), frame(posed.inputs, 0))
+        state, _ = init(key, *posed.at(0))
         weights = jnp.exp(state.log_weights)
         mean = weights @ state.particles
         return mean, weights @ (state.particles - mean) ** 2, state.best
@@ -89,7 +89,7 @@ def test_noise_of_a_layer_falls_by_the_survival_rate():
     """A diffusion of 100 drowns the prediction: what is left after one layer of noise has the variance tau 100."""
     posed, survival = problem(), 0.3
     init = jax.jit(annealed_filter(posed.model, 4000, num_layers=2, survival=survival, diffusion=np.full(2, 100.0)).init)
-    state, _ = init(jax.random.key(0), frame(posed.observations, 0), frame(posed.inputs, 0))
+    state, _ = init(jax.random.key(0), *posed.at(0))
     # the prediction's own variance of at most 1 comes on top
     np.testing.assert_allclose(np.asarray(state.particles).var(0), 100 * survival, rtol=5 * np.sqrt(2 / 4000) + 0.02)
 
@@ -121,7 +121,7 @@ def test_one_particle_and_equal_particles(num_particles):
     step = jax.jit(annealed_filter(posed.model, num_particles, num_layers=3, diffusion=np.zeros(2)).step)
     weights = jnp.full(num_particles, -jnp.log(num_particles))
     state = AnnealedState(jnp.zeros((num_particles, 2)), weights, jnp.zeros(2))
-    state, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    state, info = step(jax.random.key(0), state, *posed.at(1))
     assert np.isfinite(state.particles).all() and np.isfinite(state.log_weights).all()
     assert np.isfinite(info.log_evidence) and not info.failed
     # without noise between the layers, particles are copies of those predicted

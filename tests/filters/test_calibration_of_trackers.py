@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-from calibration import LEVELS, TRACKERS, study  # noqa: E402
-from simulated import build_problem  # noqa: E402
+from calibration import LEVELS, TRACKERS, study
+from simulated import build_problem
 
 BAND = (0.85, 0.95)
 OVER_CONFIDENT = 0.75

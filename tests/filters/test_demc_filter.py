@@ -8,7 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from law_problems import MASKED, frame, problem, z_scores
+from law_problems import MASKED, problem, z_scores
 
 from poseppl.filters import DEMCState, demc_filter
 from poseppl.filters.demc import _noise_factor
@@ -29,7 +29,7 @@ def test_ancestors_are_those_of_the_selection():
     particles = jax.random.normal(jax.random.key(1), (20, 2))
     state = DEMCState(particles, jnp.full(20, -jnp.inf).at[7].set(0.0), particles[7], jnp.zeros(2))
     step = jax.jit(demc_filter(posed.model, 20, num_layers=1).step)
-    _, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    _, info = step(jax.random.key(0), state, *posed.at(1))
     np.testing.assert_array_equal(info.ancestors, 7)
 
 
@@ -37,7 +37,7 @@ def test_many_layers_lead_to_the_likelihood_not_to_the_posterior():
     posed = problem()
     init = demc_filter(posed.model, 100, num_layers=40, noise_follows="nothing").init
     keys = jax.random.split(jax.random.key(0), 40)
-    run = jax.jit(lambda keys: jax.lax.map(lambda k: init(k, frame(posed.observations, 0), frame(posed.inputs, 0))[0], keys))
+    run = jax.jit(lambda keys: jax.lax.map(lambda k: init(k, *posed.at(0))[0], keys))
     particles = np.asarray(run(keys).particles, float)
     mean, covariance = likelihood_moments()
     centred = particles - mean
@@ -55,9 +55,9 @@ def frames():
     built = demc_filter(posed.model, 60, num_layers=3, prediction="velocity")
     init, step = jax.jit(built.init), jax.jit(built.step)
     keys = jax.random.split(jax.random.key(0), 4)
-    found = [init(keys[0], frame(posed.observations, 0), frame(posed.inputs, 0))]
+    found = [init(keys[0], *posed.at(0))]
     for t in (1, 2, 3):
-        found.append(step(keys[t], found[-1][0], frame(posed.observations, t), frame(posed.inputs, t)))
+        found.append(step(keys[t], found[-1][0], *posed.at(t)))
     return posed, found
 
 
@@ -65,7 +65,7 @@ def test_weights_are_likelihoods_and_the_best_has_the_largest(frames):
     posed, found = frames
     for t in (0, 1, 3):
         state, info = found[t]
-        values = [posed.model.log_observation(x, frame(posed.observations, t), frame(posed.inputs, t)) for x in state.particles]
+        values = [posed.model.log_observation(x, *posed.at(t)) for x in state.particles]
         np.testing.assert_allclose(state.log_weights, np.array(values) - np.logaddexp.reduce(values), atol=1e-4)
         np.testing.assert_array_equal(state.best, state.particles[np.argmax(values)])
         assert 0.1 < info.acceptance < 1
@@ -144,7 +144,7 @@ def test_one_particle_and_equal_particles(target, num_particles):
     step = jax.jit(demc_filter(posed.model, num_particles, target=target, num_layers=2).step)
     weights = jnp.full(num_particles, -jnp.log(num_particles))
     state = DEMCState(jnp.zeros((num_particles, 2)), weights, jnp.zeros(2), jnp.zeros(2))
-    after, info = step(jax.random.key(0), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+    after, info = step(jax.random.key(0), state, *posed.at(1))
     assert all(np.isfinite(np.asarray(leaf, float)).all() for leaf in after)
     assert np.isfinite(info.log_evidence) and not info.failed
 

@@ -9,8 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 import scipy.stats
-from law_problems import problem, replicate, z_scores
-from oracles.kalman import kalman_filter
+from law_problems import check_impossible, problem, replicate, z_scores
 from oracles.quadrature import moments_on_grid
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian
@@ -131,16 +130,7 @@ def shifted(params, state, inputs, observation):
 
 def test_after_an_impossible_frame_particles_are_weighted_draws_of_the_prediction():
     """The proposal's p / q is all that they are weighted by there; what follows is Kalman's without that frame."""
-    values = POSED.observations.values["y"].at[1].set(1e30)
-    impossible = POSED._replace(observations=POSED.observations._replace(values={"y": values}))
-    mask = np.array(POSED.observations.mask["y"])
-    mask[1] = False
-    exact = kalman_filter(POSED.matrices, POSED.observations.values["y"], mask, np.asarray(POSED.inputs))
-    filter = guided_filter(POSED.model, 1000, proposal=Proposal(shifted, wide))
-    means, seconds, increments = replicate(filter, impossible, 60, exact.means)
-    assert (increments[:, 1] == -np.inf).all()
-    assert np.abs(z_scores(means, exact.means)).max() < 5
-    assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
+    check_impossible(guided_filter(POSED.model, 1000, proposal=Proposal(shifted, wide)), POSED, 60)
 
 
 @pytest.mark.slow

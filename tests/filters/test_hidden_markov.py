@@ -7,6 +7,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from law_problems import TWO_STATES
 from oracles.forward_backward import forward_backward
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.growth import growth
@@ -19,10 +20,9 @@ from poseppl.smoothers import collect_history
 
 RNG = np.random.default_rng(5)
 FIVE = (RNG.dirichlet(np.ones(5)), RNG.dirichlet(np.ones(5), 5), RNG.dirichlet(np.ones(3), 5))
-TWO = ([0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]])
 
 
-@pytest.mark.parametrize("matrices", [TWO, FIVE], ids=["two", "five"])
+@pytest.mark.parametrize("matrices", [TWO_STATES, FIVE], ids=["two", "five"])
 def test_equal_to_forward_filtering(matrices):
     model = finite_hmm(*matrices).compile()
     symbols = RNG.integers(0, 3, 12)

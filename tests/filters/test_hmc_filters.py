@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import frame, problem, replicate
+from law_problems import independent, problem, replicate
 from poseppl_models.choo_fleet import arm
 
 from poseppl.filters import assumed_density_filter, hmc_filter
@@ -56,7 +56,7 @@ def importance_moments(model, observation, inputs, num_blocks=100, block=100_000
         return jnp.sum(weights), weights @ features
 
     reference = model.log_observation(model.initial_moments(inputs)[0], observation, inputs)
-    totals, sums = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(1), num_blocks))
+    totals, sums = independent(one, num_blocks, seed=1)
     totals, sums = np.asarray(totals, float), np.asarray(sums, float)
     mean = sums.sum(0) / totals.sum()
     residual = (sums - totals[:, None] * mean) / totals.mean()
@@ -68,11 +68,18 @@ def arm_reference():
     return importance_moments(*arm_scene())
 
 
+def errors_of(state, reference):
+    """Of the chains' first and second moments, in standard errors of both."""
+    mean, standard_error = reference
+    chains = np.asarray(state.particles, float)
+    means = np.concatenate([chains, chains**2], -1).mean(1)
+    return (means.mean(0) - mean) / np.hypot(means.std(0, ddof=1) / np.sqrt(len(means)), standard_error)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hmc", "assumed-density"])
 def test_arm_agrees_with_ten_million_particles(name, arm_reference):
     model, observation, inputs = arm_scene()
-    mean, standard_error = arm_reference
     if name == "hmc":
         built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, num_warmup=100, jitter=0.5))
     else:
@@ -80,24 +87,16 @@ def test_arm_agrees_with_ten_million_particles(name, arm_reference):
         built = assumed_density_filter(model, 40, settings, num_starts=40)
     state, info = jax.jit(built.init)(jax.random.key(2), observation, inputs)
     assert not info.failed
-    chains = np.asarray(state.particles, float)
-    means = np.concatenate([chains, chains**2], -1).mean(1)
-    error = means.std(0, ddof=1) / np.sqrt(len(means))
-    z = (means.mean(0) - mean) / np.hypot(error, standard_error)
-    assert np.abs(z).max() < 5
+    assert np.abs(errors_of(state, arm_reference)).max() < 5
 
 
 @pytest.mark.slow
 def test_a_prior_of_other_width_is_noticed_on_the_arm(arm_reference):
     model, observation, inputs = arm_scene()
-    mean, standard_error = arm_reference
     wrong = inputs._replace(inputs=inputs.inputs._replace(start_scale=1.5 * inputs.inputs.start_scale))
     built = hmc_filter(model, 40, HMCSettings(num_updates=600, num_leapfrog=12, num_warmup=100, jitter=0.5))
     state, _ = jax.jit(built.init)(jax.random.key(2), observation, wrong)
-    chains = np.asarray(state.particles, float)
-    means = np.concatenate([chains, chains**2], -1).mean(1)
-    error = means.std(0, ddof=1) / np.sqrt(len(means))
-    assert np.abs((means.mean(0) - mean) / np.hypot(error, standard_error)).max() > 10
+    assert np.abs(errors_of(state, arm_reference)).max() > 10
 
 
 def test_inflation_is_the_bias_of_the_inverse_covariance():
@@ -150,7 +149,7 @@ def test_mixture_prior_keeps_to_kalman():
 def test_a_broken_state_does_not_begin_anew():
     posed = problem()
     filter = assumed_density_filter(posed.model, 4, SHORT, num_starts=4)
-    data = frame(posed.observations, 1), frame(posed.inputs, 1)
+    data = posed.at(1)
     start = filter.initial_state(*data)
     step = jax.jit(filter.step)
     first, _ = step(jax.random.key(0), start, *data)

@@ -80,9 +80,9 @@ def test_gradient_by_the_transition_parameters_equals_finite_differences(lineari
 
 def test_a_broken_state_does_not_begin_anew():
     filter = kalman_filter(POSED.model, 5)
-    state, _ = filter.init(jax.random.key(0), frame(POSED.observations, 0), frame(POSED.inputs, 0))
+    state, _ = filter.init(jax.random.key(0), *POSED.at(0))
     broken = state._replace(posterior=Gaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
-    after, info = filter.step(jax.random.key(0), broken, frame(POSED.observations, 1), frame(POSED.inputs, 1))
+    after, info = filter.step(jax.random.key(0), broken, *POSED.at(1))
     assert info.failed and np.isnan(after.particles).all()
 
 

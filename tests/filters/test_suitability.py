@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
+from choosing_models import MODELS
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.linear_gaussian import linear_gaussian
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
-from choosing_models import MODELS  # noqa: E402
-
-from poseppl import infer, smooth  # noqa: E402
-from poseppl.diagnostics import verdicts  # noqa: E402
-from poseppl.filters import annealed_filter, hidden_markov_filter, particle_filter  # noqa: E402
-from poseppl.filters.suitability import suited_filters, takes  # noqa: E402
-from poseppl.runs.algorithms import FILTERS  # noqa: E402
-from poseppl.runs.predictive import predictive_checks  # noqa: E402
-from poseppl.runs.results import provenance  # noqa: E402
-from poseppl.runs.simulation import simulate  # noqa: E402
-from poseppl.smoothers import forward_backward_smoother, trajectory_smoother  # noqa: E402
+from poseppl import infer, smooth
+from poseppl.diagnostics import verdicts
+from poseppl.filters import annealed_filter, hidden_markov_filter, particle_filter
+from poseppl.filters.suitability import suited_filters, takes
+from poseppl.runs.algorithms import FILTERS
+from poseppl.runs.predictive import predictive_checks
+from poseppl.runs.results import provenance
+from poseppl.runs.simulation import simulate
+from poseppl.smoothers import forward_backward_smoother, trajectory_smoother
 
 
 @pytest.mark.parametrize("name", MODELS)

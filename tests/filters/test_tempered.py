@@ -152,7 +152,7 @@ def test_one_particle_and_equal_particles(moves, num_particles):
     weights = jnp.full(num_particles, -jnp.log(num_particles))
     for value in (0.0, 50.0):
         state = TemperedState(jnp.full((num_particles, 2), value), weights, jnp.zeros(()))
-        found = step(jax.random.key(1), state, frame(posed.observations, 1), frame(posed.inputs, 1))
+        found = step(jax.random.key(1), state, *posed.at(1))
         assert all(np.isfinite(np.asarray(leaf, float)).all() for leaf in jax.tree.leaves(found))
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
-from law_problems import Problem, frame, problem, run, z_scores
+from law_problems import Problem, frame, independent, problem, run, z_scores
 from oracles.grid import growth_on_grid
 from oracles.kalman import kalman_filter, rauch_tung_striebel, simulate
 from poseppl_models.growth import growth
@@ -34,7 +34,7 @@ def window_after(posed, num_frames, size=WINDOW):
     window = empty_window(posed.model, size, frame(posed.inputs, 0))
     for t in range(num_frames):
         prediction = Gaussian(jnp.asarray(means[t], jnp.float32), jnp.asarray(covariances[t], jnp.float32))
-        window = move_on(window, prediction, frame(posed.observations, t), frame(posed.inputs, t))
+        window = move_on(window, prediction, *posed.at(t))
     return window, means, covariances
 
 
@@ -99,7 +99,7 @@ def last_window(*, twice=False):
         draws = states.trajectories[-1].reshape(-1, WINDOW)
         return jnp.mean(draws, 0), jnp.var(draws, 0)
 
-    found = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 40))
+    found = independent(one, 40)
     return [np.asarray(part, float) for part in found]
 
 

@@ -8,16 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.stats
+from curved_density import CURVE, banana, z_scores
 
 from poseppl.kernels import DEMCSettings, demc, demc_chains
 
-CURVE = 0.5
 NUM, UPDATES, REPLICATES = 6, 8, 8000
-
-
-def banana(x: jax.Array) -> jax.Array:
-    return -0.5 * (x[0] ** 2 + (x[1] - CURVE * (x[0] ** 2 - 1.0)) ** 2 / 0.25)
 
 
 def draw_banana(rng_key, shape):
@@ -25,21 +20,6 @@ def draw_banana(rng_key, shape):
     noise = jax.random.normal(rng_key, (*shape, 2))
     x = noise[..., 0]
     return jnp.stack([x, CURVE * (x**2 - 1.0) + 0.5 * noise[..., 1]], -1)
-
-
-def features(draws):
-    x, y = draws[..., 0], draws[..., 1]
-    return np.stack([x, y, x**2, y**2, x**2 * y, np.abs(x) > 1.5], -1)
-
-
-# x is a standard normal, and y = (x^2 - 1) / 2 + N(0, 1/4)
-MOMENTS = np.array([0.0, 0.0, 1.0, 0.75, 1.0, 2 * scipy.stats.norm.sf(1.5)])
-
-
-def z_scores(draws):
-    """Populations are independent: their means give the standard error, whatever the members have to do with each other."""
-    means = features(np.asarray(draws, float)).mean(1)
-    return (means.mean(0) - MOMENTS) / (means.std(0, ddof=1) / np.sqrt(len(means)))
 
 
 def after_updates(settings, number=NUM, log_density=banana):

@@ -17,6 +17,8 @@ from poseppl.program import CompiledModel, Observation
 NUM_FRAMES = 5
 MASKED = 2
 """The frame without data."""
+TWO_STATES = ([0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]])
+"""A hidden Markov chain: how it starts, moves and is seen."""
 
 
 class Problem(NamedTuple):
@@ -25,6 +27,10 @@ class Problem(NamedTuple):
     observations: Observation  # stacked, (T,)
     inputs: jax.Array  # (T, 1)
     exact: KalmanResult
+
+    def at(self, t):
+        """Observation and inputs of a frame."""
+        return frame((self.observations, self.inputs), t)
 
 
 def problem() -> Problem:
@@ -104,6 +110,11 @@ def moments(states, centres):
     return jax.vmap(one)(states, centres)
 
 
+def independent(one, number, seed=0):
+    """What ``one`` returns for each of so many keys, in one program."""
+    return jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(seed), number))
+
+
 BATCH = 40
 """Runs that a program makes; their multiples need no other one."""
 
@@ -139,3 +150,16 @@ def runs_of(filter_, model):
 def z_scores(samples, exact):
     """(mean - exact) in Monte Carlo standard errors, over the first axis of replicates."""
     return (samples.mean(0) - exact) / (samples.std(0, ddof=1) / np.sqrt(len(samples)))
+
+
+def check_impossible(filter_, posed, num_replicates):
+    """Nothing explains the second frame; what comes after is Kalman's without the data of that frame."""
+    mask = np.array(posed.observations.mask["y"])
+    mask[1] = False
+    exact = kalman_filter(posed.matrices, posed.observations.values["y"], mask, np.asarray(posed.inputs))
+    values = posed.observations.values["y"].at[1].set(1e30)
+    impossible = posed._replace(observations=posed.observations._replace(values={"y": values}), exact=exact)
+    means, seconds, increments = replicate(filter_, impossible, num_replicates)
+    assert (increments[:, 1] == -np.inf).all()
+    assert np.abs(z_scores(means, exact.means)).max() < 5
+    assert np.abs(z_scores(seconds, exact.covariances)).max() < 5

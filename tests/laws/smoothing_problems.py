@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from catalogue import MOMENTS
-from law_problems import NUM_FRAMES, Problem, frame, moments, problem, run
+from law_problems import NUM_FRAMES, TWO_STATES, Problem, frame, moments, problem, run
 from mistakes import NO_MISTAKES
 from oracles.forward_backward import forward_backward
 from oracles.grid import growth_on_grid
@@ -88,7 +88,7 @@ def smoothed_chain(dimension: int, num_frames: int) -> Smoothing:
 def markov_problem(num_states: int) -> Smoothing:
     """A hidden Markov chain of sticky states, told apart by one of four symbols each; a symbol in the middle is missing."""
     if num_states == 2:
-        initial, transition, emission = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
+        initial, transition, emission = TWO_STATES
     else:
         rng = np.random.default_rng(num_states)
         initial, transition, emission = (rng.dirichlet(np.ones(k), n) for n, k in ((1, 5), (5, 5), (5, 4)))

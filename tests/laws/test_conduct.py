@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import FILTERS, rows
-from law_problems import MASKED, compiled, frame, go_through, problem
+from law_problems import MASKED, compiled, go_through, problem
 
 from poseppl.filters import Filter, Info
 
@@ -30,13 +30,17 @@ def test_parameters_have_the_common_names_and_order(row):
     assert list(inspect.signature(built.step).parameters) == ["rng_key", "state", "observation", "inputs"]
 
 
+def shapes_of(row, posed):
+    """Of state and info at the first and the second frame."""
+    built, key = row.build(posed.model), jax.random.key(0)
+    first = jax.eval_shape(built.init, key, *posed.at(0))
+    return first, jax.eval_shape(built.step, key, first[0], *posed.at(1))
+
+
 @every_filter
 def test_state_and_info_keep_their_shapes(row):
     posed = problem()
-    built = row.build(posed.model)
-    key = jax.random.key(0)
-    first = jax.eval_shape(built.init, key, frame(posed.observations, 0), frame(posed.inputs, 0))
-    second = jax.eval_shape(built.step, key, first[0], frame(posed.observations, 1), frame(posed.inputs, 1))
+    first, second = shapes_of(row, posed)
     assert first == second
     state, info = first
     assert isinstance(info, Info)
@@ -115,8 +119,8 @@ def test_no_key_is_used_twice(row):
     built = row.build(posed.model)
     with jax.debug_key_reuse(True):
         key_init, key_step = jax.random.split(jax.random.key(0))
-        state, _ = jax.jit(built.init)(key_init, frame(posed.observations, 0), frame(posed.inputs, 0))
-        state, _ = jax.jit(built.step)(key_step, state, frame(posed.observations, 1), frame(posed.inputs, 1))
+        state, _ = jax.jit(built.init)(key_init, *posed.at(0))
+        state, _ = jax.jit(built.step)(key_step, state, *posed.at(1))
     assert np.isfinite(np.asarray(state.particles)).all()
 
 
@@ -158,11 +162,7 @@ def test_data_that_are_not_seen_do_not_matter(row):
 @pytest.mark.parametrize("x64", [False, True])
 def test_dtype_is_the_default_float(row, x64):
     with jax.enable_x64(x64):
-        posed = problem()
-        built = row.build(posed.model)
-        key = jax.random.key(0)
-        first = jax.eval_shape(built.init, key, frame(posed.observations, 0), frame(posed.inputs, 0))
-        second = jax.eval_shape(built.step, key, first[0], frame(posed.observations, 1), frame(posed.inputs, 1))
+        shapes = shapes_of(row, problem())
     expected = jnp.float64 if x64 else jnp.float32
-    for leaf in jax.tree.leaves((first, second)):
+    for leaf in jax.tree.leaves(shapes):
         assert not jnp.issubdtype(leaf.dtype, jnp.floating) or leaf.dtype == expected

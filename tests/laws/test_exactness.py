@@ -11,9 +11,8 @@ from functools import cache
 import numpy as np
 import pytest
 from catalogue import FILTERS, is_first, rows
-from law_problems import BATCH, MASKED, problem, replicate, z_scores
+from law_problems import BATCH, MASKED, check_impossible, problem, replicate, z_scores
 from mistakes import SHARED_MISTAKES, Mistakes
-from oracles.kalman import kalman_filter
 from scipy.stats import norm
 
 every_filter = rows(FILTERS)
@@ -62,15 +61,7 @@ def test_means_and_covariances_are_kalmans(row):
 @consistent_filters
 def test_after_an_impossible_frame_all_is_as_if_nothing_had_been_seen_in_it(row):
     """What comes after is Kalman's without the data of that frame."""
-    values = POSED.observations.values["y"].at[1].set(1e30)
-    mask = np.array(POSED.observations.mask["y"])
-    mask[1] = False
-    exact = kalman_filter(POSED.matrices, POSED.observations.values["y"], mask, np.asarray(POSED.inputs))
-    impossible = POSED._replace(observations=POSED.observations._replace(values={"y": values}))
-    means, seconds, increments = replicate(built(row), impossible, REPLICATES, exact.means)
-    assert (increments[:, 1] == -np.inf).all()
-    assert np.abs(z_scores(means, exact.means)).max() < 5
-    assert np.abs(z_scores(seconds, exact.covariances)).max() < 5
+    check_impossible(built(row), POSED, REPLICATES)
 
 
 @every_filter

@@ -13,7 +13,8 @@ from poseppl_models.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
-from poseppl.motion.geometry import join_cameras, look_at, project
+from poseppl.motion.bodies.subject import MovingSubject
+from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
@@ -35,19 +36,28 @@ def stationary(rng: np.random.Generator, shape: tuple[int, ...], lasts: float) -
     return np.stack(values)
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene[PointData]:
-    """A walk in three cameras, with a detector's errors."""
-    rng, subject = np.random.default_rng(1), walking_subject(frames=f"0:{FRAMES}", rate=RATE)
+def cameras_about(subject: MovingSubject, *focal: float) -> Cameras:
     middle = subject.markers.reshape(-1, 3).mean(0)
     centres = middle + np.array([[4000.0, 0, 400], [0, 4000, 800], [-3000, -3000, 200]])
-    cameras = join_cameras([look_at(tuple(centre), tuple(middle)) for centre in centres])
+    return join_cameras([look_at(tuple(centre), tuple(middle), *focal) for centre in centres])
+
+
+def detected(rng: np.random.Generator, subject: MovingSubject, cameras: Cameras, noise: float) -> tuple[Floats, Floats]:
+    """Places of the points that a detector means, and where it sees them."""
     places = subject.markers + SHIFT * stationary(rng, subject.markers.shape[1:], SHIFTS_LAST)
     clean = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places, float)), np.float64), 0, 1)
     lasting = stationary(rng, clean.shape[1:], ERRORS_LAST)
     other = rng.standard_normal(clean.shape) / np.sqrt(rng.chisquare(FREEDOM, clean.shape[:-1]) / FREEDOM)[..., None]
-    points = clean + NOISE * (np.sqrt(ERROR_SHARE) * lasting + np.sqrt(1 - ERROR_SHARE) * other)
-    data = PointData(points, np.full(clean.shape[1:3], NOISE))
+    return places, clean + noise * (np.sqrt(ERROR_SHARE) * lasting + np.sqrt(1 - ERROR_SHARE) * other)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene[PointData]:
+    """A walk in three cameras, with a detector's errors."""
+    subject = walking_subject(frames=f"0:{FRAMES}", rate=RATE)
+    cameras = cameras_about(subject)
+    places, points = detected(np.random.default_rng(1), subject, cameras, NOISE)
+    data = PointData(points, np.full(points.shape[1:3], NOISE))
     return Scene(subject.body, cameras, ("a", "b", "c"), data, np.arange(FRAMES), RATE, "", subject.states, places)
 
 
@@ -101,23 +111,17 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
 def test_intervals_contain_errors_of_the_cameras_poses() -> None:
     """Five walks in three cameras with errors drawn from the prior: coverage of places over walks, within 3 standard errors."""
     noise, subject = 4.0, walking_subject(frames=f"0:{FRAMES}", rate=RATE)
-    middle = subject.markers.reshape(-1, 3).mean(0)
-    centres = middle + np.array([[4000.0, 0, 400], [0, 4000, 800], [-3000, -3000, 200]])
-    calibrated = join_cameras([look_at(tuple(centre), tuple(middle), 1500.0) for centre in centres])
+    calibrated = cameras_about(subject, 1500.0)
     held: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(5):
         rng = np.random.default_rng(seed)
         turn, shift = PRIOR_ANGLE * rng.standard_normal((3, 3)), PRIOR_POSITION * rng.standard_normal((3, 3))
         true = moved_cameras(calibrated, jnp.asarray(turn, float), jnp.asarray(shift, float))
-        places = subject.markers + SHIFT * stationary(rng, subject.markers.shape[1:], SHIFTS_LAST)
-        clean = np.moveaxis(np.asarray(project(true, jnp.asarray(places, float)), np.float64), 0, 1)
-        lasting = stationary(rng, clean.shape[1:], ERRORS_LAST)
-        other = rng.standard_normal(clean.shape) / np.sqrt(rng.chisquare(FREEDOM, clean.shape[:-1]) / FREEDOM)[..., None]
-        points = clean + noise * (np.sqrt(ERROR_SHARE) * lasting + np.sqrt(1 - ERROR_SHARE) * other)
+        places, points = detected(rng, subject, true, noise)
         refined = refine_cameras(calibrated, points, np.ones(points.shape[:3]), noise, RATE)
         for known in (True, False):
             told = {"camera covariance": refined.covariance.tolist()} if known else {}
-            data = PointData(points, np.full(clean.shape[1:3], noise), told)
+            data = PointData(points, np.full(points.shape[1:3], noise), told)
             seen = Scene(
                 subject.body, refined.cameras, ("a", "b", "c"), data, np.arange(FRAMES), RATE, "", subject.states, places
             )

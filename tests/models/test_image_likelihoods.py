@@ -21,7 +21,7 @@ from precision import precision
 from scipy.ndimage import gaussian_filter
 
 from poseppl.motion.geometry.silhouette_bits import pack_mask
-from poseppl.motion.vision import colour_histogram, weighted_distance
+from poseppl.motion.vision import colour_histogram
 
 PARAMS = {"lambda": 10.0, "beta": 10.0, "gamma": 5.0, "overlap_scale": 2.0, "colour_scale": 0.3, "boundary_scale": 0.3}
 TOLERANCE = 3.0
@@ -74,23 +74,21 @@ def fraction(part, whole):
     return 1 - part.sum() / whole.sum() if whole.any() else 0.0
 
 
-def plain_inside(body, state, evidence, known, empty):
-    """Mean errors of the silhouettes (C,)."""
-    values = np.asarray(evidence.inside_error)[:, :-1]
+def plain_means(body, state, values, known, empty, samples, *grid):
+    """Mean errors at samples of the parts (C,)."""
     means = []
     for c, parts in enumerate(outlines(body, state, cameras())):
-        points, weights = zip(*(inside_samples(corners, *darby_likelihood.GRID) for corners in parts), strict=True)
-        means.append(nearest_mean(values[c], known[c], np.concatenate(points), np.concatenate(weights), empty))
+        points, weights = zip(*(samples(corners, *grid) for corners in parts), strict=True)
+        means.append(nearest_mean(np.asarray(values)[c, :-1], known[c], np.concatenate(points), np.concatenate(weights), empty))
     return np.array(means)
+
+
+def plain_inside(body, state, evidence, known, empty):
+    return plain_means(body, state, evidence.inside_error, known, empty, inside_samples, *darby_likelihood.GRID)
 
 
 def plain_sides(body, state, evidence, known, empty):
-    values = np.asarray(evidence.edge_error)[:, :-1]
-    means = []
-    for c, parts in enumerate(outlines(body, state, cameras())):
-        points, weights = zip(*(side_samples(corners, darby_likelihood.SIDE_SAMPLES) for corners in parts), strict=True)
-        means.append(nearest_mean(values[c], known[c], np.concatenate(points), np.concatenate(weights), empty))
-    return np.array(means)
+    return plain_means(body, state, evidence.edge_error, known, empty, side_samples, darby_likelihood.SIDE_SAMPLES)
 
 
 def plain_peursum(body, state, evidence, known):
@@ -147,7 +145,8 @@ def plain_du_guan(body, state, evidence, known):
             histograms.append(np.bincount(found, minlength=16) / max(len(found), 1))
         seen = np.array([histogram.sum() > 0 for histogram in histograms])
         weights = np.where(seen, np.asarray(evidence.part_weights[c]), 0.0)
-        colour = weighted_distance(np.array(histograms), np.asarray(evidence.colours[c]), weights)
+        overlaps = np.sqrt(np.array(histograms) * np.asarray(evidence.colours[c])).sum(-1)
+        colour = np.sqrt(max(1 - weights @ overlaps / weights.sum(), 0))
         overlap = np.sum(claimed[c] & shown[c]) / np.sum(claimed[c] | shown[c])
         total += (
             np.log(overlap) / PARAMS["overlap_scale"] - colour / PARAMS["colour_scale"] - boundary[c] / PARAMS["boundary_scale"]

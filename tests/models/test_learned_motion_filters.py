@@ -119,16 +119,20 @@ FILTERS = {
 }
 
 
+def check_moments(filter, problem, *, evidence):
+    means, seconds, increments = replicate(filter, problem, 40)
+    assert np.abs(z_scores(means, problem.exact.means)).max() < 5
+    assert np.abs(z_scores(seconds, problem.exact.covariances)).max() < 5
+    if evidence:
+        ratios = np.exp(increments - problem.exact.log_evidence)
+        assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(40) + 1e-4).all()
+
+
 @pytest.mark.parametrize("residual", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["on", "about"])
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "guided" else pytest.mark.slow) for name in FILTERS])
 def test_filters_have_the_moments_of_all_sequences(name, residual):
     problem = posed(residual)
-    means, seconds, increments = replicate(FILTERS[name](problem.model), problem, 40)
-    assert np.abs(z_scores(means, problem.exact.means)).max() < 5
-    assert np.abs(z_scores(seconds, problem.exact.covariances)).max() < 5
-    if name != "tempered":
-        ratios = np.exp(increments - problem.exact.log_evidence)
-        assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(40) + 1e-4).all()
+    check_moments(FILTERS[name](problem.model), problem, evidence=name != "tempered")
 
 
 @pytest.mark.parametrize("name", ["guided", pytest.param("particle", marks=pytest.mark.slow)])
@@ -136,11 +140,7 @@ def test_other_motion_has_the_moments_of_all_sequences(name):
     """Its probability, too; and another duration of it is noticed."""
     problem = posed_with_other_motion()
     build = FILTERS[name]
-    means, seconds, increments = replicate(build(problem.model), problem, 40)
-    assert np.abs(z_scores(means, problem.exact.means)).max() < 5
-    assert np.abs(z_scores(seconds, problem.exact.covariances)).max() < 5
-    ratios = np.exp(increments - problem.exact.log_evidence)
-    assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(40) + 1e-4).all()
+    check_moments(build(problem.model), problem, evidence=True)
     longer = ACTIVITY.with_other_motion(jnp.array([0.5, 0.3, 0.25]), 0.5, until=1.0, lasting=15.0, memory=1.0)
     wrong = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(DATA)), INPUTS._replace(activity=longer))
     means, _, _ = replicate(build(problem.model), problem._replace(inputs=wrong), 40)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
+from law_problems import independent
 from poseppl_models.mirror import mirror, mirror_mean
 
 from poseppl.filters import particle_filter
@@ -40,7 +41,7 @@ def test_a_filter_keeps_both_sides_unless_it_is_told(told):
         state, _ = jax.lax.scan(step, state, (keys[1:], jax.tree.map(lambda a: a[1:], observations)))
         return jnp.exp(state.log_weights) @ (state.particles[:, 0] > 0)
 
-    shares = np.asarray(jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 40)), float)
+    shares = np.asarray(independent(one, 40), float)
     if told:
         assert shares.min() > 0.99
     else:

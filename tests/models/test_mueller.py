@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from law_problems import independent
 from oracles.quadrature import moments_on_grid
 from poseppl_models.mueller import MINIMA, mueller_log_density, mueller_potential
 
@@ -40,7 +41,7 @@ def test_demc_from_one_basin_converges_to_quadrature():
         starts = jnp.array(MINIMA[1]) + 0.05 * jax.random.normal(key_start, (60, 2))
         return jnp.mean(demc_chains(key_run, starts, density, settings).draws, (0, 1))
 
-    means = np.asarray(jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 20)), float)
+    means = np.asarray(independent(one, 20), float)
     error = means.std(0, ddof=1) / np.sqrt(len(means))
     assert (np.abs(means.mean(0) - moments(density)) < 5 * error).all()
     assert (np.abs(means.mean(0) - moments(lambda x: mueller_log_density(x, 0.7 * TEMPERATURE))) > 10 * error).all()

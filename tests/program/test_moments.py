@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 from numpyro import handlers
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
-from programs import model
+from programs import initial, model
 
 FULL = [[1.0, 0.3], [0.3, 0.5]]
 X = jnp.array([0.4, -0.3, 1.1])
@@ -167,10 +167,6 @@ def test_moments_of_other_distributions():
     def transition(params, state, inputs):
         numpyro.sample("slope", dist.Laplace(state["slope"], 2.0).to_event(1))
         numpyro.sample("level", dist.StudentT(5.0, state["level"], 3.0))
-
-    def initial(params, inputs):
-        numpyro.sample("level", dist.Normal(0.0, 1.0))
-        numpyro.sample("slope", dist.Normal(0.0, 1.0).expand([2]))
 
     mean, covariance = moments_of(transition, initial)
     np.testing.assert_allclose(mean, X, rtol=1e-6)

@@ -8,6 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from law_problems import TWO_STATES
 from oracles.forward_backward import forward_backward
 from poseppl_models.finite_hmm import finite_hmm
 from scipy.special import expit
@@ -82,10 +83,9 @@ def test_a_saved_result_keeps_sites_and_values(result, tmp_path):
 
 def test_state_probabilities_are_those_of_forward_backward():
     """Filtered, exactly, by the hidden Markov filter; by particles within their error, with their weights alone."""
-    first, move, emit = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
-    model = finite_hmm(first, move, emit).compile()
+    model = finite_hmm(*TWO_STATES).compile()
     ys = [0, 2, 2, 0, 1]
-    exact = forward_backward(first, move, emit, ys)[0]
+    exact = forward_backward(*TWO_STATES, ys)[0]
     found = poseppl.infer(model, {"y": ys}, hidden_markov_filter, jax.random.key(0))["summary/k_probability"]
     assert found.dims == ("frame", "k_value") and found["k_value"].values.tolist() == [0, 1]
     np.testing.assert_allclose(found, exact, rtol=1e-4)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
-from law_problems import MASKED, problem, run
+from law_problems import MASKED, independent, problem, run
 from precision import precision
 
 from poseppl.filters import particle_filter
@@ -100,7 +100,7 @@ def mixtures(correction, num_replicates=40):
         history = History(states.particles, states.log_weights, infos.ancestors, infos.failed)
         return fit_likelihood_mixture(key_fit, POSED.model, history, POSED.observations, POSED.inputs, settings)
 
-    return jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), num_replicates))
+    return independent(one, num_replicates)
 
 
 def information_of_the_data():

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import problem, z_scores
+from law_problems import TWO_STATES, problem, z_scores
 from oracles.forward_backward import forward_backward
 from poseppl_models.finite_hmm import finite_hmm
 
@@ -20,7 +20,7 @@ from poseppl.smoothers.conditional_smc import conditional_smc
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother
 
 METHODS = ("ancestor", "backward")
-INITIAL, TRANSITION, EMISSION = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
+INITIAL, TRANSITION, EMISSION = TWO_STATES
 SYMBOLS = np.array([0, 2, 2, 0, 1])
 CHAINS, DRAWS = 40, 500  # 20,000 draws; the chains are the replicates that standard errors come from
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_problems import frame, problem, z_scores
+from law_problems import frame, independent, problem, z_scores
 from oracles.kalman import kalman_filter, rauch_tung_striebel
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.linear_gaussian import linear_gaussian, linear_gaussian_matrices, linear_gaussian_model
@@ -130,10 +130,10 @@ def test_fixed_lag_online_is_fixed_lag_afterwards(lag):
     tracker = fixed_lag(particle_filter(posed.model, 25), lag)
     step = jax.jit(tracker.step)
     keys = jax.random.split(jax.random.key(0), 5)
-    state, info = tracker.init(keys[0], frame(posed.observations, 0), frame(posed.inputs, 0))
+    state, info = tracker.init(keys[0], *posed.at(0))
     states, infos = [state], [info]
     for t in range(1, 5):
-        state, info = step(keys[t], state, frame(posed.observations, t), frame(posed.inputs, t))
+        state, info = step(keys[t], state, *posed.at(t))
         states.append(state)
         infos.append(info)
     history = History(
@@ -206,7 +206,7 @@ def test_the_first_frame_of_two_filters_is_free_of_the_artificial_prior(method):
         smoothed = two_filter_smoother(model, method=method).smooth(key, history, observations, jnp.zeros(2))
         return jnp.exp(smoothed.log_weights[0]) @ smoothed.particles[0]
 
-    means = np.asarray(jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 100)), float)
+    means = np.asarray(independent(one, 100), float)
     assert np.abs(z_scores(means, exact[0][0])).max() < 5
     # with the prior left in it would count twice at the second frame: 5 standard errors are far less than that
     assert 5 * means.std() / 10 < 0.1 * exact[0][0, 0]

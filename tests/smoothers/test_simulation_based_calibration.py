@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from law_problems import independent
 from poseppl_models.growth import growth
 from scipy.stats import chi2
 from smoothing_problems import Smoothing, filtered_history
@@ -108,7 +109,7 @@ def ranks(names, num_particles, num_runs):
 
         return {name: rank(smoother) for name, smoother in smoothers.items()}
 
-    found = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(7), num_runs))
+    found = independent(one, num_runs, seed=7)
     return {name: np.asarray(values) for name, values in found.items()}
 
 

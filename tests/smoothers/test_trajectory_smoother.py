@@ -8,7 +8,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from law_problems import problem, z_scores
+from law_problems import independent, problem, z_scores
 from oracles.quadrature import moments_on_grid
 from poseppl_models.finite_hmm import finite_hmm
 from precision import precision
@@ -90,7 +90,7 @@ def test_a_model_without_gaussian_moments_agrees_with_quadrature(kernel):
         centred = xs - mean
         return jnp.mean(xs, 0), centred.T @ centred / len(xs), smoothed.info
 
-    means, seconds, info = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(jax.random.key(0), 20))
+    means, seconds, info = independent(one, 20)
     assert np.abs(z_scores(np.asarray(means), mean)).max() < 5
     assert np.abs(z_scores(np.asarray(seconds), covariance)).max() < 5
     assert np.abs(z_scores(np.asarray(means), mean + [0.06, 0.0])).max() > 5

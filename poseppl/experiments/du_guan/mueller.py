@@ -66,18 +66,22 @@ def _random_walk(step: float, log_density: LogDensity, rng_key: Array, members: 
     return jax.lax.scan(update, starts(key_start, members), jax.random.split(key_run, iterations))[0]
 
 
-def _hmc(log_density: LogDensity, rng_key: Array, members: int, iterations: int) -> Array:
-    """Ten leapfrog steps an update; the step size is fixed at what keeps nine in ten at temperature 15."""
+def _hmc(
+    settings: Callable[[int], HMCSettings], log_density: LogDensity, rng_key: Array, members: int, iterations: int
+) -> Array:
+    """The step size is fixed at what keeps nine in ten updates of ten steps at temperature 15."""
     key_start, key_run = jax.random.split(rng_key)
-    settings = HMCSettings(max(1, iterations // 10), 10, 0, target_acceptance=None, jitter=0.5)
-    return hmc_chains(key_run, starts(key_start, members), log_density, jnp.log(0.08), settings).draws[:, -1]
+    return hmc_chains(key_run, starts(key_start, members), log_density, jnp.log(0.08), settings(iterations)).draws[:, -1]
 
 
-def _langevin(log_density: LogDensity, rng_key: Array, members: int, iterations: int) -> Array:
-    """One leapfrog step an update, accepted or not; the same step size."""
-    key_start, key_run = jax.random.split(rng_key)
-    settings = HMCSettings(LONGER * iterations, 1, 0, target_acceptance=None)
-    return hmc_chains(key_run, starts(key_start, members), log_density, jnp.log(0.08), settings).draws[:, -1]
+def _ten_steps(iterations: int) -> HMCSettings:
+    """Ten leapfrog steps an update."""
+    return HMCSettings(max(1, iterations // 10), 10, 0, target_acceptance=None, jitter=0.5)
+
+
+def _one_step(iterations: int) -> HMCSettings:
+    """One leapfrog step an update, accepted or not: Langevin's dynamics."""
+    return HMCSettings(LONGER * iterations, 1, 0, target_acceptance=None)
 
 
 def _tempered(log_density: LogDensity, rng_key: Array, members: int, iterations: int) -> Array:
@@ -104,8 +108,8 @@ SAMPLERS: Mapping[str, Sampler] = {
     "DE-MC with past states": partial(_demc, DEMCSettings(past_states=True)),
     "random walk, step 0.2": partial(_random_walk, 0.2),
     "random walk, step 0.5": partial(_random_walk, 0.5),
-    "HMC": _hmc,
-    DYNAMICS: _langevin,
+    "HMC": partial(_hmc, _ten_steps),
+    DYNAMICS: partial(_hmc, _one_step),
     TEMPERED: _tempered,
 }
 

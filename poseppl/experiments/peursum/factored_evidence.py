@@ -21,6 +21,7 @@ from jax import Array
 
 from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed
 from poseppl.motion.learned import FactoredTables, bin_angles
+from poseppl.motion.learned.angles import wrapped
 
 ROTATION = float(np.radians(3.0))
 ROOT = (20.0, 20.0, 10.0, float(np.radians(5.0)))
@@ -148,8 +149,3 @@ def diffusion_tables(scales: Array, num_bins: int) -> FactoredTables:
     flat = jnp.full((1, len(scales), num_bins), 1 / num_bins)
     one = jnp.ones((1, 1))
     return FactoredTables(one[0], flat, one, flat, rows, jnp.zeros((1, 3)))
-
-
-def wrapped(angles: Array) -> Array:
-    """Angles within half a turn of zero, radians."""
-    return angles - 2 * jnp.pi * jnp.round(angles / (2 * jnp.pi))

@@ -20,9 +20,9 @@ from poseppl.experiments.peursum.factored_evidence import (
     FactoredPosterior,
     LogTables,
     Mixtures,
-    wrapped,
 )
 from poseppl.motion.learned import bin_angles
+from poseppl.motion.learned.angles import wrapped
 from poseppl.particles.stacks import rows_of
 
 BURN_IN = 0.05

@@ -17,6 +17,7 @@ from poseppl.experiments.peursum.monocular import SmoothedAnimation, smooth_anim
 from poseppl.experiments.peursum.scenes import circle_scenes, clutter_scenes
 from poseppl.experiments.peursum.smoothed_walks import SmoothedWalk, smooth_walk
 from poseppl.experiments.recordings import Recording
+from poseppl.experiments.runs import blocks_of
 
 PUBLISHED_EXPONENT = 10.0
 LEARNED_EXPONENT = 8.0
@@ -139,24 +140,37 @@ def plan_walks(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]
     A single recording is its own.
     """
     many, few = scale.particles
+    generic = [plain(few), annealed(few // LAYERS), plain(many), annealed(few)]
+    blocks = blocks_of(scale.runs, 5)
+    return _walk_tasks("walks", scale, recordings, scale.walks, generic, blocks, scale.walk_frames)
+
+
+def _walk_tasks(
+    name: str,
+    scale: Scale,
+    recordings: Sequence[Recording],
+    walks: tuple[int, int],
+    generic: Sequence[Method],
+    blocks: Sequence[tuple[int, ...]],
+    num_frames: int,
+) -> dict[str, Task]:
+    """The learned motion and generic filters on so many walks in circles and among furniture, all runs of each block."""
     seen, training = recordings[:-1] or recordings, recordings[-1]
-    circles, cluttered = scale.walks
+    circles, cluttered = walks
     scenes = circle_scenes(seen, circles, scale.walk_frames) + clutter_scenes(seen, cluttered, scale.walk_frames)
     after_learned, after_generic = scale.rounds
-    generic = [plain(few), annealed(few // LAYERS), plain(many), annealed(few)]
-    blocks = [tuple(range(first, min(first + 5, scale.runs))) for first in range(0, scale.runs, 5)]
     jobs = [
-        SmoothedWalk(scene, LEARNED, learned(few), runs, after_learned, training, num_frames=scale.walk_frames)
+        SmoothedWalk(scene, LEARNED, learned(scale.particles[1]), runs, after_learned, training, num_frames=num_frames)
         for scene in scenes
         for runs in blocks
     ]
     jobs += [
-        SmoothedWalk(scene, PUBLISHED, method, runs, after_generic, num_frames=scale.walk_frames)
+        SmoothedWalk(scene, PUBLISHED, method, runs, after_generic, num_frames=num_frames)
         for method in generic
         for scene in scenes
         for runs in blocks
     ]
-    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "walks": Task(smooth_walk, jobs)}
+    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), name: Task(smooth_walk, jobs)}
 
 
 def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
@@ -168,7 +182,7 @@ def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
     many, few = scale.particles
     walk, scene = recordings[0], AnimatedScene(recordings[0], scale.animated_frames)
     after_learned, after_generic = scale.rounds
-    blocks = [tuple(range(first, min(first + 5, scale.runs))) for first in range(0, scale.runs, 5)]
+    blocks = blocks_of(scale.runs, 5)
     matched = replace(learned(few), name=f"FSHHMM-PF of {scene.rate:g} Hz, {few:,}")
     unlearned = PUBLISHED_EXPONENT, after_generic, None, TRAINING_RATE
     rivals = [
@@ -192,20 +206,8 @@ def plan_monocular(scale: Scale, recordings: Sequence[Recording]) -> dict[str, T
 def plan_runtimes(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:
     """Table 4: the first circle and the first walk among furniture, with the published numbers of particles."""
     many, few = scale.particles
-    seen, training = recordings[:-1] or recordings, recordings[-1]
-    scenes = circle_scenes(seen, 1, scale.walk_frames) + clutter_scenes(seen, 1, scale.walk_frames)
-    after_learned, after_generic = scale.rounds
-    runs = (0, 1)
-    jobs = [
-        SmoothedWalk(each, LEARNED, learned(few), runs, after_learned, training, num_frames=scale.timed_frames)
-        for each in scenes
-    ]
-    jobs += [
-        SmoothedWalk(scene, PUBLISHED, method, runs, after_generic, num_frames=scale.timed_frames)
-        for method in (plain(many), annealed(few))
-        for scene in scenes
-    ]
-    return {"scenes": Task(render, [Rendering(scene) for scene in scenes]), "runtimes": Task(smooth_walk, jobs)}
+    generic = [plain(many), annealed(few)]
+    return _walk_tasks("runtimes", scale, recordings, (1, 1), generic, [(0, 1)], scale.timed_frames)
 
 
 def plan_dimensionality(scale: Scale, recordings: Sequence[Recording]) -> dict[str, Task]:

@@ -54,3 +54,33 @@ def batched_score(function: Callable[..., Array], *, chunk: int) -> Callable[...
 
     score.defvjp(keep, pull)
     return score
+
+
+def batched_density(function: Callable[..., Array], *, chunk: int) -> Callable[..., Array]:
+    """Make a differentiable single-particle function of batch-last densities, found along with their gradients.
+
+    Arguments and result are as in :func:`batched_score`; where the gradient is asked for, one pass gives both, and nothing but
+    the gradient is kept.
+    """
+
+    def both(state: Array, *constants: Tree) -> tuple[Array, Array]:
+        found, pull = jax.vjp(lambda moved: function(moved, *constants), state)
+        return found, pull(jnp.ones_like(found))[0]
+
+    alone, together = batch_last(function, chunk=chunk), batch_last(both, chunk=chunk)
+
+    @jax.custom_vjp
+    def density(state: Array, *constants: Tree) -> Array:
+        found: Array = alone(state, *constants)
+        return found
+
+    def pull(kept: Tree, cotangent: Array) -> tuple[Any, ...]:
+        gradient, constants = kept
+        return (gradient * cotangent, *(None for _ in constants))
+
+    def keep(state: Array, *constants: Tree) -> tuple[Array, Tree]:
+        found, gradient = together(state, *constants)
+        return found, (gradient, constants)
+
+    density.defvjp(keep, pull)
+    return density

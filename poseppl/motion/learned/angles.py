@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike
 from poseppl.arrays import Floats
 
 
-def wrapped(angles: ArrayLike) -> Floats:
-    """Angles within half a turn of zero, radians.
+def wrapped(angles: Any) -> Any:
+    """Angles within half a turn of zero, radians, of NumPy or JAX as they are given.
 
-    >>> bool(abs(wrapped(2 * np.pi + 0.1) - 0.1) < 1e-12)
+    >>> bool(abs(wrapped(np.float64(2 * np.pi + 0.1)) - 0.1) < 1e-12)
     True
     """
-    given: Any = np.asarray(angles, np.float64)
-    return np.asarray(given - 2 * np.pi * np.round(given / (2 * np.pi)))
+    return angles - 2 * np.pi * (angles / (2 * np.pi)).round()
 
 
 def mean_angle(angles: ArrayLike, weights: Floats | None = None) -> Floats:

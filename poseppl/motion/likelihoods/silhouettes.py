@@ -22,7 +22,6 @@ be raised by the root of how many do.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -32,7 +31,7 @@ from jax import Array
 
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.batch_last import batch_last
-from poseppl.motion.geometry.batched_score import batched_score
+from poseppl.motion.geometry.batched_score import batched_density, batched_score
 from poseppl.motion.geometry.cameras import Cameras, project_components
 from poseppl.motion.geometry.coverage import part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of, place_parts
@@ -96,21 +95,15 @@ class Silhouettes(dist.Normal):  # type: ignore[misc]
         *,
         validate_args: Any = None,
     ):
-        self.tree, self.flesh, self.cameras, self.state, self.seen = tree, flesh, cameras, state, seen
-        self.noise = jnp.asarray(noise, state.dtype)
+        self.state, self.noise = state, jnp.asarray(noise, state.dtype)
+        self.fixed = tree, flesh, cameras, seen, self.noise  # what :meth:`whitened_jacobian` takes to be constant
         distances = silhouette_distances(tree, flesh, cameras, state, seen, self.noise)
         super().__init__(distances, jnp.broadcast_to(self.noise[:, None], distances.shape), validate_args=validate_args)
 
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass; only differentiated by the state."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        fixed = (self.tree, self.flesh, self.cameras, self.seen, self.noise, value, weight)
-        return _log_density(self.state, fixed)
-
-    @property
-    def fixed(self) -> tuple[Any, ...]:
-        """Arguments that :meth:`whitened_jacobian` takes to be constant."""
-        return self.tree, self.flesh, self.cameras, self.seen, self.noise
+        return _log_density(self.state, *self.fixed, value, weight)
 
     def whitened_jacobian(self, mask: Array | None) -> Array:
         """Derivative of location / scale by ``state``, (C * entries, d), zero where ``mask`` is false; in closed form."""
@@ -168,17 +161,20 @@ def _beyond(cameras: Cameras, flesh: Flesh, points: Array, seen: SilhouetteSeen,
     return (soft * jax.nn.softplus(outside / soft)).reshape(x.shape[0], -1, x.shape[-1])
 
 
-def _density_last(state: Array, fixed: Any) -> Array:
+def _density_last(
+    state: Array,
+    tree: KinematicTree,
+    flesh: Flesh,
+    cameras: Cameras,
+    seen: SilhouetteSeen,
+    noise: Array,
+    value: Array,
+    weight: Array,
+) -> Array:
     """Log-densities (N,)."""
-    tree, flesh, cameras, seen, noise, value, weight = fixed
     offset = (_distances_last(state, tree, flesh, cameras, seen, noise) - value) / noise[:, None]
     terms = -0.5 * offset**2 - jnp.log(noise[:, None]) - 0.5 * jnp.log(2 * jnp.pi)
     return jnp.sum(jnp.where(weight > 0, terms, 0.0), (0, 1))
-
-
-def _value_and_gradient_last(state: Array, fixed: Any) -> tuple[Array, Array]:
-    value, pull = jax.vjp(partial(_density_last, fixed=fixed), state)
-    return value, pull(jnp.ones_like(value))[0]
 
 
 def _jacobian_last(
@@ -287,25 +283,5 @@ def _beyond_wrenches(
 
 
 _distances = batched_score(_distances_last, chunk=_CHUNK)
-_density = batch_last(_density_last, chunk=_CHUNK)
-_value_and_gradient = batch_last(_value_and_gradient_last, chunk=_CHUNK)
+_log_density = batched_density(_density_last, chunk=_CHUNK)
 _jacobian = batch_last(_jacobian_last, chunk=_CHUNK)
-
-
-@jax.custom_vjp
-def _log_density(state: Array, fixed: Any) -> Array:
-    density: Array = _density(state, fixed)
-    return density
-
-
-def _forward(state: Array, fixed: Any) -> tuple[Array, Any]:
-    density, gradient = _value_and_gradient(state, fixed)
-    return density, (gradient, fixed)
-
-
-def _backward(residuals: Any, cotangent: Array) -> Any:
-    gradient, fixed = residuals
-    return gradient * cotangent, jax.tree.map(jnp.zeros_like, fixed)
-
-
-_log_density.defvjp(_forward, _backward)

@@ -15,7 +15,6 @@ from poseppl.motion.vision.colour import (
     bhattacharyya_distance as bhattacharyya_distance,
     colour_bins as colour_bins,
     colour_histogram as colour_histogram,
-    weighted_distance as weighted_distance,
 )
 from poseppl.motion.vision.contours import fourier_descriptors as fourier_descriptors, outer_contour as outer_contour
 from poseppl.motion.vision.edge_energy import (

@@ -3,8 +3,7 @@
 The histogram is that of Perez et al. (2002, doi:10.1007/3-540-47969-4_44): pixels with colour are counted by hue and
 saturation, which light changes little; pixels too dark or too pale to have a hue by their brightness. So a gray image has a
 histogram of gray. Du and Guan (2006, section 3) compare the colours of body and image by a weighted Bhattacharyya distance and
-leave the formula of the weights to another paper; here the weights are the caller's, those of pixels within a region and those
-of regions within a body.
+leave the formula of the weights to another paper; here the weights of pixels within a region are the caller's.
 
 >>> red, blue = (np.full((8, 8, 3), colour, np.uint8) for colour in ((200, 0, 0), (0, 0, 200)))
 >>> both = np.concatenate([red, blue])
@@ -132,24 +131,3 @@ def bhattacharyya_distance(first: Histogram, second: Histogram) -> Floats:
     overlap = np.sqrt(first * second).sum(axis=-1)
     distance: Floats = np.sqrt(np.clip(1.0 - overlap, 0.0, 1.0))
     return distance
-
-
-def weighted_distance(first: Histogram, second: Histogram, weights: Floats) -> float:
-    """Compare the regions of a body, each with its weight: sqrt(1 - sum_r w_r rho_r), rho_r the overlap in region r.
-
-    Args:
-        first: (regions, bins) histograms.
-        second: (regions, bins) histograms.
-        weights: (regions,) at least 0, such as the visible areas; they are scaled to add up to 1.
-
-    Returns:
-        A number in [0, 1].
-
-    Raises:
-        InputError: The weights are of another number, negative, or all 0.
-    """
-    share = np.asarray(weights, np.float64)
-    if share.shape != first.shape[:1] or not np.all(share >= 0) or not share.sum() > 0:
-        raise InputError(f"weights {share}", expected=f"{first.shape[0]} numbers, none negative, not all 0")
-    overlap = 1.0 - np.square(bhattacharyya_distance(first, second))
-    return float(np.sqrt(np.clip(1.0 - share @ overlap / share.sum(), 0.0, 1.0)))

@@ -84,3 +84,10 @@ def save(job: Draw) -> dict[str, np.ndarray]:
     write_netcdf(xr.DataTree.from_dict({"/": xr.Dataset({"run": ("x", [job.run])})}), path)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         return {"run": np.asarray(tree["run"])}
+
+
+def assert_same(results, expected):
+    assert list(results) == list(expected)
+    for key, arrays in expected.items():
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(results[key][name], array, strict=True)

@@ -7,9 +7,8 @@ import socket
 import sys
 import time
 
-import numpy as np
 import pytest
-from job_samples import Draw, draw
+from job_samples import Draw, assert_same, draw
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.experiments.jobs import Cluster, JobError, run_jobs
@@ -34,10 +33,7 @@ def test_a_killed_worker_loses_nothing_and_counts_nothing_twice(cluster, tmp_pat
     results = run_jobs(draw, jobs, tmp_path / "cluster", executor=cluster.scheduler_address)
     assert len(list((tmp_path / "marks").iterdir())) == 1  # the worker did die
     expected = run_jobs(draw, jobs, tmp_path / "inline", executor="inline")
-    assert list(results) == list(expected)
-    for key, arrays in expected.items():
-        for name, array in arrays.items():
-            np.testing.assert_array_equal(results[key][name], array, strict=True)
+    assert_same(results, expected)
     files = sorted(path.name for path in (tmp_path / "cluster").iterdir())
     assert files == sorted(path.name for path in (tmp_path / "inline").iterdir())
     again = run_jobs(draw, jobs, tmp_path / "cluster", executor="tcp://127.0.0.1:1")  # all is there: nobody is asked

@@ -8,23 +8,15 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from distributed import Client, Security
-from job_samples import Draw, draw, prepare, save, where
+from job_samples import Draw, assert_same, draw, prepare, save, where
 
 from poseppl.errors import InputError
 from poseppl.experiments.jobs import JobError, Processes, run_jobs
 from poseppl.experiments.jobs.processes import available_cores, core_shares, local_workers
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="cores and processes are looked up as Linux has them")
-
-
-def assert_same(results, expected):
-    assert list(results) == list(expected)
-    for key, arrays in expected.items():
-        for name, array in arrays.items():
-            np.testing.assert_array_equal(results[key][name], array, strict=True)
 
 
 def test_processes_give_what_this_process_gives(tmp_path):

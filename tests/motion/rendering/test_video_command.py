@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 import xarray as xr
@@ -18,13 +17,9 @@ from poseppl.motion.io import read_cameras, read_masks, read_places
 from poseppl.motion.rendering import Setting, packages
 from poseppl.motion.tracking.video_sources import read_scene_truth
 
+pytestmark = pytest.mark.usefixtures("here")
+
 SMALL = ["simulate", "--video", "--size", "96", "72"]
-
-
-@pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(jax.config.jax_compilation_cache_dir))
 
 
 def test_a_recording_becomes_a_scene(

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import smoother_ranks as benchmark
 
-sys.path.append(str(Path(__file__).resolve().parents[3] / "benchmarks"))
-
-import smoother_ranks as benchmark  # noqa: E402
-
-from poseppl.diagnostics.simulation_based import Calibration, calibration_of  # noqa: E402
+from poseppl.diagnostics.simulation_based import Calibration, calibration_of
 
 REPLICATES = 24
 

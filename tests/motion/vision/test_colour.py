@@ -5,7 +5,7 @@ import pytest
 
 from poseppl.errors import InputError
 from poseppl.motion.io import read_image
-from poseppl.motion.vision import ColourSettings, bhattacharyya_distance, colour_bins, colour_histogram, weighted_distance
+from poseppl.motion.vision import ColourSettings, bhattacharyya_distance, colour_bins, colour_histogram
 
 SETTINGS = ColourSettings(hues=6, saturations=4, grays=8)
 
@@ -51,13 +51,6 @@ def test_distances():
     assert bhattacharyya_distance(p, p) == pytest.approx(0, abs=1e-7)
     assert bhattacharyya_distance(p, q) == pytest.approx(np.sqrt(0.5))
     assert bhattacharyya_distance(p, np.zeros(3)) == 1
-    first, second = np.stack([p, p]), np.stack([p, q])
-    # Overlaps 1 and 1/2 with weights 3 and 1: sqrt(1 - 7/8).
-    assert weighted_distance(first, second, np.array([3.0, 1.0])) == pytest.approx(np.sqrt(1 / 8))
-    assert weighted_distance(first, second, np.array([1.0, 0.0])) == pytest.approx(0, abs=1e-7)
-    for wrong in ([0.0, 0.0], [-1.0, 2.0], [1.0]):
-        with pytest.raises(InputError, match="expected 2 numbers, none negative, not all 0"):
-            weighted_distance(first, second, np.array(wrong))
 
 
 def test_a_recorded_person_keeps_his_colours(data_dir):
