@@ -145,4 +145,5 @@ class ContourAndFlow(ImageResiduals):
     def summed_log_prob(self, value: Array, mask: Array | None) -> Array:
         """Log-density of the entries of ``value`` where ``mask`` is true, in one pass."""
         weight = jnp.ones(value.shape, self.state.dtype) if mask is None else jnp.asarray(mask, self.state.dtype)
-        return _functions(self.settings).density(self.state, *self.known, value, weight)
+        density: Array = _functions(self.settings).density(self.state, *self.known, value, weight)
+        return density
