@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from poseppl.errors import InputError
 from poseppl.files.atomic_writing import atomic_path
@@ -69,6 +70,12 @@ def output_folder(given: str | None, result: str) -> Path:
     if not folder.is_dir():
         raise InputError("not a folder", file=folder, field="--output", expected="a folder that exists")
     return folder
+
+
+def tell_replaced(target: Path, progress: Any) -> None:
+    """Tell the user, before the work is done, of a result that it replaces."""
+    if target.exists():
+        progress.note(f"{target}, which is there, is replaced at the end (--output gives another name)")
 
 
 def check_writable(paths: Iterable[Path], inputs: Iterable[str | Path | None] = ()) -> None:

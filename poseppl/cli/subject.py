@@ -63,6 +63,7 @@ def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[s
     return cameras_around(subject, distance=distance, count=count, view=view), camera_names(count)
 
 
-def stem_of(recording: str | None) -> str:
-    """Name of the outputs."""
-    return "poseppl-walk" if recording is None else f"poseppl-{Path(recording).stem}"
+def stem_of(recording: str | None, person: int | None = None) -> str:
+    """Name of the outputs; another one for each person of a recording."""
+    stem = "poseppl-walk" if recording is None else f"poseppl-{Path(recording).stem}"
+    return stem if person in (None, 1) else f"{stem}-person{person}"

@@ -75,7 +75,7 @@ Files written:
                     poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
   poseppl-NAME_live.csv  of --live: a line a frame as it comes: joints in mm with 90 % intervals
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
-NAME is the input's, or walk. Older ones of the same name are replaced; inputs never are. Each
+NAME is the input's, or walk, and -person2 of --person 2. Older ones of the same name are replaced; inputs never are. Each
 appears whole or not at all; a result for which there is no room goes into another folder, and
 one of a run that cannot go on holds the frames up to there.
 
@@ -195,7 +195,8 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
     _check_usage(recording, observations, options)
     words = [str(word).rpartition("=")[2] for name in ("video", "background", "occlusion", "masks") for word in options[name]]
     words += words_of_keypoints(options["keypoints"]).values()
-    target = output_path(options["output"], stem_of(recording or observations or (words[0] if words else None)), ".nc")
+    stem = stem_of(recording or observations or (words[0] if words else None), options["person"])
+    target = output_path(options["output"], stem, ".nc")
     picture = target.with_suffix(".png")
     tables = [options[name] for name in ("prior", "skeleton", "names", "lengths", "camera", "calibration", "detector_errors")]
     inputs = [recording, observations, *tables, *words]
@@ -259,6 +260,7 @@ def _run(
     recording: str | None, observations: str | None, sources: Any, options: dict[str, Any], target: Path, progress: Any
 ) -> tuple[Any, str | None, Any]:
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
+    from poseppl.cli.files import tell_replaced
     from poseppl.cli.subject import check_seed, given_rate
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
@@ -304,6 +306,8 @@ def _run(
         scene = observe_motion(*_seen(recording, options, progress), **chosen(options, "noise", "seed"))
     if scene.rate is None:
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")
+    if not options["checkpoint"]:
+        tell_replaced(target, progress)
     progress.stage("compiling", total=len(scene.frames))
     try:
         tree = track(scene, settings, progress=progress, checkpoint=options["checkpoint"], resume=options["resume"])

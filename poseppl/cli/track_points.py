@@ -45,6 +45,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
         InputError: A file, the calibration or the skeleton cannot be used.
     """
     from poseppl.cli.console import print_table
+    from poseppl.cli.files import tell_replaced
     from poseppl.cli.outputs import write_outputs
     from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_calibration
@@ -70,6 +71,7 @@ def track_points(options: dict[str, Any], target: Path, progress: Any) -> None:
     told += [] if recording.rate else [f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)"]
     for note in (*told, *recording.notes):
         progress.note(note)
+    tell_replaced(target, progress)
     progress.stage(f"smoothing {len(recording.names)} points in {len(recording.frames)} frames")
     draws = options["max_draws"] or _DRAWS
     tracks = smooth_points(recording, skeleton=skeleton, num_draws=draws, seed=options["seed"])

@@ -12,6 +12,7 @@ import pytest
 from balancing_options import words
 
 from poseppl.cli import main
+from poseppl.cli.subject import stem_of
 from poseppl.cli.track_keypoints import exported_targets
 from poseppl.cli.track_smooth import smoothed_target
 from poseppl.motion.io import open_video
@@ -49,10 +50,13 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
         assert all(0 < camera["noise"] < 30 and camera["agreement"] == 1.0 for camera in found.values())
 
 
-def test_without_export(data_dir: Path) -> None:
+def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("out.nc").touch()
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1, 2, 3, 4), *small, "--online", "--no-export", "-q"]) == 0
     assert [path.name for path in Path().iterdir()] == ["out.nc"]
+    assert "out.nc, which is there, is replaced" in capsys.readouterr().err
+    assert load_result("out.nc")["posterior"].sizes["frame"] == 4
 
 
 @pytest.mark.parametrize(
@@ -68,6 +72,10 @@ def test_where_exports_go(options: dict[str, object], expected: list[str]) -> No
     asked = {"keypoints": ("cam=pose",), "online": None, "no_export": None, "smooth_method": None} | options
     best = smoothed_target(asked, Path("out/a.nc")) or Path("out/a.nc")
     assert exported_targets(asked, best) == [Path("out") / name for name in expected]
+
+
+def test_people_of_a_recording_have_files_of_their_own() -> None:
+    assert [stem_of("pose/cam1", person) for person in (None, 1, 2)] == ["poseppl-cam1"] * 2 + ["poseppl-cam1-person2"]
 
 
 @pytest.mark.slow
