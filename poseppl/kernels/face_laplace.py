@@ -45,10 +45,10 @@ class FaceModes(NamedTuple):
         scales: Their inverse square roots (S, d, d), upper triangular.
         log_masses: Masses of the cut Gaussians (S,), -inf where a climb has no finite cost.
         covariances: On the free face (S, d, d), of rank d less the number of active constraints.
-        active: Active constraints (S, d).
-        slopes: Their multipliers (S, d).
-        inner_curvatures: Of the density in t (S, d), 1 where a constraint is not active.
-        inward: How a state moves with t (S, d, d), 0 where a constraint is not active.
+        active: Active constraints (S, d + m), in the order of `Constraints.normals`.
+        slopes: Their multipliers (S, d + m).
+        inner_curvatures: Of the density in t (S, d + m), 1 where a constraint is not active.
+        inward: How a state moves with t (S, d, d + m), 0 where a constraint is not active.
     """
 
     states: Array

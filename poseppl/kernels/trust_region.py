@@ -1,4 +1,4 @@
-r"""Local modes of a density under bounds, by a second-order trust region method.
+r"""Local modes of a density under linear constraints, by a second-order trust region method.
 
 Section 4.1 of Sminchisescu and Triggs 2001 (CVPR): with gradient g and curvature H of the cost f = -log p, a step solves
 
@@ -8,10 +8,10 @@ and lambda follows the ratio of the cost's fall to that which the quadratic mode
 coordinates, u, it is the mean of H_ii u_i^2 over u^2, so that no step is long in these units; without, the diagonal of H
 (Marquardt 1963, doi:10.1137/0111030), which needs none.
 
-Bounds are held exactly: each step solves its quadratic programme by a primal-dual active set method (Hintermueller, Ito and
-Kunisch 2002, doi:10.1137/S1052623401383558), which begins with the constraints that the state lies on and the gradient pulls
-against. What is left of a step that does not settle is clipped. H may be indefinite or singular: where H + lambda W is not
-positive definite, lambda grows. The cost never rises.
+Bounds and rows of a matrix are held exactly: each step solves its quadratic programme by a primal-dual active set method
+(Hintermueller, Ito and Kunisch 2002, doi:10.1137/S1052623401383558), which begins with the constraints that the state lies on
+and the gradient pulls against. What is left of a step that does not settle is clipped at the bounds and ends at the first row
+that it meets. H may be indefinite or singular: where H + lambda W is not positive definite, lambda grows. The cost never rises.
 
 All starts climb side by side, each with a lambda of its own, until all have converged.
 """
@@ -19,7 +19,7 @@ All starts climb side by side, each with a lambda of its own, until all have con
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -77,7 +77,7 @@ def climb_modes(
     """Climb from many starts to local modes, side by side.
 
     Args:
-        starts: Shape (S, d); they are clipped at the bounds.
+        starts: Shape (S, d); they are projected onto the constraints.
         log_density: Unnormalised log-density of one state, a scalar.
         curvature: Curvature (d, d) of its negative at one state: Gauss-Newton's, or the Hessian itself, definite or not.
         constraints: What states keep to.
@@ -102,7 +102,7 @@ def climb_modes(
         )
 
     def begin(x: Array) -> Climb:
-        x = jnp.clip(x, constraints.lower, constraints.upper)
+        x = constraints.project(x)
         no = jnp.zeros((), bool)
         return Climb(x, *evaluate(x), jnp.asarray(_FIRST, x.dtype), no, no, jnp.ones((), jnp.int32))
 
@@ -165,13 +165,15 @@ class Face(NamedTuple):
     Attributes:
         lower: Coordinates (d,) that are held at their lower bounds.
         upper: Coordinates (d,) that are held at their upper bounds.
+        rows: Rows (m,) that hold.
         step: Shape (d,).
-        multipliers: Of all bounds (d,): at a constrained minimum of the cost,
+        multipliers: Of all constraints (d + m,), in the order of `Constraints.normals`: at a constrained minimum of the cost,
             gradient + normals^T multipliers = 0 with multipliers >= 0; 0 where a constraint is not active.
     """
 
     lower: Array
     upper: Array
+    rows: Array
     step: Array
     multipliers: Array
 
@@ -184,6 +186,14 @@ def constrained_step(at: Climb, constraints: Constraints, units: Array | None) -
     # on the bound itself, and not beside it by a rounding
     state = jnp.where(face.lower, constraints.lower, jnp.where(face.upper, constraints.upper, state))
     possible = jnp.all(jnp.isfinite(face.step))
+    if constraints.rows.shape[0]:
+        slack, tolerance = constraints.limits - constraints.rows @ at.states, constraints.row_tolerance(at.states)
+        toward = constraints.rows @ (state - at.states)
+        meets = toward > jnp.maximum(slack, 0.0) + tolerance
+        # a step through a row that it starts on was to be held by it: with more damping it is
+        possible = possible & ~jnp.any(meets & (slack <= tolerance))
+        share = jnp.min(jnp.where(meets, slack / jnp.where(meets, toward, 1.0), 1.0))
+        state = jnp.where(share < 1.0, at.states + share * (state - at.states), state)
     return Step(jnp.where(possible, state, at.states), jnp.where(possible, face.step, 0.0), possible)
 
 
@@ -197,42 +207,63 @@ def active_face(x: Array, gradient: Array, model: Array, constraints: Constraint
     """
     lower = (x <= constraints.lower) & (gradient > 0)
     upper = (x >= constraints.upper) & (gradient < 0)
-    none = jnp.zeros_like(x)
-    first = Face(lower, upper, none, none)
+    touched = constraints.limits - constraints.rows @ x <= constraints.row_tolerance(x)
+    none = jnp.zeros(x.shape[0] + len(touched), x.dtype)
+    first = Face(lower, upper, touched, jnp.zeros_like(x), none)
 
     def revise(carry: tuple[Array, Face, Face]) -> tuple[Array, Face, Face]:
         turn, _, face = carry
-        step, pull = _on_face(x, gradient, model, face, constraints)
+        step, pull, multipliers = _on_face(x, gradient, model, face, constraints)
+        beyond = constraints.limits - constraints.rows @ (x + step) < -constraints.row_tolerance(x)
         after = Face(
             (face.lower & (pull > 0)) | (~face.lower & (x + step < constraints.lower)),
             (face.upper & (pull < 0)) | (~face.upper & (x + step > constraints.upper)),
+            (face.rows & (multipliers > 0)) | (~face.rows & beyond),
             step,
             none,
         )
         of_bounds = jnp.where(face.lower, pull, 0.0) - jnp.where(face.upper, pull, 0.0)
-        return turn + 1, face._replace(step=step, multipliers=jnp.maximum(of_bounds, 0.0)), after
+        multipliers = jnp.maximum(jnp.concatenate([of_bounds, multipliers]), 0.0)
+        return turn + 1, face._replace(step=step, multipliers=multipliers), after
 
     def unsettled(carry: tuple[Array, Face, Face]) -> Array:
         turn, face, after = carry
-        changed = [jnp.any(one != other) for one, other in zip(face[:2], after[:2], strict=True)]
+        changed = [jnp.any(one != other) for one, other in zip(face[:3], after[:3], strict=True)]
         return (turn == 0) | ((turn < _PASSES) & jnp.any(jnp.stack(changed)))
 
     face: Face = jax.lax.while_loop(unsettled, revise, (jnp.zeros((), jnp.int32), first, first))[1]
     return face
 
 
-def _on_face(x: Array, gradient: Array, model: Array, face: Face, constraints: Constraints) -> tuple[Array, Array]:
-    """The step (d,) to the least value of a quadratic model on a face, and the gradient left there."""
+def _on_face(x: Array, gradient: Array, model: Array, face: Face, constraints: Constraints) -> tuple[Array, Array, Array]:
+    """The step (d,) to the least value of a quadratic model on a face, the gradient left there, and the rows' multipliers."""
+    tiny, eps = np.finfo(x.dtype).tiny, np.finfo(x.dtype).eps
     free = (~(face.lower | face.upper)).astype(x.dtype)
     onto = jnp.where(face.lower, constraints.lower - x, jnp.where(face.upper, constraints.upper - x, 0.0))
     reduced = model * free[:, None] * free + jnp.diag(1.0 - free)
     # scaled to a unit diagonal: millimetres and radians side by side cost float32 its digits
-    unit = jax.lax.rsqrt(jnp.maximum(jnp.diagonal(reduced), np.finfo(x.dtype).tiny))
+    unit = jax.lax.rsqrt(jnp.maximum(jnp.diagonal(reduced), tiny))
     factor = cho_factor(reduced * unit[:, None] * unit, lower=True)
 
+    def solve(right: Array) -> Any:
+        """The inverse of the reduced model times vectors (..., d)."""
+        return unit * free * cho_solve(factor, (right * unit * free).T).T
+
     slope = gradient + model @ onto
-    step = onto - unit * free * cho_solve(factor, slope * unit * free)
-    return step, gradient + model @ step
+    if not len(face.rows):
+        step = onto - solve(slope)
+        return step, gradient + model @ step, jnp.zeros(0, x.dtype)
+    kept = constraints.rows * face.rows[:, None]
+    moved = solve(kept)
+    schur = kept @ moved.T
+    active = face.rows & (jnp.diagonal(schur) > 0)
+    size = jnp.where(active, jnp.sqrt(jnp.maximum(jnp.diagonal(schur), tiny)), 1.0)
+    # rows that say the same share their multiplier
+    scaled = schur / size[:, None] / size * active[:, None] * active + jnp.diag(jnp.where(active, 16 * eps, 1.0))
+    excess = constraints.rows @ (x + onto - solve(slope)) - constraints.limits
+    multipliers = jnp.linalg.solve(scaled, jnp.where(active, excess, 0.0) / size) / size
+    step = onto - solve(slope + kept.T @ multipliers)
+    return step, gradient + model @ step + kept.T @ multipliers, multipliers
 
 
 def _metric(curvature: Array, units: Array | None) -> Array:

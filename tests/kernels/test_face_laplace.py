@@ -104,6 +104,17 @@ def test_the_mass_of_a_gaussian_cut_by_one_bound_is_exact(dtype, shift):
         np.testing.assert_allclose(modes.covariances[0], free, rtol=1e-3, atol=1e-4)
 
 
+def test_a_row_cuts_as_the_bound_of_a_turned_coordinate_does():
+    mean, matrix = gaussian(5, 3)
+    normal = np.array([0.6, 0.0, -0.8])
+    spread = np.sqrt(normal @ np.linalg.inv(matrix) @ normal)
+    whole = 0.5 * (3 * np.log(2 * np.pi) - np.linalg.slogdet(matrix)[1])
+    for shift in (-1.0, 0.7):
+        linear = constraints(3, rows=2.0 * normal[None], limits=2.0 * (normal @ mean + shift * spread))
+        modes = described(jnp.asarray(mean), jnp.asarray(matrix), linear, jnp.zeros((1, 3)) - 5.0 * normal)
+        assert modes.log_masses[0] == pytest.approx(whole + scipy.stats.norm.logcdf(shift), abs=3e-3)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_corner_is_bounded_from_below(seed):
     """Two bounds that both cut: never more than the orthant's probability, and near to it; Laplace's own is far off."""
@@ -190,7 +201,8 @@ def test_singular_curvatures_and_lost_climbs_have_no_nan(dtype):
             return jnp.where(x[0] > 4.0, -jnp.inf, -0.5 * (row @ x - 4.0) ** 2)
 
         starts = jnp.array([[0.0, 0.0, 1.0], [9.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-        linear = constraints(3, upper=np.array([np.inf, 1.0, np.inf]))
+        # rows that say the same as a bound
+        linear = constraints(3, upper=np.array([np.inf, 1.0, np.inf]), rows=[[0.0, 3.0, 0.0]], limits=[3.0])
         found = jax.jit(lambda s: search_modes(s, log_density, lambda x: jnp.outer(row, row), linear, 3))(starts)
     for leaf in jax.tree.leaves(found._replace(modes=found.modes._replace(log_masses=jnp.zeros(3)))):
         assert np.isfinite(np.asarray(leaf, float)).all()

@@ -81,6 +81,56 @@ def test_bounded_least_squares_are_scipys(dtype):
     assert active > 12
 
 
+def quadratic(x, hessian, centre):
+    return -0.5 * (x - centre) @ hessian @ (x - centre)
+
+
+def given_hessian(x, hessian, centre):
+    return hessian
+
+
+def quadratic_problem(seed):
+    """A convex quadratic with bounds and three rows, which pass between its minimum and 0."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(DIMENSION, DIMENSION + 2))
+    hessian, centre = root @ root.T, rng.normal(size=DIMENSION) * 2
+    rows = rng.normal(size=(3, DIMENSION))
+    rows *= np.sign(rows @ centre)[:, None]
+    limits = rng.uniform(0.1, 0.6, 3) * (rows @ centre)
+    return hessian, centre, rows, limits
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_rows_of_a_matrix_are_held_as_scipys_trust_constr_does(dtype):
+    active = 0
+    for seed in range(12):
+        hessian, centre, rows, limits = quadratic_problem(seed)
+
+        def cost(x, hessian=hessian, centre=centre):
+            return 0.5 * (x - centre) @ hessian @ (x - centre)
+
+        exact = scipy.optimize.minimize(
+            cost,
+            np.zeros(DIMENSION),
+            jac=lambda x, hessian=hessian, centre=centre: hessian @ (x - centre),
+            hess=lambda x, hessian=hessian: hessian,
+            method="trust-constr",
+            bounds=scipy.optimize.Bounds(-1.5, 1.5),
+            constraints=scipy.optimize.LinearConstraint(rows, -np.inf, limits),
+            options={"gtol": 1e-10, "xtol": 1e-10, "barrier_tol": 1e-10, "maxiter": 3000},
+        )
+        with precision(dtype):
+            linear = constraints(DIMENSION, lower=-1.5, upper=1.5, rows=rows, limits=limits)
+            starts = jnp.asarray(np.random.default_rng(seed).normal(size=(6, DIMENSION)), dtype)
+            arrays = jnp.asarray(hessian, dtype), jnp.asarray(centre, dtype)
+            climbs = climb(quadratic, given_hessian, starts, linear, arrays, tolerance=1e-5)
+        states = np.asarray(climbs.states, float)
+        assert (states @ rows.T <= limits + 1e-4).all() and (np.abs(states) <= 1.5).all()
+        np.testing.assert_allclose(np.asarray(climbs.costs, float), exact.fun, rtol=2e-3, atol=1e-3)
+        active += (rows @ exact.x > limits - 1e-4).sum()
+    assert active > 12
+
+
 def rippled(x):
     """Many local minima, in coordinates of different units."""
     return -jnp.sum(0.02 * (x / jnp.array([1.0, 100.0])) ** 2 - jnp.cos(x / jnp.array([1.0, 100.0])))
@@ -112,7 +162,7 @@ def test_a_climb_ends_in_a_minimum_and_not_in_a_saddle():
 
 
 def test_a_start_on_a_constraint_leaves_it_when_the_cost_falls_inward():
-    """A cost that falls along the upper bound of one coordinate, and away from that of the other."""
+    """A cost that falls along the upper bound of one coordinate, and away from that of the other; and from a row."""
 
     def log_density(x):
         return -0.5 * jnp.sum((x - jnp.array([3.0, -2.0])) ** 2) - 0.4 * (x[0] - 3.0) * (x[1] + 2.0)
@@ -123,6 +173,11 @@ def test_a_start_on_a_constraint_leaves_it_when_the_cost_falls_inward():
     corner = jnp.ones((1, 2))
     bounded = jax.jit(lambda x: climb_modes(x, log_density, curvature, constraints(2, upper=1.0)))(corner)
     np.testing.assert_allclose(bounded.states, [[1.0, -1.2]], atol=1e-3)
+    # x + y <= 2 and x - y <= 0 both touch the corner; the first lets go
+    rows = constraints(2, rows=[[1.0, 1.0], [1.0, -1.0]], limits=[2.0, 0.0])
+    np.testing.assert_allclose(
+        jax.jit(lambda x: climb_modes(x, log_density, curvature, rows))(corner).states, [[0.5, 0.5]], atol=1e-3
+    )
 
 
 def test_holding_every_touched_bound_is_noticed(monkeypatch):
@@ -180,3 +235,8 @@ def test_one_compilation_serves_all_data():
         np.testing.assert_allclose(found.states, np.minimum(np.broadcast_to(centre, (4, 2)), 1.0), atol=1e-3)
         assert (np.asarray(found.evaluations) < 8).all()
     assert counts[0] == counts[1] > 0
+
+
+def test_rows_of_another_length_are_refused():
+    with pytest.raises(ValueError, match=r"rows have shape \(1, 2\)"):
+        constraints(3, rows=[[1.0, 0.0]])
