@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from limbs_backwards import backwards
 from poseppl_models.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
@@ -18,11 +19,19 @@ from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
-from poseppl.motion.tracking.lasting_errors import ERROR_SHARE, ERRORS_LAST, SHIFT, SHIFTS_LAST, with_lasting_errors
+from poseppl.motion.tracking.lasting_errors import (
+    ERROR_SHARE,
+    ERRORS_LAST,
+    SHIFT,
+    SHIFTS_LAST,
+    with_lasting_errors,
+    with_no_errors,
+)
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import make_problem
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.subjects import walking_subject
+from poseppl.smoothers.base import History
 
 RATE, FRAMES, NOISE = 30.0, 40, 0.004
 
@@ -97,6 +106,18 @@ def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.Da
     assert np.allclose(images, drawn["points"], atol=1e-4)
     error, before = (np.linalg.norm(of["summary/markers_mean"].to_numpy() - scene.markers, axis=-1) for of in (tree, filtered))
     assert np.median(error) < np.median(before)
+
+
+def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointData]) -> None:
+    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
+    assert scene.states is not None
+    states = np.asarray(scene.states, np.float64)
+    arms = np.tile([True, False, False, True], (FRAMES, 1))
+    weights = jnp.zeros((FRAMES, 1))
+    history = History(backwards(scene.body, states, arms)[:, None], weights, weights.astype(int), weights[:, 0] > 0)
+    found = with_no_errors(history, problem).particles[:, 0]
+    np.testing.assert_allclose(found[:, : states.shape[1]], states, atol=2e-3)
+    assert found.shape[1] == problem.model.dimension and not np.any(found[:, states.shape[1] :])
 
 
 def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], filtered: xr.DataTree) -> None:

@@ -108,6 +108,21 @@ def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: Array) 
     return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
 
 
+def mirrored_bend(tree: KinematicTree, limb: Limb, state: Array, rest: np.ndarray, before: Array) -> Array:
+    """The state (d,) of the same joints with its hinge on the side of a rest pose (d,), the ball's angles near those before."""
+    assert limb.hinge is not None
+    index, ball = tree.angle_index[limb.hinge][2 - limb.axis], np.array(tree.angle_index[limb.ball])
+    frames = frames_of(jax.tree.map(lambda leaf: leaf[..., None], tree), state[:, None])
+    rotation, origin = frames.rotation[..., 0], frames.origin[..., 0]
+    end = origin[limb.hinge] + rotation[limb.hinge] @ tree.marker_offsets[limb.marker]
+    straight, _ = _straight_angle(tree.offsets[limb.hinge], tree.marker_offsets[limb.marker], np.eye(3)[limb.axis])
+    other_side = jnp.sin(state[index] - straight) * jnp.sin(rest[index] - straight) < 0
+    near = state.at[ball].set(before)
+    bent = near.at[index].set(2 * straight - state[index])
+    mirrored = _reach(tree, limb, bent, rotation, origin[limb.ball], origin[limb.hinge], end)
+    return jnp.where(other_side, mirrored, _with_ball(tree, limb, near, rotation, rotation[limb.ball]))
+
+
 def _other_side(eye: Array, point: Array, centre: Array) -> Array:
     """The other point (3,) in a point's line of sight that is as far from a centre."""
     both = _crossings(eye, point, centre, jnp.linalg.norm(point - centre))
@@ -148,14 +163,19 @@ def _with_ball(tree: KinematicTree, limb: Limb, state: Array, rotation: Array, t
 
 def _hinge_angle(bone: Array, end: Array, axis: Any, squared: Array, before: Array) -> Array:
     """The angle at which a hinge's end has a squared distance from the joint above, on the side of the angle before."""
-    axis = jnp.asarray(axis, bone.dtype)
-    flat = end - (end @ axis) * axis
-    cosine, sine = bone @ flat, bone @ jnp.cross(axis, end)
-    phase, size = jnp.arctan2(sine, cosine), jnp.sqrt(cosine**2 + sine**2)
+    phase, size = _straight_angle(bone, end, axis)
     wanted = 0.5 * (squared - bone @ bone - end @ end) - (bone @ axis) * (end @ axis)
     angle = jnp.arccos(jnp.clip(wanted / size, -1.0, 1.0))
     side = jnp.where(jnp.sin(before - phase) >= 0, 1.0, -1.0)
     return _near(phase + side * angle, before)
+
+
+def _straight_angle(bone: Array, end: Array, axis: Any) -> tuple[Array, Array]:
+    """The angle at which a hinge's end is farthest from the joint above, and how much of the squared distance depends on it."""
+    axis = jnp.asarray(axis, bone.dtype)
+    flat = end - (end @ axis) * axis
+    cosine, sine = bone @ flat, bone @ jnp.cross(axis, end)
+    return jnp.arctan2(sine, cosine), jnp.sqrt(cosine**2 + sine**2)
 
 
 def _turn(vector: Array, axis: Any, angle: Array) -> Array:

@@ -17,6 +17,7 @@ from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
 from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.walk import time_steps
 from poseppl.motion.tracking.walk_learning import learn_walk
@@ -93,9 +94,14 @@ def with_lasting_errors(
 
 
 def with_no_errors(history: History, problem: Problem) -> History:
-    """The history of a filter that knew poses alone, as one of the problem's states: nothing is beside its place."""
-    beside = problem.model.dimension - history.particles.shape[-1]
-    return history._replace(particles=jnp.pad(jnp.asarray(history.particles), ((0, 0), (0, 0), (0, beside))))
+    """The history of a filter that knew poses alone, as one of the problem's states: nothing is beside its place.
+
+    Limbs are bent to the side to which people's are, for the smoother keeps to the mode that it starts in.
+    """
+    body, particles = problem.body, jnp.asarray(history.particles)
+    beside = problem.model.dimension - particles.shape[-1]
+    poses = bent_as_at_rest(body.tree, tuple(np.asarray(body.rest).tolist()), particles, jnp.asarray(history.log_weights))
+    return history._replace(particles=jnp.pad(poses, ((0, 0), (0, 0), (0, beside))))
 
 
 @built_once
