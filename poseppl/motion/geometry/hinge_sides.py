@@ -6,10 +6,7 @@ change from one to the other where the limb is straight. People have that in whi
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -18,8 +15,8 @@ from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.particles.weights import weighted_mean
 
 
-@partial(jax.jit, static_argnames="rest")
-def bent_as_at_rest(tree: KinematicTree, rest: tuple[float, ...], states: Array, log_weights: Array) -> Array:
+@jax.jit
+def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights: Array) -> Array:
     """The same places of all joints, each hinge of a limb bent to its side at rest.
 
     Args:
@@ -30,11 +27,11 @@ def bent_as_at_rest(tree: KinematicTree, rest: tuple[float, ...], states: Array,
     """
     for limb in limbs_of(tree):
         if limb.hinge is not None:
-            states = _limb_bent(tree, limb, np.asarray(rest), states, log_weights)
+            states = _limb_bent(tree, limb, rest, states, log_weights)
     return states
 
 
-def _limb_bent(tree: KinematicTree, limb: Limb, rest: np.ndarray, states: Array, log_weights: Array) -> Array:
+def _limb_bent(tree: KinematicTree, limb: Limb, rest: Array, states: Array, log_weights: Array) -> Array:
     ball = np.array(tree.angle_index[limb.ball])
 
     def frame(before: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -42,6 +39,5 @@ def _limb_bent(tree: KinematicTree, limb: Limb, rest: np.ndarray, states: Array,
         bent = jax.vmap(lambda state: mirrored_bend(tree, limb, state, rest, before))(drawn)
         return weighted_mean(bent, log_weight)[ball], bent
 
-    start: Array = jnp.asarray(rest[ball], states.dtype)
-    bent: Array = jax.lax.scan(frame, start, (states, log_weights))[1]
+    bent: Array = jax.lax.scan(frame, rest[ball].astype(states.dtype), (states, log_weights))[1]
     return bent

@@ -108,7 +108,7 @@ def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: Array) 
     return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
 
 
-def mirrored_bend(tree: KinematicTree, limb: Limb, state: Array, rest: np.ndarray, before: Array) -> Array:
+def mirrored_bend(tree: KinematicTree, limb: Limb, state: Array, rest: Array, before: Array) -> Array:
     """The state (d,) of the same joints with its hinge on the side of a rest pose (d,), the ball's angles near those before."""
     assert limb.hinge is not None
     index, ball = tree.angle_index[limb.hinge][2 - limb.axis], np.array(tree.angle_index[limb.ball])

@@ -100,7 +100,7 @@ def with_no_errors(history: History, problem: Problem) -> History:
     """
     body, particles = problem.body, jnp.asarray(history.particles)
     beside = problem.model.dimension - particles.shape[-1]
-    poses = bent_as_at_rest(body.tree, tuple(np.asarray(body.rest).tolist()), particles, jnp.asarray(history.log_weights))
+    poses = bent_as_at_rest(body.tree, jnp.asarray(body.rest, float), particles, jnp.asarray(history.log_weights))
     return history._replace(particles=jnp.pad(poses, ((0, 0), (0, 0), (0, beside))))
 
 

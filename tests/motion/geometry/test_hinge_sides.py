@@ -23,7 +23,7 @@ def test_a_walk_is_itself_again() -> None:
         tree = body.tree.with_offsets(
             *(jnp.asarray(np.asarray(a), float) for a in (body.tree.offsets, body.tree.marker_offsets))
         )
-        bent = bent_as_at_rest(tree, tuple(body.rest.tolist()), jnp.asarray(draws), jnp.zeros(draws.shape[:2]))
+        bent = bent_as_at_rest(tree, jnp.asarray(body.rest, float), jnp.asarray(draws), jnp.zeros(draws.shape[:2]))
         places = jax.vmap(jax.vmap(lambda x: marker_positions(tree, x)))
         assert jnp.abs(places(bent) - places(jnp.asarray(draws))).max() < 1e-6
         assert jnp.abs(bent - states[:, None]).max() < 1e-6
