@@ -10,7 +10,7 @@ import numpy as np
 from poseppl.experiments.experiment import Claim, Tables
 from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.sminchisescu_triggs.survival import kept_seconds, percent_lost
-from poseppl.experiments.sminchisescu_triggs.trackers import OURS, PUBLISHED
+from poseppl.experiments.sminchisescu_triggs.trackers import OURS, OURS_LIMITED, PUBLISHED
 from poseppl.experiments.tables import Table
 
 LEAST_RUNS = 10
@@ -25,6 +25,7 @@ SCENES = {
     "complex": "complex motions",
     "pictures": "rendered arm",
 }
+_CONSTRAINTS = ("without joint limits", "without non-penetration")
 _APART = "with non-penetration"
 _LOSES: Mapping[str, Mapping[str, str]] = {
     "arm": {"Gaussian, single mode": "slips at 0.5 and 2.2 s", "robust, single mode": "at 2.6 s"},
@@ -53,12 +54,13 @@ def claims(tables: Tables) -> list[Claim]:
         for tracker, theirs in _LOSES.get(scene, {}).items():
             if tracker in table.column("tracker"):
                 found += [_loses(table, tracker, name, theirs), _sooner(table, tracker, name)]
-        if "without joint limits" in table.column("tracker"):
-            found.append(_sooner(table, "without joint limits", name))
+        found += [_sooner(table, each, name) for each in _CONSTRAINTS if each in table.column("tracker")]
         if _APART in table.column("tracker"):
             found.append(_sooner(table, PUBLISHED, name, _APART))
         if OURS in table.column("tracker"):
             found.append(_sooner(table, PUBLISHED, name, OURS, theirs="not in the paper"))
+        if OURS_LIMITED in table.column("tracker"):
+            found.append(_sooner(table, OURS, name, OURS_LIMITED, theirs="not in the paper"))
         for room in table.values("room"):
             found.append(_keeps(table, name, room))
         if f"{PUBLISHED}, twice as many" in table.column("tracker"):
@@ -108,7 +110,7 @@ def _difference(table: Table, one: str, other: str) -> tuple[Interval, int]:
 def _sooner(table: Table, tracker: str, name: str, other: str = PUBLISHED, theirs: str = "longer") -> Claim:
     longer, runs = _difference(table, other, tracker)
     ours = f"{longer.told('.2f', ' s longer')}, {runs} pairs of runs"
-    kind = other if other == OURS else f"{other} sampling"
+    kind = f"{other} sampling" if other == PUBLISHED else other
     what = f"{name}: {kind} keeps the body longer than {tracker}"
     return Claim(what, theirs, ours, _judged(runs, longer.above(0)), "mean difference on the same points, 95 % interval")
 

@@ -15,7 +15,7 @@ class Tracker(NamedTuple):
 
     Attributes:
         robust: Whether errors are Lorentzian; otherwise Gaussian.
-        limits: Whether joints have limits.
+        limits: Whether joints have limits: bounds of the search, or of ours a smooth barrier.
         parts: Whether parts are kept out of each other; None for those of the arm alone, for on a body it takes most
             of the time.
         modes: Modes that are kept, in units of the paper's for this body; 0 for a single one, which is not sampled about.
@@ -38,12 +38,15 @@ TRACKERS: Mapping[str, Tracker] = {
     "MHT, robust": Tracker(hypotheses=True),
     "without joint limits": Tracker(limits=False),
     "with non-penetration": Tracker(parts=True),
+    "without non-penetration": Tracker(parts=False),
     "covariance scaled": Tracker(),
     "covariance scaled, twice as many": Tracker(modes=2),
     "assumed density": Tracker(limits=False, draws=True),
+    "assumed density, joint limits": Tracker(draws=True),
 }
 PUBLISHED = "covariance scaled"
 OURS = "assumed density"
+OURS_LIMITED = "assumed density, joint limits"
 
 
 def search_settings(tracker: Tracker, kind: str) -> dict[str, Any]:

@@ -221,7 +221,8 @@ def _model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:
     own = (scene.camera, *(jnp.asarray(part, float) for part in known), body.tree, body.flesh)
     inputs = make_inputs(*own, robust=tracker.robust)
     parts = job.kind == "arm" if tracker.parts is None else tracker.parts
-    program = programs(job.kind, limits="support" if tracker.limits else "none", parts=parts)
+    limits = ("barrier" if tracker.draws else "support") if tracker.limits else "none"
+    program = programs(job.kind, limits=limits, parts=parts)
     leaves, tree = jax.tree.flatten(jax.eval_shape(lambda values: values, inputs))
     return inputs, _compiled_model(program, tree, tuple(leaves))
 

@@ -84,3 +84,33 @@ def batched_density(function: Callable[..., Array], *, chunk: int) -> Callable[.
 
     density.defvjp(keep, pull)
     return density
+
+
+def batched_residuals(function: Callable[..., tuple[Array, Array]]) -> Callable[..., Array]:
+    """Make single-particle residuals, differentiable by the state, of a batch-last function that knows their derivatives.
+
+    Args:
+        function: Takes the state (d, N) and then pytrees with leaves (..., N or 1); returns residuals (n, N) and their
+            derivatives (n, d, N).
+
+    Returns:
+        A function of a state (d,) and the same pytrees without the last axis, which returns (n,); otherwise as that of
+        :func:`batched_score`, but that all rows of a Jacobian are found at once.
+    """
+    alone, together = batch_last(lambda *arguments: function(*arguments)[0]), batch_last(function)
+
+    @jax.custom_vjp
+    def residuals(state: Array, *constants: Tree) -> Array:
+        found: Array = alone(state, *constants)
+        return found
+
+    def keep(state: Array, *constants: Tree) -> tuple[Array, Tree]:
+        found, derivatives = together(state, *constants)
+        return found, (derivatives, constants)
+
+    def pull(kept: Tree, cotangent: Array) -> tuple[Any, ...]:
+        derivatives, constants = kept
+        return (cotangent @ derivatives, *(None for _ in constants))
+
+    residuals.defvjp(keep, pull)
+    return residuals

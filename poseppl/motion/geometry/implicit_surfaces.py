@@ -12,6 +12,7 @@ G^(2/e_1)). The implicit surface is f = 0 for
 in mm, negative inside: of a convex part without tapering and bending never more than the distance from the surface, and that
 distance across its thinnest direction.
 
+>>> import jax
 >>> from poseppl.motion.geometry import Joint, Marker, kinematic_tree
 >>> from poseppl.motion.geometry.superquadrics import Superquadric, superquadrics_of
 >>> tree = kinematic_tree([Joint("hip", None, (0, 0, 0), "X")], [Marker("knee", "hip", (0, 0, -400))])
@@ -24,15 +25,10 @@ distance across its thinnest direction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from poseppl.motion.geometry.superquadrics import Nodes, Superquadrics
+from poseppl.motion.geometry.superquadrics import Superquadrics
 
 _LEAST = 1e-6
 _NEAREST = 0.05
@@ -52,48 +48,22 @@ def surface_distances(flesh: Superquadrics, points: Array) -> Array:
     return (gauge - 1) * jnp.min(flesh.half_axes, 1)[:, None]
 
 
-def part_points(axes: Array, centres: Array, points: Array) -> Array:
-    """Points (P, K, 3, N) of the world in the frames of the parts, whose axes are the columns of ``axes`` (P, 3, 3, N)."""
-    offset = points - centres[:, None]
-    return jnp.stack([jnp.sum(axes[:, None, :, i] * offset, 2) for i in range(3)], 2)
+def penetration(flesh: Superquadrics, points: Array, *, softness: Array | float, decay: float) -> Array:
+    """Repulsive potentials (P, N) of parts (Sminchisescu and Triggs 2001, section 3.2).
 
-
-def penetration(
-    flesh: Superquadrics,
-    axes: Array,
-    centres: Array,
-    nodes: Nodes,
-    pairs: Sequence[tuple[int, int]],
-    *,
-    softness: Array | float,
-    decay: float,
-) -> Array:
-    """Repulsive potentials (pairs, N) between parts (Sminchisescu and Triggs 2001, section 3.2).
-
-    Each is the mean over nodes of one part of exp(-f |f|^(p - 1)), f being the implicit surface of the other in units of the
-    softness: 1 at the surface, as good as 0 some softnesses outside, and growing fast inside. Above e^8 it goes on along its
-    tangent, in -f |f|^(p - 1), which float32 can follow.
+    Each is the mean over points of exp(-f |f|^(p - 1)), f being the implicit surface in units of the softness: 1 at the
+    surface, as good as 0 some softnesses outside, and growing fast inside. Above e^8 it goes on along its tangent, in
+    -f |f|^(p - 1), which float32 can follow.
 
     Args:
-        flesh: P parts, leaves (P, ..., N or 1).
-        axes: Columns x, y and z of the parts in the world (P, 3, 3, N).
-        centres: Of the parts in the world (P, 3, N), mm.
-        nodes: Of the parts in the world (P, R, W, 3, N).
-        pairs: A part that repels and one whose nodes are repelled, each.
+        flesh: P parts that repel, leaves (P, ..., N or 1).
+        points: What each repels (P, K, 3, N), mm, in its own frame.
         softness: Unit of f, mm.
         decay: p.
     """
-    wall, guest = (np.array(side, int) for side in zip(*pairs, strict=True))
-    place = nodes.points.reshape(nodes.points.shape[0], -1, *nodes.points.shape[3:])[guest]
-    f = surface_distances(_chosen(flesh, wall), part_points(axes[wall], centres[wall], place)) / softness
+    f = surface_distances(flesh, points) / softness
     exponent = -f * jnp.maximum(jnp.abs(f), _LEAST) ** (decay - 1)
     return jnp.mean(jnp.exp(jnp.minimum(exponent, _STEEP)) * (1 + jnp.maximum(exponent - _STEEP, 0.0)), 1)
-
-
-def _chosen(flesh: Superquadrics, parts: Any) -> Superquadrics:
-    """Some parts, for their shapes alone."""
-    chosen: Superquadrics = jax.tree.map(lambda leaf: leaf[parts], flesh)
-    return chosen
 
 
 def _straightened(flesh: Superquadrics, x: Array, y: Array, z: Array) -> tuple[Array, ...]:
