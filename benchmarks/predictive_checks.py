@@ -32,7 +32,7 @@ from random_walk import RECORDINGS, shared_problem, watch
 from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import check_predictions, check_unreached, predictive_figures, verdicts
+from poseppl.diagnostics import check_predictions, check_unreached, check_updates, predictive_figures, verdicts
 from poseppl.diagnostics.verdicts.predictive import prediction_of
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, track, walking_subject
@@ -56,11 +56,15 @@ METHODS: Mapping[str, tuple[str, dict[str, Any]]] = {
 BODIES = ("extended-kalman", "particle", "tempered", "hmc", "assumed-density")
 _COLUMNS = ("model", "filter", "seed", "frames", "coverage", "inflation", "errors")
 _KEY = 4
-_KINDS = {"prediction": "The data say", "unreached": "In coordinates that the data hardly reach"}
+_KINDS = {
+    "prediction": "The data say",
+    "unreached": "In coordinates that the data hardly reach",
+    "update": "The filter's posteriors",
+}
 """How errors begin that `--again` finds anew, by kind; all else is "other"."""
 _ABOUT = (
     "Share of the truth in 90 % intervals, variance of the states' errors over the claimed one as the data tell it, and the "
-    "errors among the verdicts that need no truth: prediction, unreached, other, or none."
+    "errors among the verdicts that need no truth: prediction, unreached, update, other, or none."
 )
 LEAST, MOST = 0.8, 0.87
 """Coverage below which a run ought to have an error, and above which it ought to have none."""
@@ -190,7 +194,7 @@ def checks_of(tree: Any) -> Prediction:
 def keep(folder: Path, key: tuple[str, ...], tree: Any, judged: Judged) -> None:
     """Keep what was predicted, so that another verdict can be tried without another run."""
     folder.mkdir(parents=True, exist_ok=True)
-    arrays = {name: np.asarray(value, np.float32) for name, value in checks_of(tree)._asdict().items()}
+    arrays = {name: np.asarray(value, np.float32) for name, value in checks_of(tree)._asdict().items() if value is not None}
     mean, spread = (tree["summary"].dataset[f"state_{name}"].values for name in ("mean", "sd"))
     state = {"state_mean": mean, "state_sd": spread, "truth": tree["truth"].dataset["state"].values}
     state["ess"] = tree["sample_stats"].dataset["ess"].values
@@ -205,10 +209,11 @@ def file_of(key: tuple[str, ...]) -> str:
 def judged_again(folder: Path, row: tuple[str, ...]) -> tuple[str, ...]:
     """The row of a kept run by the present verdict of its predictions, and the other errors as they were."""
     with np.load(folder / file_of(row[:_KEY])) as kept:
-        prediction = Prediction(*(kept[name] for name in Prediction._fields))
-        posterior = (kept[name] for name in ("state_mean", "state_sd", "ess"))
+        prediction = Prediction(**{name: kept[name] for name in Prediction._fields if name in kept})
+        posterior = tuple(kept[name] for name in ("state_mean", "state_sd", "ess"))
         names = [f"coordinate {i}" for i in range(kept["state_mean"].shape[1])]
         found = [*check_predictions(prediction), *check_unreached(prediction, *posterior, names)]
+        found += check_updates(prediction, *posterior) if prediction.memory is not None else []
         others = [text for text in kept["errors"].tolist() if kinds([text]) == "other"]
     errors = [each.text for each in found if each.severity == "error"]
     inflation = predictive_figures(prediction).inflation.estimate

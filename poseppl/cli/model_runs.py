@@ -53,6 +53,8 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     table, inputs = read_series(path, tuple(options["inputs"]), _rows(options.get("frames")))
     model = _compiled(name, source_digest(name), tuple(options["inputs"]), tuple(sorted(options["params"].items())))
     series = series_of(model, table, inputs, path)
+    for error in table.misspelt:
+        progress.note(f"{error}; nothing uses that column, which is left out")
     filter, settings = algorithm.build(model, options["settings"])
     number = len(next(iter(table.columns.values())))
     progress.stage("compiling", total=number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
@@ -24,16 +25,25 @@ _Read = Callable[[], NDArray[Any]]
 """Reads a column, or raises what is wrong with it."""
 
 
+class WordAmongNumbers(InputError):
+    """A column of numbers with a word in it, such as a number that is misspelt."""
+
+
 class NumberTable(NamedTuple):
     """The columns of a table.
 
     Attributes:
         columns: Columns (T,), or variables (T, ...), by name; NaN where a number is missing.
-        unread: What is wrong with each of those that hold no numbers, such as dates.
+        unread: What is wrong with each of those that hold no numbers, such as dates, or words among numbers.
     """
 
     columns: dict[str, NDArray[Any]]
     unread: dict[str, InputError]
+
+    @property
+    def misspelt(self) -> list[WordAmongNumbers]:
+        """What is wrong with the columns that hold a word among numbers."""
+        return [error for error in self.unread.values() if isinstance(error, WordAmongNumbers)]
 
 
 def read_table(path: FilePath) -> NumberTable:
@@ -77,16 +87,26 @@ def _columns_of_csv(path: FilePath) -> dict[str, _Read]:
 
 
 def _column(name: str, places: Sequence[Location], words: Sequence[str]) -> NDArray[Any]:
-    return np.array([_number(at.in_field(name), word) for at, word in zip(places, words, strict=True)])
+    numbers = [_number(word) for word in words]
+    wrong = [index for index, number in enumerate(numbers) if number is None]
+    if wrong:
+        at, some = places[wrong[0]], any(not math.isnan(number) for number in numbers if number is not None)
+        told = WordAmongNumbers if some else InputError
+        more = f", as in {len(wrong) - 1} more rows" if len(wrong) > 1 else ""
+        raise told(
+            f"{words[wrong[0]]!r}{more}", file=at.file, line=at.line, field=name, expected="a number, or nothing where none is"
+        )
+    return np.array(numbers, float)
 
 
-def _number(at: Location, word: str) -> float:
+def _number(word: str) -> float | None:
+    """The number that a word stands for, NaN where it is missing; None of another word."""
     if word.lower() in _MISSING:
         return float("nan")
     try:
         return float(word)
     except ValueError:
-        raise at.error(f"{word!r}", "a number, or nothing where none is") from None
+        return None
 
 
 def _columns_of_parquet(path: FilePath) -> dict[str, _Read]:

@@ -21,6 +21,7 @@ from jax import Array
 from numpyro import handlers
 
 from poseppl.program import bijector
+from poseppl.program.built_once import built_once
 from poseppl.program.compiled import CompiledModel, Inputs
 from poseppl.program.model import StateSpaceModel
 
@@ -68,7 +69,7 @@ class ClampedModel(CompiledModel):
 
 
 def clamp(model: CompiledModel, free: Sequence[int | str]) -> ClampedModel:
-    """The model of some sites of `model`, with the others given by `Clamped` inputs.
+    """The model of some sites of `model`, with the others given by `Clamped` inputs; the same one for the same sites.
 
     Args:
         model: The full model.
@@ -79,7 +80,12 @@ def clamp(model: CompiledModel, free: Sequence[int | str]) -> ClampedModel:
     """
     if isinstance(model, ClampedModel):
         raise ValueError("The model is clamped already: clamp the full model (model.full) with all that should be given.")
-    programs = _clamped_programs(model, _free_sites(model, free))
+    return _clamped(model, frozenset(_free_sites(model, free)))
+
+
+@built_once
+def _clamped(model: CompiledModel, free: frozenset[str]) -> ClampedModel:
+    programs = _clamped_programs(model, free)
     state = jnp.zeros(model.dimension)
     compiled = programs.compile(Clamped(model.input_shapes, state, state), model.params)
     fields = {field.name: getattr(compiled, field.name) for field in dataclasses.fields(CompiledModel)}
@@ -88,7 +94,7 @@ def clamp(model: CompiledModel, free: Sequence[int | str]) -> ClampedModel:
     return ClampedModel(**fields | {"input_shapes": shapes, "unbound": model.unbound}, full=model)
 
 
-def _clamped_programs(model: CompiledModel, free: set[str]) -> StateSpaceModel:
+def _clamped_programs(model: CompiledModel, free: frozenset[str]) -> StateSpaceModel:
     """The programs with all sites but the free ones substituted and blocked."""
     sites = {name: site for name, site in model.sites.items() if name not in free}
 

@@ -361,7 +361,10 @@ class CompiledModel:
         return Observation(values, {name: jnp.zeros(value.shape, bool) for name, value in values.items()})
 
     def clamp(self, free: Sequence[int | str]) -> ClampedModel:
-        """The model of the coordinates `free` (indices or names) with the others given; see `ClampedModel`."""
+        """The model of the coordinates `free` (indices or names) with the others given; see `ClampedModel`.
+
+        The values of the others are inputs, and equal coordinates give the same model, so that it compiles once.
+        """
         from poseppl.program.clamped import clamp
 
         return clamp(self, free)

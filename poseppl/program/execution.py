@@ -116,7 +116,7 @@ class Seed(handlers.seed):  # type: ignore[misc]
             super().process_message(msg)
         elif shape is None:
             key = self.keys[before.num_keys]
-            msg["kwargs"]["rng_key"] = _threefry(key) if _counts_without_end(msg) else key
+            msg["kwargs"]["rng_key"] = key if _is_drawn_at_once(msg) else _threefry(key)
         else:
             base = unwrap(msg["fn"])
             noise = self.normals[before.num_normals : self.counted.num_normals].reshape(shape)
@@ -139,9 +139,22 @@ def _threefry(rng_key: Array) -> Array:
     return key
 
 
-def _counts_without_end(msg: Mapping[str, Any]) -> bool:
-    """Whether a message is a site of counts, such as a Poisson's, which JAX draws with its own keys alone."""
-    return msg["type"] == "sample" and isinstance(unwrap(msg["fn"]).support, type(constraints.nonnegative_integer))
+_DRAWN_AT_ONCE = (
+    *(dist.BernoulliLogits, dist.BernoulliProbs, dist.CategoricalLogits, dist.CategoricalProbs, dist.Cauchy, dist.Delta),
+    *(dist.DiscreteUniform, dist.Exponential, dist.Gumbel, dist.HalfCauchy, dist.HalfNormal, dist.Laplace, dist.Logistic),
+    *(dist.LogNormal, dist.LowRankMultivariateNormal, dist.MultivariateNormal, dist.Normal, dist.Uniform),
+    *(type(dist.TruncatedNormal(low=0.0)), type(dist.TruncatedNormal(high=0.0)), type(dist.TruncatedNormal(low=0.0, high=1.0))),
+)
+"""Distributions that are drawn from random bits of a number that is known before."""
+
+
+def _is_drawn_at_once(msg: Mapping[str, Any]) -> bool:
+    """Whether a message is a site that is drawn without a loop of random length.
+
+    Under `jax.vmap` such a loop, as of rejection samplers, goes on with the keys of the particles that are not done. Particles
+    that share a generator all draw from the key of the first, which stands still when the first is done.
+    """
+    return msg["type"] == "sample" and type(unwrap(msg["fn"])) in _DRAWN_AT_ONCE
 
 
 def _check_has_density(msg: Mapping[str, Any]) -> None:
@@ -249,6 +262,9 @@ def event_log_densities(site: Mapping[str, Any]) -> Array:
         # the state's angles are unwrapped, and NumPyro's validation calls everything beyond pi impossible
         value = (value + jnp.pi) % (2 * jnp.pi) - jnp.pi
     log_prob: Array = distribution.log_prob(value)
+    if isinstance(unwrap(distribution), dist.DiscreteUniform):
+        # its density is the same everywhere, and its bounds may move from frame to frame
+        log_prob = jnp.where(distribution.support(value), log_prob, -jnp.inf)
     return log_prob if site.get("scale") is None else site["scale"] * log_prob
 
 

@@ -55,6 +55,7 @@ class StateSpaceModel(NamedTuple):
         sites = schema.state_layout(initial)
         state = {name: np.zeros(site.shape, site.dtype) for name, site in sites.items()}
         transition = schema.declare("transition", self.transition, (example, state, inputs), sites)
+        sites = schema.state_layout(initial, transition)
         schema.check_transition(sites, transition)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)

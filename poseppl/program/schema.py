@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 from jax import Array
+from numpyro.distributions import constraints
 
 from poseppl.program.bijector import Site, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
@@ -122,11 +123,19 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
     }
 
 
-def state_layout(initial: Declaration) -> dict[str, Site]:
+_INTEGERS = constraints.integer_greater_than(-np.inf)
+"""The support of integers whose bounds depend on something, such as a Binomial's of a total that is a state."""
+
+
+def state_layout(initial: Declaration, transition: Declaration | None = None) -> dict[str, Site]:
     """Lay out the state from the sites of the initial program.
 
+    Args:
+        initial: Its declaration.
+        transition: That of the transition, where it is known: bounds of integers may depend on something in it alone.
+
     Raises:
-        ValueError: No site, a factor, `obs=`, a support that depends on arguments or draws, or complex values.
+        ValueError: No site, a factor, `obs=`, real bounds that depend on arguments or draws, or complex values.
     """
     if not initial.sites and not initial.factors:
         raise ValueError("The initial program has no sample site: sample each part of the state with numpyro.sample.")
@@ -137,7 +146,9 @@ def state_layout(initial: Declaration) -> dict[str, Site]:
         if declared.kind == "complex":
             raise ValueError(f"State site {name!r} is complex: sample its real and imaginary part as two sites.")
         discrete = declared.kind in ("integer", "boolean")
-        sites[name] = make_site(name, declared.shape, declared.dtype, declared.support, discrete, offset)
+        later = declared if transition is None else transition.sites.get(name, declared)
+        support = _INTEGERS if discrete and (declared.support is None or later.support is None) else declared.support
+        sites[name] = make_site(name, declared.shape, declared.dtype, support, discrete, offset)
         offset += sites[name].size
     return sites
 
@@ -156,7 +167,7 @@ def _check_state_program(which: str, declaration: Declaration) -> None:
         )
     _check_not_observed(which, declaration)
     for name, declared in declaration.sites.items():
-        if declared.support is None:
+        if declared.support is None and declared.kind == "float":
             raise ValueError(
                 f"The support of site {name!r} in the {which} program depends on the state, params, inputs or another site. "
                 "Expected constant bounds, so that one bijector serves every frame: sample an unbounded or unit-interval value "
@@ -205,7 +216,7 @@ def check_transition(state: Mapping[str, Site], transition: Declaration) -> None
             )
     _check_state_program("transition", transition)
     for name, site in state.items():
-        if not _same_support(site.support, transition.sites[name].support):
+        if site.support is not _INTEGERS and not _same_support(site.support, transition.sites[name].support):
             raise ValueError(
                 f"State site {name!r} has support {transition.sites[name].support} in the transition program and "
                 f"{site.support} in the initial one. Expected equal supports: use distributions over the same set in both."

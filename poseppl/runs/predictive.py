@@ -10,9 +10,10 @@ doi:10.2307/2981683; for counts randomised, Czado, Gneiting and Held 2009, doi:1
 
 Kept are besides the innovation z - m and its expected variance in two parts, that of E[y | x] over the states and the mean of
 Var[y | x]: the first is what the filter claims of the state, and what a calibrated filter's errors bear out
-(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. Of the state itself are kept its predicted moments and what the
-data can take away of its variance, by the scores of the replicates; with these a filter's posterior has to agree
-(:mod:`poseppl.diagnostics.unreached`).
+(:mod:`poseppl.diagnostics.predictive`). Masked entries are NaN. Of the state itself are kept its predicted moments, what the
+data can take away of its variance, by the scores of the replicates, and the moments of the predicted states weighted by the
+frame's likelihood; with these a filter's posterior has to agree (:mod:`poseppl.diagnostics.unreached`,
+:mod:`poseppl.diagnostics.updates`).
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ from poseppl.program.population import draw_initial, propagate
 
 _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
+_MAX_MEMORY = 10
+"""Coordinates of a state up to which its memory is told."""
 _RIDGE = 1e-4
 """Added to the diagonal of correlations: states that hardly differ leave a singular matrix."""
 _LEAST = 1e-30
@@ -58,6 +61,11 @@ class Prediction(NamedTuple):
         autoregression: Slope (d,) of each predicted coordinate on itself in the frame before.
         explained: Share (d,) of `predicted_variance` that the frame's data can take away, by their Fisher information;
             NaN of finite sites.
+        weighted_mean: Mean (d,) of the predicted states, weighted by the likelihood of the frame's data. This and what follows
+            is None of more than ten coordinates.
+        weighted_covariance: Their covariance (d, d).
+        weighted_ess: Their effective number, a scalar.
+        memory: What an error in each coordinate of the frame before makes in each of this one (d, d), after its data.
     """
 
     transform: Any
@@ -71,6 +79,10 @@ class Prediction(NamedTuple):
     predicted_error: Any = None
     autoregression: Any = None
     explained: Any = None
+    weighted_mean: Any = None
+    weighted_covariance: Any = None
+    weighted_ess: Any = None
+    memory: Any = None
 
 
 class Predict(Protocol):
@@ -143,9 +155,46 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             autoregression=_autoregression(previous, states),
             # the scores of finite sites are no derivatives
             explained=jnp.where(finite, jnp.nan, _explained(states, jax.vmap(score)(drawn.sites, states))),
+            **_weighted(previous, states, jax.vmap(lambda x: model.log_observation(x, observation, inputs))(states)),
         )
 
     return predict
+
+
+def _weighted(previous: Array, states: Array, log_weights: Array) -> dict[str, Array]:
+    """Moments of states (S, d) with log-weights (S,), without the bias of few weights, and the memory of those before.
+
+    An error e in the state before is one of A e in the prediction, A being the slopes of the states on those before. Of it data
+    leave C P^-1 A e, with the states' covariance P, and C that of the weighted ones.
+    """
+    if states.shape[1] > _MAX_MEMORY:
+        return {}
+    weights = jax.nn.softmax(log_weights)
+    ess, mean = 1 / jnp.sum(weights**2), weights @ states
+    (before, scale), (after, spread) = _standardised(previous), _standardised(states)
+    weighted = jnp.sqrt(weights * ess / jnp.maximum(ess - 1, _LEAST))[:, None] * (states - mean) / spread
+    correlation = weighted.T @ weighted
+    slopes = _inverse(before.T @ before) @ before.T @ after
+    left = slopes @ _inverse(after.T @ after) @ correlation * (states.shape[0] - 1)
+    return {
+        "weighted_mean": mean,
+        "weighted_covariance": spread[:, None] * correlation * spread,
+        "weighted_ess": ess,
+        "memory": spread[:, None] * left.T / scale,
+    }
+
+
+def _standardised(states: Array) -> tuple[Array, Array]:
+    """States (S, d) less their mean and over their standard deviations (d,), and these."""
+    scale = jnp.maximum(jnp.std(states, 0, ddof=1), np.sqrt(_LEAST))
+    return (states - jnp.mean(states, 0)) / scale, scale
+
+
+def _inverse(product: Array) -> Array:
+    """The inverse of a matrix (d, d) of sums of products of standardised states."""
+    size = product.shape[0]
+    root = lower_inverse(jnp.linalg.cholesky(product + _RIDGE * (1 + jnp.trace(product)) / size * jnp.eye(size)))
+    return root.T @ root
 
 
 def _rank(ties: Array, draws: Array, value: Array) -> Array:

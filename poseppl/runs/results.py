@@ -63,7 +63,10 @@ VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
 _INPUT_AXES = {"step_scale": ("frame", "dof"), "marker_offsets": ("marker", "axis")}
-_STATE_CHECKS = ("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained")
+_STATE_CHECKS = (
+    *("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained"),
+    *("weighted_mean", "weighted_covariance", "memory"),
+)
 """Predictive checks of the coordinates of the state, rather than of the data's entries."""
 
 
@@ -273,8 +276,11 @@ def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) 
 
 def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     checks = {name: np.asarray(values) for name, values in predictive.items()}
-    axes = {name: ("frame", "dof" if name in _STATE_CHECKS else "entry")[: values.ndim] for name, values in checks.items()}
-    return checked({name: (axes[name], values) for name, values in checks.items()}, known)
+
+    def axes(name: str) -> tuple[str, ...]:
+        return ("frame", "dof" if name in _STATE_CHECKS else "entry", "other_dof")[: checks[name].ndim]
+
+    return checked({name: (axes(name), values) for name, values in checks.items()}, known)
 
 
 def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:

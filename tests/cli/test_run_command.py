@@ -131,11 +131,24 @@ def test_dates_that_nothing_uses_are_left_out_and_those_that_something_does_are_
     dated = [f"date,{head}", *(f"2020-01-{day:02d},{row}" for day, row in enumerate(rows, 1))]
     (folder / "dated.csv").write_text("\n".join(dated))
     table, plain = read_table("dated.csv"), read_table("data.csv")
-    assert list(table.unread) == ["date"] and table.columns.keys() == plain.columns.keys()
+    assert list(table.unread) == ["date"] and not table.misspelt and table.columns.keys() == plain.columns.keys()
     words = ["run", "model.py", "--data", "dated.csv", "--param", "noise=1", "--inputs"]
     assert main([*words, "push"]) == 0
     assert main([*words, "push", "--inputs", "date"]) == 1
     assert "dated.csv, line 2, date: '2020-01-01'" in capsys.readouterr().err
+
+
+def test_a_word_among_numbers_is_told_where_nothing_uses_its_column(folder, capsys):
+    head, first, second, *rows = (folder / "data.csv").read_text().split()
+    lines = [f"rain,{head}", f"1.5,{first}", f"l.5,{second}", *(f"2,{row}" for row in rows[:-1]), f"2..,{rows[-1]}"]
+    (folder / "rain.csv").write_text("\n".join(lines))
+    words = ["run", "model.py", "--data", "rain.csv", "--param", "noise=1", "--inputs"]
+    assert main([*words, "push", "--quiet"]) == 0
+    told = capsys.readouterr().err
+    assert "rain.csv, line 3, rain: 'l.5', as in 1 more rows (expected a number" in told
+    assert told.count("nothing uses that column, which is left out") == 1
+    assert main([*words, "push", "--inputs", "rain"]) == 1
+    assert "nothing uses" not in capsys.readouterr().err
 
 
 def test_tables_of_three_kinds_are_one(folder):

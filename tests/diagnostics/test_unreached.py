@@ -31,7 +31,7 @@ class Filtered(NamedTuple):
     def run(self, index: int | slice) -> tuple[Prediction, np.ndarray, np.ndarray, np.ndarray]:
         """Arguments of the figures, of one run or of several together."""
         chosen = slice(index, index + 1) if isinstance(index, int) else index
-        prediction = Prediction(*(leaf[:, chosen] for leaf in self.prediction))
+        prediction = Prediction(*(leaf[:, chosen] for leaf in self.prediction if leaf is not None))
         return prediction, self.mean[:, chosen], self.deviation[:, chosen], np.full(FRAMES, float(DRAWS))
 
 
@@ -113,7 +113,7 @@ def test_coordinates_that_data_reach_are_left_to_the_data() -> None:
 
 def test_a_single_frame_is_no_evidence() -> None:
     prediction, *posterior = filtered(NOWHERE, 0.9, ancestors=10).run(0)
-    first = Prediction(*(leaf[:1] for leaf in prediction))
+    first = Prediction(*(leaf[:1] for leaf in prediction if leaf is not None))
     assert check_unreached(first, *(values[:1] for values in posterior), ["x"]) == []
 
 

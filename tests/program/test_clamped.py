@@ -12,6 +12,7 @@ from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.filters import particle_filter
 from poseppl.program import Clamped, CompiledModel, StateSpaceModel
+from poseppl.runs.run import run_filter
 
 FREE = ("a", "c")
 INDICES = np.array([0, 3, 4])
@@ -123,6 +124,29 @@ def test_a_filter_runs_on_it(full):
     state, info = jax.jit(built.step)(jax.random.key(1), state, *frames[1])
     assert state.particles.shape == (50, 3)
     assert np.isfinite(info.log_evidence)
+
+
+def test_what_is_clamped_to_other_values_is_the_same_program(full):
+    """Models of the same free sites are one, and so are their filters: another recording's values trace nothing anew."""
+    assert full.clamp(FREE) is full.clamp([3, "a", "c[1]"]) and full.clamp(FREE) is not full.clamp(["b"])
+    traced = []
+
+    def counted(params, state, inputs):
+        traced.append(inputs)
+        observation(params, state, inputs)
+
+    whole = StateSpaceModel(initial, transition, counted).compile(np.zeros(1))
+    data, rng, evidence, counts = full.observe({"y": np.zeros((3, 4))}), np.random.default_rng(0), [], []
+
+    def collect(rng_key, state, info, inputs):
+        return state.particles[0]
+
+    for _ in range(2):
+        values = Clamped.of_trajectory(rng.normal(size=(3, 5)), np.zeros((3, 1)))
+        run = run_filter(particle_filter(whole.clamp(FREE), 50), jax.random.key(0), data, values, collect=collect)
+        evidence.append(float(run.info.log_evidence.sum()))
+        counts.append(len(traced))
+    assert counts[0] == counts[1] and evidence[0] != evidence[1]
 
 
 def test_other_params():

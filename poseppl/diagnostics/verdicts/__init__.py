@@ -32,6 +32,7 @@ from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
+from poseppl.diagnostics.verdicts.updates import check_updates as check_updates, updates
 from poseppl.diagnostics.verdicts.validity import failures, missing
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,
@@ -58,6 +59,7 @@ CHECKS: tuple[Callable[[xr.DataTree], Iterable[Verdict]], ...] = (
     rejection,
     prediction,
     unreached,
+    updates,
     smoothing,
     forecasts,
     coverage,

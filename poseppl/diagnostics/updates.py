@@ -1,0 +1,94 @@
+r"""Whether a filter's posterior is what its own prediction and the frame's data make, which needs no truth.
+
+Draws of the state after frame t - 1, moved by the transition and weighted by the likelihood of frame t's data, are draws of the
+posterior that follows from what the filter itself knew before (importance sampling from the prediction). Their mean w_t and
+covariance W_t estimate those of a posterior of which the filter tells m_t and P_t. Where its updates are right both agree; a
+filter that linearises too boldly, or takes a frame's data in twice, is too sure, or elsewhere. The next frame inherits both by
+K_t, what an error in the state before makes after the frame's data, so that a small displacement in each frame, always to one
+side, adds up,
+
+    C_t = K_t C_(t-1) K_t' + W_t - P_t,
+    D_t = K_t D_(t-1) + w_t - m_t,
+    V_t = K_t V_(t-1) K_t' + W_t (1 / n_t + 1 / N_t),
+
+V_t being the covariance that D_t has by chance, with the effective numbers n_t of the weighted draws and N_t of the filter's
+own. Its errors have the variances diag(P_t + C_t + D_t D_t' - V_t) instead of diag P_t: the inflation of a coordinate is the
+ratio of their sums over frames, of which the mean over coordinates is told. How large it comes out by chance is simulated.
+Frames in which few draws carry the weight tell nothing, and nor do states of more than ten coordinates: innovations tell more
+there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poseppl.arrays import Floats
+from poseppl.runs.predictive import Prediction
+
+LEAST_DRAWS = 10.0
+"""Effective number of weighted draws below which a frame tells nothing."""
+_SIMULATIONS = 400
+
+
+class UpdateFigures(NamedTuple):
+    """How a filter's updates agree with importance sampling from its own predictions.
+
+    Attributes:
+        inflation: Variance of errors over the claimed one (d,); 1 is right.
+        chance: Share of simulated sequences of right updates whose mean inflation is at least as large.
+        frames: How many frames tell.
+    """
+
+    inflation: Floats
+    chance: float
+    frames: int
+
+
+def update_figures(prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike) -> UpdateFigures:
+    """Compare a filter's posterior with its own prediction, weighted by the data's likelihood.
+
+    Args:
+        prediction: With a leading T.
+        mean: The posterior's mean (T, d).
+        standard_deviation: Its standard deviation (T, d).
+        ess: The filter's effective number of draws (T,).
+    """
+    told = prediction.weighted_mean, prediction.weighted_covariance, prediction.memory, mean, standard_deviation
+    centre, weighted, memory, found, deviation = (np.asarray(leaf, np.float64) for leaf in told)
+    number, own = (np.nan_to_num(np.asarray(each, np.float64), posinf=np.inf) for each in (prediction.weighted_ess, ess))
+    tells = (number >= LEAST_DRAWS) & np.isfinite(centre).all(axis=1) & np.isfinite(memory).all(axis=(1, 2))
+    share = 1 / np.maximum(number, LEAST_DRAWS) + 1 / np.maximum(own, 1.0)
+    # of the claimed covariance the variances are known; correlations are those of the weighted draws
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.nan_to_num(deviation / np.sqrt(np.diagonal(weighted, axis1=1, axis2=2)))
+    weighted, memory = (np.where(tells[:, None, None], each, 0.0) for each in (weighted, memory))
+    claimed = ratio[:, :, None] * weighted * ratio[:, None]
+    noise = share[:, None, None] * weighted
+    surer, apart = (weighted - claimed)[:, None], np.where(tells[:, None], centre - found, 0.0)[:, None]
+    whole = np.where(deviation.any(0), np.square(deviation).sum(0), np.nan)
+    inflation: Floats = 1 + _excess(memory, surer, apart, noise)[0] / whole
+
+    values, vectors = np.linalg.eigh(noise)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    rng = np.random.default_rng(0)
+    variance = np.sqrt(2 * share)[:, None] * rng.standard_normal((len(memory), _SIMULATIONS))
+    surer = variance[:, :, None, None] * weighted[:, None]
+    apart = rng.standard_normal((len(memory), _SIMULATIONS, memory.shape[1])) @ root.swapaxes(1, 2)
+    by_chance = _excess(memory, surer, apart, noise) / whole
+    chance = np.mean(np.nanmean(by_chance, axis=1) >= np.nanmean(inflation) - 1)
+    return UpdateFigures(inflation, float(chance), int(tells.sum()))
+
+
+def _excess(memory: Floats, surer: Floats, apart: Floats, noise: Floats) -> Floats:
+    """Sums (S, d) over frames of diag(C_t + D_t D_t' - V_t), from what each frame adds to C (T, S, d, d), D (T, S, d) and V."""
+    total = np.zeros(apart.shape[1:])
+    less, displacement, chance = np.zeros(surer.shape[1:]), np.zeros(apart.shape[1:]), np.zeros(noise.shape[1:])
+    for t, kept in enumerate(memory):
+        less = kept @ less @ kept.T + surer[t]
+        displacement = displacement @ kept.T + apart[t]
+        chance = kept @ chance @ kept.T + noise[t]
+        total += np.diagonal(less, axis1=1, axis2=2) + displacement**2 - np.diagonal(chance)
+    return total
