@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from poseppl.runs.online import Online as Online
     from poseppl.runs.outcome import result_of_run as result_of_run
     from poseppl.runs.posterior_predictive import add_predictive as add_predictive
+    from poseppl.runs.predictive import predictive_checks as predictive_checks
     from poseppl.runs.results import load_result as load_result, save_result as save_result
     from poseppl.runs.run import Constant as Constant, Run as Run, RunError as RunError, run_filter as run_filter
     from poseppl.runs.simulation import simulate as simulate
@@ -117,6 +118,7 @@ _HOMES = {
     "infer": "runs.infer",
     "infer_batch": "runs.batch",
     "one_series": "runs.batch",
+    "predictive_checks": "runs.predictive",
     "smooth": "runs.infer",
     "Clamped": "program",
     "CompiledModel": "program",

@@ -46,6 +46,16 @@ def check_at_least(least: float, **settings: float) -> None:
             raise RangeError(name, value, f"at least {least}")
 
 
+def check_key(rng_key: Any) -> None:
+    """Refuse what is no PRNG key, such as a seed.
+
+    Raises:
+        RangeError: It is a number, or None.
+    """
+    if not str(getattr(rng_key, "dtype", "")).startswith("key") and not getattr(rng_key, "ndim", 0):
+        raise RangeError("rng_key", rng_key, "a key, such as jax.random.key(0)")
+
+
 def check_choice(choices: Any, **settings: Any) -> None:
     """Refuse settings that are none of the values of a ``Literal``.
 

@@ -17,7 +17,7 @@ import numpyro
 from jax import Array
 from numpyro.distributions import constraints
 
-from poseppl.program.bijector import Site, is_flat_support, make_site
+from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program
 from poseppl.program.explanation import explained, suggestion
@@ -124,7 +124,7 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
 
 
 _INTEGERS = constraints.integer_greater_than(-np.inf)
-"""The support of integers whose bounds depend on something, such as a Binomial's of a total that is a state."""
+"""The support of integers whose bounds move, such as a Binomial's of a total that is a state."""
 
 
 def state_layout(initial: Declaration, transition: Declaration | None = None) -> dict[str, Site]:
@@ -147,10 +147,17 @@ def state_layout(initial: Declaration, transition: Declaration | None = None) ->
             raise ValueError(f"State site {name!r} is complex: sample its real and imaginary part as two sites.")
         discrete = declared.kind in ("integer", "boolean")
         later = declared if transition is None else transition.sites.get(name, declared)
-        support = _INTEGERS if discrete and (declared.support is None or later.support is None) else declared.support
+        support = _INTEGERS if discrete and _move(declared.support, later.support) else declared.support
         sites[name] = make_site(name, declared.shape, declared.dtype, support, discrete, offset)
         offset += sites[name].size
     return sites
+
+
+def _move(first: Any, later: Any) -> bool:
+    """Whether bounds of integers depend on something, or those of the first frame are not those of later ones."""
+    if first is None or later is None:
+        return True
+    return not _same_support(first, later) and None in (integer_bounds(first), integer_bounds(later))
 
 
 def _check_state_program(which: str, declaration: Declaration) -> None:

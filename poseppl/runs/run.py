@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import jax
 from jax import Array
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.filters.base import Filter
 from poseppl.program import Observation
 from poseppl.program.observation import check_frame_shapes
@@ -92,6 +92,7 @@ def run_filter(
         RunError: A frame failed and `on_failure` is "stop", or a state is not finite, computed twice; it holds the run so far.
         CheckpointError: The checkpoint belongs to another run, or another process is at it.
     """
+    check_key(rng_key)
     sequence = frame_sequence(observations, inputs, num_frames)
     num_frames = sequence.num_frames
     if filter.model is not None:

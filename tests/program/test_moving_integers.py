@@ -69,3 +69,25 @@ def test_more_than_there_was_is_impossible(name):
         log = [float(model.log_transition(jnp.array([n]), jnp.array([4.0]))) for n in range(7)]
     np.testing.assert_array_equal(np.isfinite(log), np.arange(7) <= 4)
     assert model.finite_values == {} and model.finite_sites == ("left",)
+
+
+@pytest.mark.parametrize(
+    ("first", "later", "taken"),
+    [
+        (dist.Binomial(MOST, 0.7), dist.Poisson(3.0), True),
+        (dist.Poisson(3.0), dist.Binomial(MOST, 0.7), True),
+        (dist.Poisson(3.0), dist.Poisson(4.0), True),
+        (dist.Categorical(jnp.ones(2) / 2), dist.Categorical(jnp.ones(3) / 3), False),
+    ],
+)
+def test_counts_may_have_other_bounds_in_the_first_frame_but_other_categories_are_a_mistake(first, later, taken):
+    programs = StateSpaceModel(
+        lambda params, inputs: numpyro.sample("n", first),
+        lambda params, state, inputs: numpyro.sample("n", later),
+        lambda params, state, inputs: numpyro.sample("y", dist.Normal(state["n"], 1.0)),
+    )
+    if taken:
+        assert programs.compile().finite_sites == ("n",)
+    else:
+        with pytest.raises(ValueError, match="Expected equal supports"):
+            programs.compile()

@@ -14,6 +14,7 @@ import xarray as xr
 from law_problems import problem
 
 import poseppl
+from poseppl.checks import check_key
 from poseppl.diagnostics.evidence import NONE, WEIGHTS, evidence_of_run
 from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
 from poseppl.errors import InputError
@@ -40,6 +41,29 @@ def test_a_dict_of_arrays_gives_what_the_long_form_gives():
         xr.testing.assert_identical(result[name].to_dataset(), long[name].to_dataset())
     assert set(result.attrs) == set(long.attrs)
     assert arviz_stats.ess(result["posterior"])["x"].shape == (5, 2)
+
+
+def test_what_was_not_checked_is_said():
+    unseen = {"y": np.full_like(VALUES["y"], np.nan)}
+    filter = poseppl.particle_filter(POSED.model, 300)
+    texts = [
+        [found.text for found in poseppl.verdicts(poseppl.infer(POSED.model, data, filter, KEY, POSED.inputs, predict=checks))]
+        for data, checks in ((VALUES, None), (VALUES, poseppl.predictive_checks(POSED.model)), (unseen, None))
+    ]
+    assert [any("was not checked: infer(..., predict=" in text for text in told) for told in texts] == [True, False, True]
+    nothing = "Nothing was observed in any frame: the posterior is the prior."
+    assert [nothing in told for told in texts] == [False, False, True]
+
+
+@pytest.mark.parametrize("seed", [0, None, np.int64(3), "key"])
+def test_a_seed_is_no_key(seed):
+    with pytest.raises(ValueError, match="rng_key is .* Expected a key, such as jax.random.key"):
+        poseppl.infer(POSED.model, VALUES, poseppl.particle_filter(POSED.model, 300), seed, POSED.inputs)
+
+
+def test_keys_of_both_kinds_are_taken():
+    check_key(KEY)
+    check_key(jax.random.PRNGKey(0))
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
+NOT_CHECKED = "infer(..., predict=poseppl.predictive_checks(model)) does"
 
 
 def prediction(tree: xr.DataTree) -> Findings:
@@ -34,6 +35,8 @@ def prediction(tree: xr.DataTree) -> Findings:
     known, checks = provenance(tree), prediction_of(tree)
     if known.get("predictive checks") is not None:
         yield Verdict(INFO, f"Predictive checks are {known['predictive checks']}.")
+    elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
+        yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
     elif checks is not None and "smoother" not in known:
         yield from check_predictions(checks)
     elif checks is not None:

@@ -30,6 +30,8 @@ def missing(tree: xr.DataTree) -> Findings:
     observed = group_of(tree, "observed_data")
     name = next((name for name in ("silhouette_area", "points") if name in observed), None)
     if name is None:
+        if len(observed) and not any(np.isfinite(values).any() for values in observed.values()):
+            yield Verdict(WARNING, "Nothing was observed in any frame: the posterior is the prior.")
         return
     values = observed[name].values
     blind = ~np.isfinite(values).reshape(len(values), -1).any(axis=1)
