@@ -105,6 +105,7 @@ def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str,
     evidence = float(stats["log_evidence"].sum()) if "log_evidence" in stats else math.nan
     last = tree["summary"].dataset.isel(frame=-1)
     means = {str(name).removesuffix("_mean"): last[name].values for name in last if str(name).endswith("_mean")}
+    probabilities = {str(name): last[name].values for name in last if str(name).endswith("_probability")}
     return {
         "input": known.get("input"),
         "model": known.get("model"),
@@ -116,7 +117,11 @@ def described(tree: xr.DataTree, files: Sequence[tuple[str, Path]]) -> dict[str,
         "seconds": round(float(known.get("wall_seconds", math.nan)), 3),
         "compilation, seconds": round(float(known.get("compile_seconds", math.nan)), 3),
         **{what: str(path) for what, path in files},
-        "last frame": {name: value.tolist() for name, value in means.items() if name != "state" and np.isfinite(value).all()},
+        "last frame": {
+            name: value.tolist()
+            for name, value in (means | probabilities).items()
+            if name != "state" and np.isfinite(value).all()
+        },
         "verdicts": [{"severity": each.severity, "text": each.text} for each in verdicts(tree)],
     }
 

@@ -70,7 +70,9 @@ def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str
     try:
         model = programs.compile(first, None if params is None else {name: np.float32(value) for name, value in params.items()})
     except ValueError as error:
-        raise InputError(str(error), field="MODEL") from error
+        hints = ["--inputs NAME for each column that they read"] * (inputs is None), ["--param NAME=NUMBER"] * (params is None)
+        expected = " and ".join(part for hint in hints for part in hint) if "It got" in str(error) else ""
+        raise InputError(str(error), field="MODEL", expected=expected or None) from error
     if model.unbound:
         raise InputError("its programs have parameters", field="MODEL", expected="--param NAME=VALUE for each")
     return model

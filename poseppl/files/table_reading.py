@@ -80,6 +80,8 @@ def _columns_of_csv(path: FilePath) -> dict[str, _Read]:
     (at, names), *rows = list(rows_of_csv(path, empty=True)) or [(Location(path), [])]
     if len(set(names)) < len(names) or "" in names or not names:
         raise at.error(f"its head is {names}", "a name for each column, all different")
+    if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
+        raise at.error(f"its head is one column, {names[0]!r}", "commas between columns, and points in numbers")
     if not rows:
         raise Location(path).error("no row below its head", "a row for each frame")
     places, words = zip(*rows, strict=True)

@@ -61,6 +61,10 @@ def frames_of(table: Mapping[str, NDArray[Any]], path: FilePath) -> NDArray[np.i
     if FRAME not in table:
         return None
     numbers = table[FRAME]
-    if not np.array_equal(numbers, np.round(numbers)) or (np.diff(numbers) <= 0).any():
-        raise InputError("frame numbers", file=path, field=FRAME, expected="whole numbers that increase")
+    before = np.concatenate([[-np.inf], numbers[:-1]])
+    wrong = np.flatnonzero((numbers != np.round(numbers)) | ~(numbers > before))
+    if len(wrong):
+        row = int(wrong[0])
+        found = f"{numbers[row]:g} in row {row}" + (f", after {before[row]:g}" if row else "")
+        raise InputError(found, file=path, field=FRAME, expected="whole numbers that increase, rows counted from 0")
     return numbers.astype(np.int64)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import math
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
+from poseppl_models.finite_hmm import finite_hmm
 
+import poseppl
 from poseppl.cli import main
+from poseppl.cli.model_runs import described
 from poseppl.errors import InputError
 from poseppl.files.table_reading import read_table
+from poseppl.filters import hidden_markov_filter
 from poseppl.runs.results import load_result, provenance
 
 MODEL = """
@@ -111,6 +116,13 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
         (["model.py", "--data", "bad.csv", "--inputs", "push", "--param", "noise=1"], "bad.csv, line 3, push: 'x'"),
         (["model.py", "--data", "few.csv", "--inputs", "push", "--param", "noise=1"], "few.csv: no column 'y[0]'"),
         (["model.py", "--data", "data.txt"], "data.txt: a file of the kind"),
+        (["model.py", "--data", "semi.csv"], "semi.csv, line 1: its head is one column, 'push;y' (expected commas between"),
+        (
+            ["model.py", "--data", "twice.csv", "--inputs", "push", "--param", "noise=1"],
+            "frame: 1 in row 2, after 1",
+        ),
+        (["model.py", "--data", "data.csv", "--param", "noise=1"], "expected --inputs NAME for each column that they read)"),
+        (["model.py", "--data", "data.csv", "--inputs", "push"], "expected --param NAME=NUMBER)"),
         (["model.py", "--data", "data.csv", "--filter", "kalmann"], "expected kalman"),
         (["model.py", "--data", "data.csv", "--settings", "code.toml"], "no option 'model' of a settings file"),
         (["model.py", "--data", "data.csv", "--settings", "wrong.toml"], "wrong.toml: no option 'filtre' of a settings file"),
@@ -119,6 +131,8 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
 def test_what_does_not_fit_is_said(folder, capsys, words, message):
     (folder / "bad.csv").write_text("push,y[0],y[1]\n1,2,3\nx,2,3\n")
     (folder / "few.csv").write_text("push,z\n1,2\n2,3\n")
+    (folder / "semi.csv").write_text("push;y\n1;2\n")
+    (folder / "twice.csv").write_text("frame,push,y[0],y[1]\n0,1,2,3\n1,1,2,3\n1,1,2,3\n")
     (folder / "code.toml").write_text('model = "other.py"\n')
     (folder / "wrong.toml").write_text('filtre = "kalman"\n')
     assert main(["run", *words]) == 1
@@ -136,6 +150,14 @@ def test_dates_that_nothing_uses_are_left_out_and_those_that_something_does_are_
     assert main([*words, "push"]) == 0
     assert main([*words, "push", "--inputs", "date"]) == 1
     assert "dated.csv, line 2, date: '2020-01-01'" in capsys.readouterr().err
+
+
+def test_what_came_of_finite_sites_is_their_probabilities():
+    model = finite_hmm().compile()
+    result = poseppl.infer(model, {"y": np.array([0, 1, 1])}, hidden_markov_filter, jax.random.key(0))
+    told = described(poseppl.diagnose(result), [])
+    last = result["summary/k_probability"].values[-1]
+    assert told["last frame"]["k_probability"] == last.tolist() and sum(last) == pytest.approx(1.0)
 
 
 def test_a_word_among_numbers_is_told_where_nothing_uses_its_column(folder, capsys):
