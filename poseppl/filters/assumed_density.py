@@ -33,10 +33,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_fraction
 from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws, effective_share
-from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
+from poseppl.filters.mode_chains import CANDIDATES, MODE_POWER, chains_from_modes
 from poseppl.gaussians.chain_mixture import fit_mixture
 from poseppl.gaussians.mixture import (
     GaussianMixture,
@@ -70,6 +70,7 @@ def assumed_density_filter(
     num_components: int = 3,
     num_starts: int = 40,
     num_mode_steps: int = 4,
+    mode_power: float = MODE_POWER,
 ) -> Filter:
     """HMC with a few Gaussians, fitted to all draws, as the temporal prior: near-calibrated intervals in high dimension.
 
@@ -80,6 +81,8 @@ def assumed_density_filter(
         num_components: K, Gaussians in the temporal prior.
         num_starts: States that climb to modes.
         num_mode_steps: Gauss-Newton steps of each.
+        mode_power: Chains are shared among modes in proportion to this power of their masses, from 0 to 1: the smaller it is,
+            the more chains a lesser mode has, whose weight stays the same.
 
     Returns:
         The filter; its state is :class:`~poseppl.filters.chains.ChainState`. ``log_evidence`` is the sum
@@ -88,6 +91,7 @@ def assumed_density_filter(
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, num_components=num_components, num_starts=num_starts)
     check_at_least(0, num_mode_steps=num_mode_steps)
+    check_fraction("[0, 1]", mode_power=mode_power)
     moved = int(_MOVED * (num_starts - 1))
 
     def initial_state(observation: Observation, inputs: Any = None) -> ChainState:
@@ -115,7 +119,7 @@ def assumed_density_filter(
         found = find_modes(starts, log_density, curvature, num_mode_steps)
         modes = found._replace(log_masses=mode_log_weights(found))
         draws, log_weights, chains = chains_from_modes(
-            key_chains, modes, log_density, state.log_step_size, num_chains, settings
+            key_chains, modes, log_density, state.log_step_size, num_chains, settings, mode_power
         )
         info = filter_info(
             jnp.where(failed, -jnp.inf, jax.nn.logsumexp(modes.log_masses)),

@@ -15,7 +15,7 @@ from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choi
 from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import without_nan
 
-_EVENNESS = 0.75
+MODE_POWER = 0.75
 """Chains are shared among modes in proportion to this power of their masses: a lesser mode gets more than its share."""
 
 CANDIDATES = 4
@@ -43,6 +43,7 @@ def chains_from_modes(
     log_step_size: Array,
     num_chains: int,
     settings: HMCSettings,
+    power: float = MODE_POWER,
 ) -> ModeChains:
     """Run M chains.
 
@@ -53,9 +54,10 @@ def chains_from_modes(
         log_step_size: Log step size to start from.
         num_chains: M.
         settings: L, R, b and so on.
+        power: Of the modes' masses, in proportion to which chains are shared among them.
     """
     key_choose, key_start, key_chains = jax.random.split(rng_key, 3)
-    chosen, log_weights = share_out(key_choose, modes, num_chains)
+    chosen, log_weights = share_out(key_choose, modes, num_chains, power)
     starts = start_chains(key_start, modes, chosen, log_density)
     transform = whitening(modes.states[jnp.argmax(modes.log_masses)], jnp.mean(modes.precisions[chosen], 0))
     chains = hmc_chains(
@@ -64,7 +66,7 @@ def chains_from_modes(
     return ModeChains(transform.to_state(chains.draws), log_weights, chains)
 
 
-def share_out(rng_key: Array, modes: Modes, num_chains: int) -> tuple[Array, Array]:
+def share_out(rng_key: Array, modes: Modes, num_chains: int, power: float = MODE_POWER) -> tuple[Array, Array]:
     """Choose the mode of each chain (M,), and the chains' log-weights (M,).
 
     Chains are given to modes by a power below one of their masses, with as little chance as their number allows, and weigh what
@@ -73,7 +75,7 @@ def share_out(rng_key: Array, modes: Modes, num_chains: int) -> tuple[Array, Arr
     """
     labels = group_modes(modes)
     masses = group_masses(modes, labels)
-    evened = modes.log_masses - (1.0 - _EVENNESS) * masses
+    evened = modes.log_masses - (1.0 - power) * masses
     chosen = systematic(rng_key, evened, num_chains)
     own = labels[chosen]
     weights = masses[chosen] - jnp.log(jnp.sum(own[:, None] == own, 1))

@@ -50,7 +50,7 @@ def test_an_experiments_page_says_what_its_tables_say(experiment):
 
 
 KEYS = {"dimension", "particles", "frames", "cameras", "exponent", "run", "evaluations", "seed", "rate", "pose", "starts"}
-KEYS |= {"temperature"}
+KEYS |= {"temperature", "sequence"}
 UNSHOWN = {"weighted_relative", "weighted_relative_sd", "weight", "weight_sd", "failed", "seconds"}
 
 

@@ -127,11 +127,12 @@ def test_effective_draws_of_autoregressive_chains():
         lambda model: assumed_density_filter(model, 0),
         lambda model: assumed_density_filter(model, num_starts=0),
         lambda model: assumed_density_filter(model, num_components=0),
+        lambda model: assumed_density_filter(model, mode_power=1.5),
         lambda model: hmc_filter(model, 2, resampling="sistematic"),
     ],
 )
 def test_numbers_out_of_range_are_refused(build):
-    with pytest.raises(ValueError, match=r"at least 1|systematic"):
+    with pytest.raises(ValueError, match=r"at least 1|systematic|\[0, 1\]"):
         build(problem().model)
 
 

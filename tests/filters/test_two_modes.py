@@ -77,6 +77,15 @@ def test_a_mode_weighs_its_mass_however_many_chains_it_got(lesser):
     assert np.exp(log_weights).sum() == pytest.approx(1.0, rel=1e-5)
 
 
+@pytest.mark.parametrize(("power", "expected"), [(1.0, 0.1), (0.75, 0.1614), (0.5, 0.25), (0.0, 0.5)])
+def test_a_smaller_power_gives_a_lesser_mode_more_chains_and_the_same_weight(power, expected):
+    """Of 0.1 and 0.9: shares of 0.1^a / (0.1^a + 0.9^a), to within a chain; without the power all would have the first."""
+    modes = laplace([-10.0, 10.0], np.log([0.9, 0.1]))
+    chosen, log_weights = mode_chains.share_out(jax.random.key(0), modes, 1000, power)
+    assert abs((chosen == 1).sum() / 1000 - expected) < 2e-3
+    assert np.exp(log_weights)[np.asarray(chosen) == 1].sum() == pytest.approx(0.1, rel=1e-5)
+
+
 def test_where_no_mode_has_mass_all_chains_count_alike():
     chosen, log_weights = mode_chains.share_out(jax.random.key(0), laplace([-10.0, 10.0, 10.5], [-np.inf] * 3), 30)
     assert set(chosen.tolist()) == {0, 1, 2}

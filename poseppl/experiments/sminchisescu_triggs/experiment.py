@@ -27,7 +27,7 @@ for a tracker that is named "without non-penetration", and on bodies where one i
 potential takes most of the time.
 - "Assumed density" is not theirs but ours, the default of `poseppl track`, on the same points, without joint limits or with \
 smooth ones.
-- Trackers whose verdicts were open after 12 runs have 36 at the first rate.
+- On complex motions the published tracker and the Gaussian one have 36 runs at the first rate: 12 left open which is better.
 - Starts are the modes, and four for each direction (section 4.2 tells no number)."""
 
 

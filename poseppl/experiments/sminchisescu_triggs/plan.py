@@ -58,10 +58,7 @@ _RIVALS: Mapping[str, tuple[str, ...]] = {
     "complex": (*_SINGLE, PUBLISHED, _UNLIMITED, _WHOLE, OURS, OURS_LIMITED),
 }
 """Who is compared on a scene: those that the paper compares there, what it leaves out of its own tracker, and ours."""
-_OPEN: Mapping[str, tuple[str, ...]] = {
-    "arm": (PUBLISHED, "robust, single mode", _UNLIMITED, "without non-penetration"),
-    "complex": (*_SINGLE, PUBLISHED, _UNLIMITED, OURS),
-}
+_OPEN: Mapping[str, tuple[str, ...]] = {"complex": ("Gaussian, single mode", PUBLISHED)}
 """Of which there are more runs."""
 _MOST_SEEN = ("robust, single mode", PUBLISHED)
 """Trackers at all rates, the others being at the first alone, and on pictures."""

@@ -1,0 +1,42 @@
+"""What the page says of simulated motion follows from the rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from verdicts.simulated_motion import simulated_motion
+
+from poseppl.experiments.tables import Table
+
+COLUMNS = ("setting", "sequence", "error", "in_50", "in_90", "seconds")
+
+
+def told(default, other, in_50=0.5, in_90=0.9, seconds=0.01):
+    """The text for errors of the default and of another setting by sequence."""
+    rows = [
+        (name, sequence, error, in_50 + 0.002 * (sequence % 2), in_90 + 0.002 * (sequence % 2), seconds)
+        for name, errors in (("default", default), ("lesser modes kept", other))
+        for sequence, error in enumerate(errors)
+    ]
+    return simulated_motion({"simulated_motion": Table("simulated_motion", COLUMNS, rows)}).splitlines()
+
+
+ERRORS = 40 + np.arange(20) / 10
+
+
+def test_goals_that_are_reached():
+    lines = told(ERRORS, ERRORS - 1)
+    assert lines[2].startswith("| default | 20 | 41.0 (40.7 to 41.2) | 0 (largest 42) | 90.1 (90.1 to 90.1) % |")
+    assert all(": holds (" in line for line in lines if line.startswith("- Goal")) and len(lines) == 11
+    assert "smaller by 1.0 mm (1.0 to 1.0), holds" in lines[-6]
+
+
+def test_goals_that_are_not():
+    """One lost sequence of twenty moves the mean by no more than its interval; other intervals and slow frames do not hold."""
+    lost = np.where(np.arange(20) == 3, 300.0, ERRORS)
+    goals = [line for line in told(lost, ERRORS, in_50=0.4, in_90=0.8, seconds=0.03) if line.startswith("- Goal")]
+    assert [line.split(": ")[2].split(" (")[0] for line in goals] == ["does not hold"] * 2 + ["undecided"] + [
+        "does not hold"
+    ] * 2
+    assert "(1 of 20)" in goals[3] and "(33)" in goals[4]
+    difference = told(lost, ERRORS)[-6]
+    assert "undecided; above 100 mm with the default alone 1, with lesser modes kept alone 0 (sign test, p = 1)" in difference
