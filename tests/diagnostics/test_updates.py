@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from poseppl.diagnostics import check_updates, update_figures, verdicts
-from poseppl.diagnostics.updates import LEAST_DRAWS
+from poseppl.diagnostics.updates import LEAST_DRAWS, _excess
 from poseppl.runs.predictive import Prediction, _weighted
 from poseppl.runs.results import Names, build_result
 
@@ -69,6 +69,14 @@ def test_exact_updates_are_let_be() -> None:
     # 2.5 % are below by chance; an inflation of 1.4 is asked for besides
     assert sum(each.chance < 0.025 for each in found) <= 3
     assert sum(bool(check_updates(*run[:4])) for run in runs) <= 1
+
+
+def test_displacements_by_chance_add_nothing_on_average() -> None:
+    frames, draws, variance = 8, 4000, 0.09
+    apart = np.sqrt(variance) * np.random.default_rng(0).standard_normal((frames, draws, 2))
+    memory, noise = np.tile(TURN, (frames, 1, 1)), np.tile(variance * np.eye(2), (frames, 1, 1))
+    total = _excess(memory, np.zeros((frames, 1, 2, 2)), apart, noise)
+    assert (np.abs(total.mean(0)) < 4 * total.std(0) / np.sqrt(draws)).all()
 
 
 @pytest.mark.parametrize("wrong", [{"shift": 0.3}, {"narrow": 0.7}])

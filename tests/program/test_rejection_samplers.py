@@ -17,7 +17,7 @@ from poseppl.program import StateSpaceModel
 from poseppl.program.population import draw_initial
 
 REJECTED = {
-    "von Mises": (dist.VonMises(0.5, 2.0), stats.vonmises(2.0, loc=0.5)),
+    "von-Mises": (dist.VonMises(0.5, 2.0), stats.vonmises(2.0, loc=0.5)),
     "gamma": (dist.Gamma(0.5, 1.0), stats.gamma(0.5)),
     "beta": (dist.Beta(0.5, 2.0), stats.beta(0.5, 2.0)),
     "Student's t": (dist.StudentT(3.0), stats.t(3.0)),
