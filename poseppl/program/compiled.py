@@ -307,14 +307,19 @@ class CompiledModel:
         """Data (k,) of a frame as one vector, and whether each entry was seen (k,)."""
         return flat_observation(self.observation_sites, observation.values, observation.mask)
 
-    def observation_information(self, x: Array, observation: Observation, inputs: Inputs = None) -> Array:
-        """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite."""
+    def observation_information(
+        self, x: Array, observation: Observation, inputs: Inputs = None, *, majorised: bool = False
+    ) -> Array:
+        """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite.
+
+        If ``majorised``, that of robust errors is of the quadratic that touches their potential from above.
+        """
 
         def trace_of(state: Array) -> Any:
             arguments = self._arguments(inputs, state)
             return trace_program(self.programs.observation, arguments, values=observation.values)
 
-        return observation_information(trace_of, observation.mask, x)
+        return observation_information(trace_of, observation.mask, x, majorised=majorised)
 
     # Static parameters
 

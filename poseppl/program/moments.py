@@ -121,13 +121,15 @@ def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) 
     return jnp.concatenate([_mean_jacobian(trace_of, trace[name], x) for name in sites])
 
 
-def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Array) -> Array:
+def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: bool = False) -> Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 
     Args:
         trace_of: Trace of the observation program, data substituted, at a flat state.
         mask: Booleans of the value's shape for each site.
         x: Flat state (d,).
+        majorised: Whether that of a robust site is of the quadratic that touches its potential from above, of which a step
+            never goes too far.
     """
     residual: list[str] = []
     other: list[str] = []
@@ -140,7 +142,7 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Arr
     for name in residual:
         jacobian = _whitened_jacobian(trace_of, name, mask.get(name), x)
         if isinstance(unwrap(trace[name]["fn"]), RobustError):
-            jacobian = _robust_rows(trace[name], jacobian)
+            jacobian = _robust_rows(trace[name], jacobian, majorised)
         information = information + jacobian.T @ jacobian
     if other:
 
@@ -164,14 +166,14 @@ def _whitened_jacobian(trace_of: TraceOf, name: str, mask: Array | None, x: Arra
     return jacobian
 
 
-def _robust_rows(site: Mapping[str, Any], jacobian: Array) -> Array:
+def _robust_rows(site: Mapping[str, Any], jacobian: Array, majorised: bool) -> Array:
     """Rows of R^(-1/2) J (events, d), weighed so that their square is the curvature of a robust site."""
     errors = unwrap(site["fn"])
     white = errors.whitened_residual(site["value"])
     squared = jnp.sum(white**2, -1)
     across, second = (jnp.ravel(jnp.broadcast_to(weight, squared.shape)) for weight in errors.derivatives(squared))
     white, squared = white.reshape(-1, white.shape[-1]), jnp.ravel(squared)
-    along = jnp.maximum(across + 2.0 * second * squared, 0.0)
+    along = across if majorised else jnp.maximum(across + 2.0 * second * squared, 0.0)
     unit = white / jnp.sqrt(jnp.where(squared > 0, squared, 1.0))[:, None]
     shrunk = 1.0 - _root(along / jnp.where(across > 0, across, 1.0))
     rows = jacobian.reshape(*white.shape, -1)

@@ -16,6 +16,7 @@ doi:10.1137/0804035); shortened until the density does not fall, such steps clim
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -38,7 +39,9 @@ _FLOOR = 1e-6
 """Least curvature of a coordinate, as a fraction of its largest over the frames."""
 
 
-def trajectory_precision(model: CompiledModel, xs: Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
+def trajectory_precision(
+    model: CompiledModel, xs: Array, observations: Observation, inputs: Any, *, majorised: bool = False
+) -> BlockTridiagonal:
     """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
 
     Args:
@@ -46,9 +49,10 @@ def trajectory_precision(model: CompiledModel, xs: Array, observations: Observat
         xs: Flat states (T, d).
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
+        majorised: As of `CompiledModel.observation_information`: a step by this curvature is never too long for robust data.
     """
     later = rows_of(inputs, slice(1, None))
-    diagonal = jax.vmap(model.observation_information)(xs, observations, inputs)
+    diagonal = jax.vmap(partial(model.observation_information, majorised=majorised))(xs, observations, inputs)
     diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], rows_of(inputs, 0)))
     before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
     diagonal = diagonal.at[:-1].add(before).at[1:].add(after)
@@ -70,14 +74,17 @@ def safe_cholesky(precision: BlockTridiagonal) -> BlockCholesky:
     return BlockCholesky(jnp.where(sound, factor.inverses, eye), jnp.where(sound, factor.gains, 0.0))
 
 
-def climb(model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int) -> Array:
+def climb(
+    model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int, *, majorised: bool = False
+) -> Array:
     """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
 
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
     def step(xs: Array, _: None) -> tuple[Array, None]:
-        return damped_step(log_density, safe_cholesky(trajectory_precision(model, xs, observations, inputs)), xs), None
+        precision = trajectory_precision(model, xs, observations, inputs, majorised=majorised)
+        return damped_step(log_density, safe_cholesky(precision), xs), None
 
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
 

@@ -22,7 +22,9 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import trajectory_precision
 
 
-def laplace_evidence(model: CompiledModel, xs: Array, observations: Observation, inputs: Any) -> Array:
+def laplace_evidence(
+    model: CompiledModel, xs: Array, observations: Observation, inputs: Any, *, num_steps: int = 1, majorised: bool = False
+) -> Array:
     """Log-evidence of data by Laplace's approximation at the mode next to a trajectory.
 
     Args:
@@ -30,6 +32,9 @@ def laplace_evidence(model: CompiledModel, xs: Array, observations: Observation,
         xs: Flat states (T, d) near the mode.
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
+        num_steps: Steps to the mode, each by the curvature where it begins; more hold farther from the mode.
+        majorised: Whether the curvature of robust errors is that of the quadratic which touches their potential from above: too
+            large, but smooth, where the right one is cut off at 0.
 
     Returns:
         A scalar, to be differentiated by the params.
@@ -38,6 +43,8 @@ def laplace_evidence(model: CompiledModel, xs: Array, observations: Observation,
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
-    factor = block_cholesky(trajectory_precision(model, xs, observations, inputs))
-    mode = xs + solve(factor, jax.grad(log_density)(xs))
+    mode = xs
+    for _ in range(num_steps):
+        factor = block_cholesky(trajectory_precision(model, mode, observations, inputs, majorised=majorised))
+        mode = mode + solve(factor, jax.grad(log_density)(mode))
     return log_density(mode) + 0.5 * xs.size * jnp.log(2 * jnp.pi) - 0.5 * factor.log_det

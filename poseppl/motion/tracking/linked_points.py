@@ -131,7 +131,7 @@ def _draws(
 ) -> tuple[Array, Array, Array]:
     """Mode (T, k, 3) and draws (S, T, k, 3) of positions, and (S, L) of lengths."""
     bound = model.with_params(params)
-    mode = climb(bound, start, observations, inputs, _STEPS)
+    mode = climb(bound, start, observations, inputs, _STEPS, majorised=True)
     factor = safe_cholesky(trajectory_precision(bound, mode, observations, inputs))
 
     def draw(key: Array) -> tuple[Array, Array]:

@@ -1,5 +1,9 @@
 """The params of a detector and of its points' motion, from the recording: where its evidence and their prior are largest.
 
+First the detector's, with points that may be anywhere in each frame: its errors are what the cameras do not agree upon. Then
+the motion's, under these. Sought together, errors that last would take up whatever the points do that their motion's program
+does not foresee, and that all cameras agree upon.
+
 The evidence is Laplace's (:mod:`poseppl.smoothers.laplace_evidence`), its ascent BFGS's in coordinates in which the prior is
 standard normal. Nothing but what the cameras saw goes in: neither truth nor cameras that are held out.
 """
@@ -14,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from poseppl.arrays import Floats
@@ -26,10 +31,14 @@ from poseppl.smoothers.laplace_evidence import laplace_evidence
 
 OF_A_POINT = ("log_scale", "log_speed")
 """Params of which each point has its own."""
-NUM_ROUNDS, NUM_STEPS, MODE_STEPS = 3, 15, 5
-"""Rounds of the ascent, its steps in each, and steps to the mode between rounds."""
-_FARTHEST = 5.0
-"""Standard deviations of the prior within which params are sought."""
+OF_MOTION = ("log_speed", "log_speed_lasts")
+"""Params of the points' motion; the others are the detector's."""
+NUM_ROUNDS, NUM_STEPS, MODE_STEPS = 2, 15, 5
+"""Rounds of an ascent, its steps in each, and steps to the mode under new params."""
+_ANYWHERE = 100.0
+"""How far a point goes from frame to frame that may be anywhere, px."""
+_FARTHEST, _REACH = 5.0, 1.5
+"""Standard deviations of the prior within which params are sought, and that they go in a round."""
 _WORST = 1e12
 _NO_CLUTTER, _GAUSSIAN = -50.0, 1000.0
 """Log-odds of clutter, and degrees of freedom, on the way to a mode."""
@@ -42,38 +51,60 @@ def fit_points(
     num_rounds: int = NUM_ROUNDS,
     num_steps: int = NUM_STEPS,
 ) -> dict[str, Array]:
-    """Find the params that the data are most likely under.
+    """Find the params that the data are most likely under: the detector's, then the motion's.
 
     Args:
         problem: The problem.
         known: Params of the detector that are not sought.
-        num_rounds: Rounds of the ascent.
+        num_rounds: Rounds of each ascent.
         num_steps: Its steps in each.
 
     Returns:
         The params by name, those of single points (K,).
     """
     names = parameter_bijector(problem.whole)
-    mean, scale = prior_moments(problem.whole, names)
-    free = np.ones(len(mean), bool)
-    for name, value in (known or {}).items():
-        chosen = np.array([coordinate.partition("[")[0] == name for coordinate in names.coordinate_names])
-        mean, free = np.where(chosen, value, mean), free & ~chosen
-    v = np.zeros(len(mean))
-    ascend = partial(value_and_gradient, problem.model, problem.whole)
+    prior = prior_moments(problem.whole, names)
+    sites = np.array([name.partition("[")[0] for name in names.coordinate_names])
+    step = float(np.median(np.asarray(problem.inputs.elapsed)[1:]))
+    anywhere = {"log_speed": np.log(_ANYWHERE / step), "log_speed_lasts": np.log(step)}
+    u = prior[0].copy()
+    for name, value in {**anywhere, **(known or {})}.items():
+        u[sites == name] = value
+    motion = np.isin(sites, OF_MOTION)
+    u = _ascend(problem, prior, u, ~motion & ~np.isin(sites, list(known or {})), num_rounds, num_steps)
+    u = _ascend(problem, prior, np.where(motion, prior[0], u), motion, num_rounds, num_steps)
+    return dict(names.to_params(jnp.asarray(u)))
+
+
+def _ascend(
+    problem: PointProblem, prior: tuple[Floats, Floats], u: Floats, free: NDArray[np.bool_], num_rounds: int, num_steps: int
+) -> Floats:
+    """Unconstrained params (p,) of which the free ones have climbed; in a round all states are sought from the same ones."""
+    mean, scale = (moment[free] for moment in prior)
+    names = parameter_bijector(problem.whole)
+
+    def at(v: Floats) -> Array:
+        there = u.copy()
+        there[free] = mean + scale * v
+        return jnp.asarray(there)
+
+    def mode(v: Floats, states: Array | None) -> Array:
+        return points_mode(problem, names.to_params(at(v)), states)
+
+    def loss(v: Floats, states: Array) -> tuple[float, Floats]:
+        value, gradient = value_and_gradient(
+            problem.model, problem.whole, at(v), mode(v, states), problem.observations, problem.inputs
+        )
+        told = np.asarray(gradient)[free] * scale
+        sound = bool(np.isfinite(value)) and bool(np.isfinite(told).all())
+        return (-float(value), -told) if sound else (_WORST, np.zeros_like(told))
+
+    v, states = (u[free] - mean) / scale, None
     for _ in range(num_rounds):
-        states = points_mode(problem, names.to_params(jnp.asarray(mean + scale * v)))
-
-        def loss(v: Floats, states: Array = states) -> tuple[float, Floats]:
-            u = jnp.asarray(mean + scale * np.where(free, v, 0.0))
-            value, gradient = ascend(u, states, problem.observations, problem.inputs)
-            told = np.where(free, np.asarray(gradient) * scale, 0.0)
-            sound = bool(np.isfinite(value)) and bool(np.isfinite(told).all())
-            return (-float(value), -told) if sound else (_WORST, np.zeros_like(told))
-
-        bounds = [(-_FARTHEST, _FARTHEST)] * len(v)
-        v = minimize(loss, v, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": num_steps}).x
-    return dict(names.to_params(jnp.asarray(mean + scale * np.where(free, v, 0.0))))
+        states = mode(v, states)
+        bounds = np.clip([v - _REACH, v + _REACH], -_FARTHEST, _FARTHEST).T
+        v = minimize(loss, v, states, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": num_steps}).x
+    return np.asarray(at(v))
 
 
 def prior_moments(whole: CompiledModel, names: ParameterBijector) -> tuple[Floats, Floats]:
@@ -113,7 +144,7 @@ def _modes(
     split, axes = params_by_point(params)
 
     def one(params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-        return climb(model.with_params(params), xs, observations, inputs, MODE_STEPS)
+        return climb(model.with_params(params), xs, observations, inputs, MODE_STEPS, majorised=True)
 
     return jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, states, observations, inputs)
 
@@ -129,7 +160,7 @@ def value_and_gradient(
         split, axes = params_by_point(names.to_params(u))
 
         def one(params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-            return laplace_evidence(model.with_params(params), xs, observations, inputs)
+            return laplace_evidence(model.with_params(params), xs, observations, inputs, num_steps=2, majorised=True)
 
         each = jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, states, observations, inputs)
         return jnp.sum(each) + names.log_prior(whole, u)

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, double_precision
+from poseppl.arrays import Floats, Integers, double_precision
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
@@ -28,8 +28,8 @@ from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swa
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
 
-MOST_FITTED = 150
-"""Frames in a row, those with the most points, that params are sought in."""
+MOST_FITTED, RUNS_FITTED = 150, 5
+"""Frames that params are sought in, and how many runs of frames in a row, spread over the recording, they are."""
 
 
 class PointTracks(NamedTuple):
@@ -76,7 +76,7 @@ def smooth_points(
     """
     with double_precision():
         problem = make_point_problem(recording)
-        part = best_seen(recording.points, MOST_FITTED)
+        part = best_seen(recording.points, MOST_FITTED, RUNS_FITTED)
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
         params = fit_points(fitted, known)
         mode = points_mode(problem, params)
@@ -124,13 +124,21 @@ def _swaps(
     return swap_probabilities(recording.points, seen_points(problem, params, mode), pairs, elapsed)
 
 
-def best_seen(points: Floats, most: int) -> slice | None:
-    """The run of at most so many frames with the most points (T, C, K, 2); None if that is all."""
+def best_seen(points: Floats, most: int, num_runs: int) -> Integers | None:
+    """Frames (most,) with the most points (T, C, K, 2), a run of them in each of equal parts; None if all are no more."""
     if len(points) <= most:
         return None
-    seen = np.cumsum(np.r_[0, np.isfinite(points).all(-1).sum((1, 2))])
-    first = int(np.argmax(seen[most:] - seen[:-most]))
-    return slice(first, first + most)
+    seen = np.isfinite(points).all(-1).sum((1, 2))
+    return np.concatenate(
+        [part[_best_run(seen[part], most // num_runs)] for part in np.array_split(np.arange(len(points)), num_runs)]
+    )
+
+
+def _best_run(seen: Integers, length: int) -> slice:
+    """The run of so many frames with the largest sum."""
+    sums = np.cumsum(np.r_[0, seen])
+    first = int(np.argmax(sums[length:] - sums[:-length]))
+    return slice(first, first + length)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

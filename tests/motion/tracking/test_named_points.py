@@ -70,10 +70,11 @@ def test_points_hang_together_by_links() -> None:
 
 
 def test_the_frames_with_the_most_points() -> None:
-    points = np.zeros((10, 1, 1, 2))
-    points[:4] = np.nan
-    assert best_seen(points, 10) is None
-    assert best_seen(points, 6) == slice(4, 10)
+    points = np.zeros((20, 1, 1, 2))
+    points[[*range(4), 12]] = np.nan
+    assert best_seen(points, 20, 2) is None
+    found = best_seen(points, 10, 2)
+    assert found is not None and found.tolist() == [4, 5, 6, 7, 8, 13, 14, 15, 16, 17]
 
 
 def test_files_become_a_recording(data_dir: Path) -> None:
