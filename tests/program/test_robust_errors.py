@@ -151,6 +151,30 @@ def test_outliers_leave_the_curvature_positive(family):
     np.testing.assert_allclose(found, weight * np.outer(MATRIX[1], MATRIX[1]) / 0.25, rtol=1e-3, atol=1e-7)
 
 
+@pytest.mark.parametrize("family", [Lorentzian, Leclerc])
+def test_the_majorised_curvature_is_of_a_quadratic_above(family):
+    """The negative log-density of linear residuals lies below it everywhere, and not below that of the Gauss-Newton curvature."""
+    with precision(np.float64):
+        compiled = model(observation=programs_of(family)["full"]).compile()
+        rng = np.random.default_rng(0)
+        data = compiled.observe({"y": rng.normal(size=(2, 2)) * 6.0})
+        xs = jnp.asarray(rng.normal(size=(200, 3)) * 5.0)
+        here = xs[0]
+        slope = jax.grad(compiled.log_observation)(here, data)
+
+        def above(curvature):
+            """How far the quadratic is above, the linear term of the log-density taken away from both."""
+            away = xs - here
+            quadratic = 0.5 * jnp.einsum("ni,ij,nj->n", away, curvature, away)
+            fall = (
+                compiled.log_observation(here, data) + away @ slope - jax.vmap(lambda x: compiled.log_observation(x, data))(xs)
+            )
+            return np.asarray(quadratic - fall)
+
+        assert above(compiled.observation_information(here, data, majorised=True)).min() > -1e-9
+        assert above(compiled.observation_information(here, data)).min() < -0.1
+
+
 class Known(dist.Normal):
     """The linear residuals, with their derivative in closed form."""
 
