@@ -153,7 +153,7 @@ def test_outliers_leave_the_curvature_positive(family):
 
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 def test_the_majorised_curvature_is_of_a_quadratic_above(family):
-    """The negative log-density of linear residuals lies below it everywhere, and not below that of the Gauss-Newton curvature."""
+    """The negative log-density of linear residuals lies below it everywhere, and not below the Gauss-Newton curvature's."""
     with precision(np.float64):
         compiled = model(observation=programs_of(family)["full"]).compile()
         rng = np.random.default_rng(0)
