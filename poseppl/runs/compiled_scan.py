@@ -239,7 +239,7 @@ class Calls:
         return self._compiled(self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1)))
 
     def _compiled(self, lowered: Any) -> Any:
-        return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.shape[-1])
+        return compile_lowered(lowered, self.state.log_weights.size)
 
     def _blank(self) -> tuple[Any, Info | None, Kept]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
