@@ -64,13 +64,17 @@ def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
     )
     posterior = {"state_mean": 0 * shape, "state_sd": shape, "ess": 1000 * one}
     key = ("Lorenz-96, noise 1", "hmc", "0", "100")
-    errors = np.array(["Effective number of particles below 10"])
-    np.savez(tmp_path / benchmark.file_of(key), **wide._asdict(), **posterior, errors=errors)
+
+    def keep(prediction: Prediction, errors: list[str]) -> None:
+        known = {name: value for name, value in prediction._asdict().items() if value is not None}
+        np.savez(tmp_path / benchmark.file_of(key), **known, **posterior, errors=np.array(errors, str))
+
+    keep(wide, ["Effective number of particles below 10"])
     again = benchmark.judged_again(tmp_path, (*key, "0.7", "1.2", "other"))
     assert again[:5] == (*key, "0.7") and float(again[5]) > 3 and again[6] == "prediction other"
     calm = wide._replace(innovation=wide.innovation / 2, chi_square_transform=rng.uniform(size=100))
-    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), **posterior, errors=np.array(["The data say so"]))
+    keep(calm, ["The data say so"])
     assert benchmark.judged_again(tmp_path, (*key, "0.9", "4", "prediction"))[6] == "none"
     posterior["state_sd"] = 0.8 * shape  # where data tell nothing
-    np.savez(tmp_path / benchmark.file_of(key), **calm._asdict(), **posterior, errors=np.array([], str))
+    keep(calm, [])
     assert benchmark.judged_again(tmp_path, (*key, "0.7", "1", "none"))[6] == "unreached"
