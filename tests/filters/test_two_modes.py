@@ -46,7 +46,7 @@ def test_both_modes_are_carried():
 def test_weights_by_numbers_of_chains_drift(monkeypatch):
     """With a mode's mass in the number of its chains alone, which are whole, shares wander from frame to frame."""
 
-    def by_number(rng_key, modes, num_chains):
+    def by_number(rng_key, modes, num_chains, power):
         chosen = jax.random.categorical(rng_key, modes.log_masses, shape=(num_chains,))
         return chosen, jnp.full(num_chains, -jnp.log(num_chains))
 
