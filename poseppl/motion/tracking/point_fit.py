@@ -65,7 +65,8 @@ def fit_points(
     names = parameter_bijector(problem.whole)
     prior = prior_moments(problem.whole, names)
     sites = np.array([name.partition("[")[0] for name in names.coordinate_names])
-    step = float(np.median(np.asarray(problem.inputs.elapsed)[1:]))
+    elapsed = np.asarray(problem.inputs.elapsed)  # of the first frame a second, before which is nothing
+    step = float(np.median(elapsed[1:] if len(elapsed) > 1 else elapsed))
     anywhere = {"log_speed": np.log(_ANYWHERE / step), "log_speed_lasts": np.log(step)}
     u = prior[0].copy()
     for name, value in {**anywhere, **(known or {})}.items():

@@ -47,3 +47,11 @@ def test_motion_that_is_not_foreseen_is_no_error() -> None:
     error = np.exp(params["log_scale"].mean() + params["camera"].mean()) * np.sqrt(share)
     print(error, params)
     assert abs(np.log(error / ERROR)) < 4 / np.sqrt(2 * NUM_FRAMES * NUM_POINTS)
+
+
+@pytest.mark.slow
+def test_a_single_frame_has_params() -> None:
+    """No time passes in it, of which a speed could be told."""
+    with double_precision():
+        found = fit_points(make_point_problem(rough_walk(0).of_frames(slice(0, 1))), num_rounds=1, num_steps=2)
+    assert all(np.isfinite(value).all() for value in found.values())
