@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-_COUNTS = ("num_", "max_")
+_COUNTS = ("num_", "max_", "horizon")
 """What the names of counts begin with."""
 Interval = Literal["[0, 1]", "[0, 1)", "(0, 1]", "(0, 1)"]
 

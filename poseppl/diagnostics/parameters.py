@@ -20,14 +20,16 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.diagnostics.inefficiency import mixing
 from poseppl.diagnostics.verdicts.predictive import check_predictions
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict
+from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import prepend, split_first
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.program.frame_inputs import stacked_inputs
+from poseppl.program.observation import num_frames_of
 from poseppl.runs.predictive import Prediction, predictive_checks
 from poseppl.smoothers.inner_filter import filter_for
 
@@ -63,7 +65,8 @@ def predictions_under(
     """
     check_at_least(1, num_draws=num_draws)
     observations = data if isinstance(data, Observation) else model.observe(data)
-    frames = jax.tree.leaves(observations)[0].shape[0]
+    check_key(rng_key)
+    frames = num_frames_of(model.observation_sites, observations)
     rows = jax.tree.map(jnp.asarray, observations), stacked_inputs(inputs, frames)
     flat = {name: np.reshape(values, (-1, *np.shape(values)[2:])) for name, values in params.items()}
     chosen = np.linspace(0, len(next(iter(flat.values()))) - 1, num_draws).astype(int)
@@ -105,6 +108,9 @@ def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Pred
 
     Returns:
         Findings, errors first; none where there is nothing to complain of.
+
+    Raises:
+        InputError: Draws without the dimensions (chain, draw).
     """
     found = [verdict for name, draws in params.items() for verdict in _mixing(name, np.asarray(draws, float))]
     judged = [check_predictions(each) for each in predictions]
@@ -116,7 +122,18 @@ def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Pred
 
 def _mixing(name: str, draws: Any) -> Findings:
     """Agreement and effective number of the chains of one parameter."""
-    figures = mixing(draws.reshape(*draws.shape[:2], 1, -1))
+    if draws.ndim < 2:
+        raise InputError(f"draws of shape {draws.shape}", field=name, expected="(chain, draw, ...)")
+    flat = draws.reshape(*draws.shape[:2], -1)
+    if not np.isfinite(flat).all():
+        yield Verdict(ERROR, f"Draws of {name} are not finite: its chains went, or started, where it has no value.")
+        return
+    stuck = int((flat == flat[:, :1]).all((1, 2)).sum())
+    if stuck and flat.shape[1] > 1:
+        cure = "more warm-up, more particles or another start"
+        yield Verdict(ERROR, f"{stuck} of {len(flat)} chains of {name} never moved: {cure}.")
+        return
+    figures = mixing(flat)
     rhat, ess = float(np.nanmax(figures.rhat)), float(np.nanmin(figures.ess))
     if rhat > RHAT_WARNING:
         severity = ERROR if rhat > RHAT_ERROR else WARNING

@@ -29,8 +29,9 @@ from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
 from poseppl.arrays import Floats
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.diagnostics.calibration import randomised_ranks
+from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel
 from poseppl.runs.batch import infer_batch
@@ -104,7 +105,9 @@ def calibrate(
     Returns:
         The ranks of the filtered states, and whether they are uniform.
     """
+    check_at_least(1, num_frames=num_frames)
     check_at_least(20, num_simulations=num_simulations)
+    check_key(rng_key)
     key_draw, key_infer, key_ties = jax.random.split(rng_key, 3)
     source, rows = model if truth is None else truth, stacked_inputs(inputs, num_frames)
     draw = jax.jit(jax.vmap(lambda keys: draw_sequence(source, keys, rows)))
@@ -142,8 +145,13 @@ def calibrate_parameters(
 
     Returns:
         The ranks of the parameters, and whether they are uniform.
+
+    Raises:
+        InputError: The posterior returns no draws of a parameter, or draws of another shape.
     """
+    check_at_least(1, num_frames=num_frames)
     check_at_least(20, num_simulations=num_simulations)
+    check_key(rng_key)
     rows = stacked_inputs(inputs, num_frames)
     key_draw, key_infer, key_ties = jax.random.split(rng_key, 3)
 
@@ -161,13 +169,22 @@ def calibrate_parameters(
         draws = posterior(key, {name: values[index] for name, values in data.items()})
         key_ties, key = jax.random.split(key_ties)
         true = np.concatenate([np.ravel(values[index]) for values in truths.values()])
-        flat = [np.asarray(draws[name]).reshape(len(np.asarray(draws[name])), -1) for name in truths]
+        flat = [_draws_of(draws, name, values.shape[1:]) for name, values in truths.items()]
         rows_of_ranks.append(randomised_ranks(np.concatenate(flat, 1), true, jax.random.uniform(key, true.shape)))
         if progress:
             progress.advance(1)
     sizes = {name: int(np.prod(values.shape[1:])) for name, values in truths.items()}
     names = [f"{name}[{i}]" if size > 1 else name for name, size in sizes.items() for i in range(size)]
     return calibration_of(np.stack(rows_of_ranks)[:, None], tuple(names))
+
+
+def _draws_of(draws: Mapping[str, ArrayLike], name: str, shape: tuple[int, ...]) -> Floats:
+    """Draws (L, entries) of a parameter of this shape, which a posterior returned."""
+    given = np.asarray(draws[name], float) if name in draws else None
+    if given is None or not given.ndim or given.shape[1:] != shape or not given.size:
+        found = f"draws of {sorted(draws)}" if given is None else f"draws of shape {given.shape}"
+        raise InputError(f"the posterior returned {found}", field=name, expected=f"draws {('L', *shape)}, chains put together")
+    return given.reshape(len(given), -1)
 
 
 def calibration_of(ranks: Floats, names: tuple[str, ...]) -> Calibration:

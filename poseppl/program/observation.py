@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.errors import InputError
 from poseppl.program.execution import base_support
 from poseppl.program.explanation import suggestion
 from poseppl.program.schema import Declared
@@ -61,6 +62,25 @@ def check_frame_shapes(sites: Mapping[str, Declared], data: Observation, num_fra
     if given != wanted:
         frames = "one frame" if num_frames is None else f"{num_frames} frames"
         raise ValueError(f"The data have the shapes {given}. Expected those of {frames} of the model's sites: {wanted}.")
+
+
+def num_frames_of(sites: Mapping[str, Declared], data: Observation) -> int:
+    """T of a sequence of data.
+
+    Raises:
+        InputError: The data are those of no frame, or of one.
+        ValueError: They are no Observation, or have another site or shape.
+    """
+    check_is_observation(data)
+    if not sites:
+        raise InputError("the model has no data sites, whose rows are frames", expected="numpyro.sample in its observation")
+    site, declared = next(iter(sites.items()))
+    values = data.values.get(site)
+    if values is None or np.ndim(values) != len(declared.shape) + 1 or not len(values):
+        expected = f"shape {('T', *declared.shape)}, T at least 1".replace("'", "")
+        raise InputError("the data are not those of a sequence", field=site, expected=expected)
+    check_frame_shapes(sites, data, len(values))
+    return len(values)
 
 
 def observe(

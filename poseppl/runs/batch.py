@@ -21,7 +21,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.errors import InputError
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
@@ -83,6 +83,7 @@ def infer_batch(
         InputError: No series, or lengths or names that do not fit.
     """
     check_at_least(1, chunk=chunk)
+    check_key(rng_key)
     built = filter_of(filter, model)
     stacked, ends = _stacked(data, lengths)
     observations = _observed(model, stacked)

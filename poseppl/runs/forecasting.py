@@ -23,7 +23,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
@@ -67,6 +67,7 @@ def forecast(
         InputError: `start` is no frame of the result, or is not its last one and the result is smoothed.
     """
     check_at_least(1, horizon=horizon)
+    check_key(rng_key)
     check_coordinates(result, model)
     numbers = frame_numbers(result)
     last = _position(result, numbers, start)
@@ -110,6 +111,7 @@ def hindcast(
         InputError: The result is smoothed, or has too few frames.
     """
     check_at_least(1, horizon=horizon, num_draws=num_draws)
+    check_key(rng_key)
     check_coordinates(result, model)
     numbers = frame_numbers(result)
     if "smoother" in provenance(result):

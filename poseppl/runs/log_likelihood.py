@@ -57,11 +57,12 @@ from typing import Any
 import jax
 from jax import Array
 
+from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.observation import check_frame_shapes
-from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.program.frame_inputs import stacked_inputs
+from poseppl.program.observation import num_frames_of
 from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
 
@@ -93,20 +94,11 @@ def log_likelihood(
         ValueError: Data or inputs that do not fit the model, or a filter that is no function of the model.
     """
     observations = data if isinstance(data, Observation) else model.observe(data)
-    num_frames = _num_frames(model, observations)
+    num_frames = num_frames_of(model.observation_sites, observations)
     bound = model if params is None else _with_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key
+    check_key(key)
     return filter_evidence(filter_for(bound, filter), key, observations, stacked_inputs(inputs, num_frames))
-
-
-def _num_frames(model: CompiledModel, observations: Observation) -> int:
-    """T, checked."""
-    site, declared = next(iter(model.observation_sites.items()))
-    values = observations.values.get(site)
-    if values is None or values.ndim != len(declared.shape) + 1:
-        raise InputError("the data are not those of a sequence", field=site, expected=f"shape (T, ...) of {declared.shape}")
-    check_frame_shapes(model.observation_sites, observations, values.shape[0])
-    return int(values.shape[0])
 
 
 def _with_params(model: CompiledModel, params: Mapping[str, Any]) -> CompiledModel:

@@ -19,6 +19,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
+from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.contents import arrays_of, check_coordinates, flat_draws, group_of
@@ -41,6 +42,7 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
         ValueError: The result is one of other coordinates, or an array of the inputs does not have T rows.
         InputError: The result holds no data, or the model has no data sites.
     """
+    check_key(rng_key)
     check_coordinates(result, model)
     if not model.observation_sites:
         raise InputError("the model has a heuristic likelihood alone, which predicts no data", expected="data sites")

@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
+from poseppl.runs.frame_sequence import stacked_inputs
 
 
 class Simulation(NamedTuple):
@@ -30,17 +31,19 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
         model: The compiled model.
         rng_key: PRNG key.
         num_frames: T, at least 1.
-        inputs: Inputs with a leading T, or None.
+        inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None where the model
+            takes none.
 
     Returns:
         The flat states and the data, ready for ``model.observe``.
 
     Raises:
-        ValueError: `num_frames` is below 1.
+        ValueError: `num_frames` is below 1, or an array of the inputs does not have T rows.
     """
     check_at_least(1, num_frames=num_frames)
+    check_key(rng_key)
     keys = jax.random.split(rng_key, (num_frames, 2))
-    states, values = jax.jit(draw_sequence, static_argnums=0)(model, keys, inputs)
+    states, values = jax.jit(draw_sequence, static_argnums=0)(model, keys, stacked_inputs(inputs, num_frames))
     return Simulation(states, values)
 
 

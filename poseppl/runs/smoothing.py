@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Booleans
+from poseppl.checks import check_key
 from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
@@ -92,6 +93,7 @@ def run_smoother(
             f"The history is a {type(history).__name__}. Expected what the filter left: the outputs of run_filter(..., "
             "collect=collect_history), with all particles, weights and ancestors."
         )
+    check_key(rng_key)
     history = jax.tree.map(jnp.asarray, history)
     num_frames = history.particles.shape[0]
     sequence = frame_sequence(observations, inputs, num_frames)

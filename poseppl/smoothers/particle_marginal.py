@@ -21,14 +21,17 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from poseppl.checks import check_at_least
+from poseppl.checks import check_at_least, check_key
+from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, initial_covariance, learn, ridged
 from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.observation import check_is_observation
+from poseppl.program.frame_inputs import stacked_inputs
+from poseppl.program.observation import num_frames_of
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.inner_filter import filter_evidence, filter_for
 
@@ -86,7 +89,8 @@ def pmmh(
         model: The compiled model, with a parameters program.
         rng_key: PRNG key.
         observations: Data with a leading T.
-        inputs: Inputs with a leading T, or None.
+        inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None where the model
+            takes none.
         build_filter: `model -> filter`, say `lambda model: particle_filter(model, 500)`; its evidence should be unbiased.
         num_chains: M, chains side by side.
         num_draws: R, draws of each chain that count.
@@ -97,12 +101,14 @@ def pmmh(
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, data that are no Observation, a parameters program that cannot be learned, or a
-            `build_filter` that is no function of the model.
+        ValueError: A number out of range, data that are no Observation, data or inputs that are not those of T frames, a
+            parameters program that cannot be learned, a start that is no value of its params, or a `build_filter` that is no
+            function of the model.
     """
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
-    check_is_observation(observations)
+    check_key(rng_key)
+    inputs = stacked_inputs(inputs, num_frames_of(model.observation_sites, observations))
     bijector = parameter_bijector(model)
 
     def evaluate(rng_key: Array, u: Array) -> tuple[Array, Array]:
@@ -139,7 +145,23 @@ def starting_points(
     known = initial_covariance(drawn)
     if start is None:
         return drawn[:num_chains], known
-    return jnp.broadcast_to(bijector.to_flat(start), (num_chains, bijector.dimension)), known
+    return jnp.broadcast_to(_flat_start(bijector, start), (num_chains, bijector.dimension)), known
+
+
+def _flat_start(bijector: ParameterBijector, start: Mapping[str, Any]) -> Array:
+    """The flat vector (p,) of a start, whose values are checked where they are known."""
+    if set(start) != set(bijector.sites):
+        expected = f"those of the parameters program, {sorted(bijector.sites)}"
+        raise InputError(f"the names {sorted(start)}", field="start", expected=expected)
+    for name, site in bijector.sites.items():
+        if np.shape(start[name]) != site.shape:
+            raise InputError(f"{name} has shape {np.shape(start[name])}", field="start", expected=f"{site.shape}")
+    flat = bijector.to_flat(start)
+    if not isinstance(flat, jax.core.Tracer):
+        for name, site in bijector.sites.items():
+            if not np.isfinite(site.unflatten(flat)).all():
+                raise InputError(f"{name} is {start[name]}", field="start", expected="a value inside of its support")
+    return flat
 
 
 def _update(evaluate: Evaluate, num_warmup: int, state: _State, row: tuple[Array, Array]) -> tuple[_State, Any]:

@@ -28,14 +28,15 @@ import jax.numpy as jnp
 from blackjax.adaptation.step_size import dual_averaging_adaptation
 from jax import Array
 
-from poseppl.checks import check_at_least, check_choice
+from poseppl.checks import check_at_least, check_choice, check_key
 from poseppl.filters.particle import particle_filter
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.kernels.adaptive_covariance import AdaptiveCovariance, learn, ridged
 from poseppl.particles.stacks import rows_of
 from poseppl.particles.weights import without_nan
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.observation import check_is_observation
+from poseppl.program.frame_inputs import stacked_inputs
+from poseppl.program.observation import num_frames_of
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
 from poseppl.smoothers.base import Smoothed
 from poseppl.smoothers.conditional_smc import Method, conditional_smc
@@ -110,7 +111,8 @@ def particle_gibbs(
         model: The compiled model, with a parameters program.
         rng_key: PRNG key.
         observations: Data with a leading T.
-        inputs: Inputs with a leading T, or None.
+        inputs: Inputs with a leading T, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None where the model
+            takes none.
         num_particles: N of each move of a trajectory.
         num_chains: M, chains side by side.
         num_draws: R, draws of each chain that count.
@@ -122,14 +124,15 @@ def particle_gibbs(
         The draws. The function can be jitted.
 
     Raises:
-        ValueError: A number out of range, an unknown method, data that are no Observation, or a parameters program that cannot
-            be learned.
+        ValueError: A number out of range, an unknown method, data that are no Observation, data or inputs that are not those
+            of T frames, a parameters program that cannot be learned, or a start that is no value of its params.
     """
     check_at_least(2, num_particles=num_particles)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Method, method=method)
-    check_is_observation(observations)
+    check_key(rng_key)
+    inputs = stacked_inputs(inputs, num_frames_of(model.observation_sites, observations))
     bijector = parameter_bijector(model)
     setting = _Setting(model, bijector, observations, inputs, num_particles, method, num_warmup)
     key_params, key_states, key_sweeps = jax.random.split(rng_key, 3)

@@ -13,6 +13,7 @@ import pytest
 
 from poseppl import StateSpaceModel, kalman_filter, log_likelihood
 from poseppl.diagnostics.parameters import check_parameters, predictions_under
+from poseppl.errors import InputError
 
 FRAMES = 120
 STEP, NOISE = 1.0, 0.5
@@ -82,3 +83,17 @@ def test_chains_that_do_not_agree() -> None:
     for t in range(1, 400):
         slow[:, t] = 0.9 * slow[:, t - 1] + rng.standard_normal(4)
     assert [each.severity for each in check_parameters({"b": slow})] == ["warning"]
+
+
+def test_chains_that_stand_still_or_are_not_finite_are_errors() -> None:
+    draws = np.random.default_rng(4).standard_normal((4, 200))
+    factor = np.stack([np.ones_like(draws), draws], -1)  # an entry that is constant by its nature, as of a Cholesky factor
+    assert check_parameters({"a": factor}) == []
+    draws[2] = 0.3
+    (still,) = check_parameters({"a": draws})
+    assert still.severity == "error" and "1 of 4 chains of a never moved" in still.text
+    draws[1, 7] = np.nan
+    (infinite,) = check_parameters({"a": draws})
+    assert infinite.severity == "error" and "not finite" in infinite.text
+    with pytest.raises(InputError, match=r"a: draws of shape \(800,\) .expected \(chain, draw, ...\)"):
+        check_parameters({"a": draws.ravel()})

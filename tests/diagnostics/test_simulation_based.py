@@ -12,6 +12,7 @@ from poseppl_models.linear_gaussian import linear_gaussian
 import poseppl
 from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.diagnostics.simulation_based import calibration_of
+from poseppl.errors import InputError
 from poseppl.report import plot_ranks
 
 MODEL = linear_gaussian(2, num_observed=1).compile()
@@ -95,3 +96,18 @@ def test_parameters_are_recovered():
         model, lambda key, data: {"offset": 0.5 + exact_posterior(key, data)["offset"]}, KEY, **about
     )
     assert shifted.chance < 1e-3 and shifted.bias[0] < -5 * shifted.bias_error[0]
+
+
+@pytest.mark.parametrize(
+    ("returned", "match"),
+    [
+        ({"other": np.zeros(9)}, r"offset: the posterior returned draws of \['other'\]"),
+        ({"offset": np.zeros((4, 9))}, r"offset: the posterior returned draws of shape \(4, 9\) .expected draws \('L',\)"),
+        ({"offset": np.zeros(())}, r"offset: the posterior returned draws of shape \(\)"),
+    ],
+)
+def test_draws_of_another_shape_are_no_draws_of_a_parameter(returned, match):
+    """Chains side by side would be compared as if each were a draw."""
+    model = poseppl.StateSpaceModel(initial, transition, observation, parameters).compile()
+    with pytest.raises(InputError, match=match):
+        poseppl.calibrate_parameters(model, lambda key, data: returned, KEY, num_frames=2, num_simulations=20)

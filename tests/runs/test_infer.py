@@ -20,7 +20,8 @@ from poseppl.diagnostics.run_figures import FORMULA, kind_of_run
 from poseppl.errors import InputError
 from poseppl.filters import Filter, annealed_filter
 from poseppl.runs import recompilation
-from poseppl.smoothers import Smoother, genealogy_smoother, rauch_tung_striebel_smoother
+from poseppl.smoothers import Smoother, genealogy_smoother, pmmh, rauch_tung_striebel_smoother
+from poseppl.smoothers.static_parameters import particle_gibbs
 
 POSED = problem()
 KEY = jax.random.key(0)
@@ -59,6 +60,27 @@ def test_what_was_not_checked_is_said():
 def test_a_seed_is_no_key(seed):
     with pytest.raises(ValueError, match="rng_key is .* Expected a key, such as jax.random.key"):
         poseppl.infer(POSED.model, VALUES, poseppl.particle_filter(POSED.model, 300), seed, POSED.inputs)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda seed: poseppl.simulate(POSED.model, seed, 5, POSED.inputs),
+        lambda seed: poseppl.infer_batch(POSED.model, [VALUES], poseppl.kalman_filter, seed, [POSED.inputs]),
+        lambda seed: poseppl.forecast(filtered(), POSED.model, 5, seed, POSED.inputs),
+        lambda seed: poseppl.hindcast(filtered(), POSED.model, 2, seed, POSED.inputs),
+        lambda seed: poseppl.add_predictive(filtered(), POSED.model, seed, POSED.inputs),
+        lambda seed: poseppl.smooth(filtered(), rauch_tung_striebel_smoother(POSED.model), seed, POSED.inputs),
+        lambda seed: poseppl.calibrate(POSED.model, poseppl.kalman_filter, seed, num_frames=5, inputs=POSED.inputs),
+        lambda seed: poseppl.calibrate_parameters(POSED.model, lambda key, data: {}, seed, num_frames=5, inputs=POSED.inputs),
+        lambda seed: poseppl.log_likelihood(POSED.model, None, VALUES, poseppl.kalman_filter, seed, POSED.inputs),
+        lambda seed: pmmh(POSED.model, seed, POSED.observations, POSED.inputs, build_filter=poseppl.kalman_filter),
+        lambda seed: particle_gibbs(POSED.model, seed, POSED.observations, POSED.inputs),
+    ],
+)
+def test_a_seed_is_no_key_anywhere(call):
+    with pytest.raises(ValueError, match="rng_key is 7. Expected a key, such as jax.random.key"):
+        call(7)
 
 
 def test_keys_of_both_kinds_are_taken():

@@ -14,10 +14,12 @@ from law_problems import z_scores
 from oracles.kalman import kalman_filter
 from poseppl_models.linear_gaussian import linear_gaussian_matrices
 
-from poseppl.filters import particle_filter
+from poseppl.errors import InputError
+from poseppl.filters import kalman_filter as kalman, particle_filter
 from poseppl.kernels.adaptive_covariance import initial_covariance
 from poseppl.program import StateSpaceModel
 from poseppl.program.parameters import ParameterBijector, parameter_bijector
+from poseppl.runs.run import Constant
 from poseppl.smoothers import particle_marginal
 from poseppl.smoothers.particle_marginal import pmmh
 from poseppl.smoothers.static_parameters import particle_gibbs
@@ -189,6 +191,53 @@ def test_what_cannot_be_learned_is_told():
         options = {"build_filter": particle_filter} if sample is pmmh else {}
         with pytest.raises(ValueError, match="The data are a dict. Expected an Observation"):
             sample(model, jax.random.key(0), {"y": YS}, **options)
+
+
+@pytest.mark.parametrize("sample", ["pmmh", "particle gibbs"])
+def test_constant_inputs_are_repeated_and_others_have_the_frames_of_the_data(sample):
+    def moved(params, state, inputs):
+        numpyro.sample("x", dist.Normal(0.8 * state["x"] + inputs["push"] @ inputs["gain"], 0.6))
+
+    shapes = {"push": jnp.zeros(2), "gain": jnp.zeros(2)}
+    model = StateSpaceModel(initial, moved, observation, parameters).compile(shapes)
+    observations, key = model.observe({"y": YS}), jax.random.key(0)
+    push, gain = np.random.default_rng(0).normal(size=(10, 2)).astype(np.float32), np.array([0.3, -0.5], np.float32)
+    settings = {"num_chains": 2, "num_draws": 2, "num_warmup": 1}
+
+    def run(inputs, data=observations):
+        if sample == "pmmh":
+            return pmmh(model, key, data, inputs, build_filter=lambda bound: kalman(bound, 2), **settings).log_evidence
+        return particle_gibbs(model, key, data, inputs, num_particles=4, **settings).smoothed.particles
+
+    repeated = run({"push": push, "gain": np.tile(gain, (10, 1))})
+    np.testing.assert_array_equal(run({"push": push, "gain": Constant(gain)}), repeated)
+    for inputs, data, match in (
+        (
+            {"push": push[:9], "gain": Constant(gain)},
+            observations,
+            r"push'\] has shape \(9, 2\); expected .* 10 frames",
+        ),
+        ({"push": push, "gain": gain}, observations, r"inputs\['gain'\] has shape \(2,\); expected .* wrap .* in Constant"),
+        (None, model.observe({"y": YS[0]}), r"the data are not those of a sequence .expected shape .T,., T at least 1"),
+        (None, model.observe({"y": YS[:0]}), r"the data are not those of a sequence"),
+    ):
+        with pytest.raises((ValueError, InputError), match=match):
+            run(inputs, data)
+
+
+def test_a_start_that_is_no_value_of_the_params_is_refused():
+    """Chains of NaN would neither move nor be noticed."""
+    model, observations = posed()
+    for start, match in (
+        ({"noise": -0.5}, "start: noise is -0.5 .expected a value inside of its support"),
+        ({"noise": float("nan")}, "start: noise is nan"),
+        ({"level": 1.0}, r"start: the names \['level'\] .expected those of the parameters program, \['noise'\]"),
+        ({"noise": [1.0, 2.0]}, r"start: noise has shape \(2,\) .expected \(\)"),
+    ):
+        with pytest.raises(InputError, match=match):
+            pmmh(model, jax.random.key(0), observations, build_filter=particle_filter, start=start)
+        with pytest.raises(InputError, match=match):
+            particle_gibbs(model, jax.random.key(0), observations, start=start)
 
 
 def test_a_filter_of_other_params_is_refused_by_pmmh():

@@ -1,0 +1,87 @@
+"""Inputs of a sequence: one row a frame, and what never changes without rows.
+
+Inputs of frame t are the t-th rows of `inputs`, except for what is wrapped in :class:`Constant`: cameras that stand still need
+no copies.
+
+>>> stacked_inputs({"push": np.array([0.0, 1.0, 0.5]), "step": Constant(0.1)}, 3)["step"].shape
+(3,)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+
+class Constant(NamedTuple):
+    """Marks a part of the inputs that is the same at every frame."""
+
+    value: Any
+
+
+class Layout(NamedTuple):
+    """Where the inputs that vary and those that are constant go."""
+
+    tree: Any
+    constant: tuple[bool, ...]
+
+    def join(self, varying: Sequence[Any], constant: Sequence[Any]) -> Any:
+        """The inputs, from their two kinds of leaves."""
+        rest, fixed = iter(varying), iter(constant)
+        return jax.tree.unflatten(self.tree, [next(fixed) if flag else next(rest) for flag in self.constant])
+
+
+def device_array(value: Any, declared: Any = None) -> Array:
+    """The value as a JAX array of its own dtype, or of the declared one if that holds it exactly.
+
+    A Python number has a weak dtype, and an integer another one than a float: each would be compiled for again.
+    """
+    array = jnp.asarray(value)
+    dtype = array.dtype if declared is None or jnp.promote_types(array.dtype, declared) != declared else declared
+    return jax.lax.convert_element_type(array, dtype) if array.weak_type or dtype != array.dtype else array
+
+
+def split_inputs(inputs: Any) -> tuple[Layout, list[Any], list[Any]]:
+    """Where inputs go, those that vary, and those that are constant."""
+    leaves, tree = jax.tree.flatten(inputs, is_leaf=lambda node: isinstance(node, Constant))
+    flags = tuple(isinstance(leaf, Constant) for leaf in leaves)
+    constant = [jax.tree.map(device_array, leaf.value) for leaf in leaves if isinstance(leaf, Constant)]
+    return Layout(tree, flags), [leaf for leaf in leaves if not isinstance(leaf, Constant)], constant
+
+
+def stacked_inputs(inputs: Any, num_frames: int) -> Any:
+    """Inputs of T frames as JAX arrays, each with a leading T, what is wrapped in :class:`Constant` repeated.
+
+    Raises:
+        ValueError: An array does not have T rows.
+    """
+    check_input_rows(inputs, num_frames)
+    layout, varying, constant = split_inputs(inputs)
+    return joined(layout, varying, constant, num_frames)
+
+
+def joined(layout: Layout, varying: list[Any], constant: list[Any], num_frames: int) -> Any:
+    """Inputs of T frames, from their two kinds of leaves."""
+    repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_frames, *jnp.shape(leaf))), constant)
+    return layout.join([jax.tree.map(jnp.asarray, leaf) for leaf in varying], repeated)
+
+
+def check_input_rows(inputs: Any, num_frames: int) -> None:
+    """Refuse an array that does not have T rows."""
+    for path, leaf in jax.tree_util.tree_flatten_with_path(inputs, is_leaf=lambda node: isinstance(node, Constant))[0]:
+        if isinstance(leaf, Constant):
+            continue
+        name, expected = f"inputs{jax.tree_util.keystr(path)}", f"a leading axis of {num_frames} frames"
+        array: Any = leaf if isinstance(leaf, Array) else np.asarray(leaf)
+        if array.dtype.kind in "OmMSU":
+            raise ValueError(f"{name} is of the type {array.dtype}; expected numbers, with {expected}")
+        if array.ndim == 0 or len(array) != num_frames:
+            raise ValueError(
+                f"{name} has shape {array.shape}; expected {expected} (numpy.asarray makes an array of a list of numbers; "
+                "wrap inputs that do not change in Constant)"
+            )
