@@ -36,6 +36,7 @@ from poseppl.diagnostics.marker_errors import (
     over_runs as over_runs,
     virtual_markers as virtual_markers,
 )
+from poseppl.diagnostics.one_step import one_step_elpd as one_step_elpd
 from poseppl.diagnostics.parameters import check_parameters as check_parameters, predictions_under as predictions_under
 from poseppl.diagnostics.predictive import PredictiveFigures as PredictiveFigures, predictive_figures as predictive_figures
 from poseppl.diagnostics.simulation_based import (

@@ -38,6 +38,8 @@ _BY_FRAME = ("rejection", "evaluations", "joint_error", "joint_error_relative")
 def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | None = None) -> xr.DataTree:
     """Compare runs of any filters or smoothers on the same data, or of other cameras that saw the same truth.
 
+    Models of other coordinates are compared by evidence and forecasts, and in the coordinates that they share.
+
     Args:
         runs: Results by name, read one after another, so that a mapping that loads them need not hold them all.
         files: Where each was read from, for messages.
@@ -79,7 +81,9 @@ def compare(runs: Mapping[str, xr.DataTree], *, files: Mapping[str, FilePath] | 
         found.append(evidence_of_run(tree))
         known[name] = provenance(tree)
         foretold[name] = group_of(tree, "hindcasts")
-    figures = xr.concat(parts, dim="run").assign_coords(run=list(runs))
+    coordinates = list(dict.fromkeys(name for part in parts for name in part["dof"].values.tolist()))
+    aligned = [part.reindex(dof=coordinates) for part in parts]
+    figures = xr.concat(aligned, dim="run", join="exact").assign_coords(run=list(runs))
     summary = summarise(figures)
     overall, each = compare_quantities(figures, summary["miscalibrated"])
     groups = {

@@ -22,7 +22,7 @@ from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.runs.contents import draws_of, flat_draws, group_of, names_of, variable
+from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, names_of, variable
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -39,7 +39,11 @@ def diagnose(tree: xr.DataTree, *, max_lag: int = MAX_LAG) -> xr.DataTree:
 
     Returns:
         The result with the group (a shallow copy), made anew if it was there.
+
+    Raises:
+        ValueError: The result is one of many series.
     """
+    check_one_series(tree)
     posterior = tree["posterior"].dataset
     data: dict[str, Any] = _weighted(tree) if is_weighted(tree) else _chains(flat_draws(tree), max_lag)
     stats = group_of(tree, "sample_stats")

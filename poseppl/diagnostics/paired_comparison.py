@@ -109,8 +109,9 @@ def _losses(figures: xr.Dataset, quantity: str) -> xr.DataArray:
 
 
 def _of_all(figures: xr.Dataset, quantity: str, losses: xr.DataArray) -> xr.DataArray:
-    """Mean over the degrees of freedom that anyone has a figure for; the joint error in mm."""
-    joint, free = figures["joint_error"].astype(np.float64), (abs(losses) < np.inf).any(("run", "frame"))
+    """Mean over the degrees of freedom that all models share and anyone has a figure for; the joint error in mm."""
+    joint, shared = figures["joint_error"].astype(np.float64), figures["mean"].notnull().any("frame").all("run")
+    free = (abs(losses) < np.inf).any(("run", "frame")) & shared
     if quantity == "error" and np.isfinite(joint).any():
         return joint
     if not free.any():

@@ -1,4 +1,4 @@
-"""Whether results are of the same data: the same frames, degrees of freedom, observed values and truth.
+"""Whether results are of the same data: the same frames, observed values and truth; without values the same coordinates.
 
 >>> from poseppl.runs.results import Names, build_result
 >>> first, second = (build_result(state=np.zeros((1, 4, frames, 1)), names=Names(("level",))) for frames in (3, 5))
@@ -55,7 +55,8 @@ def data_of(tree: xr.DataTree) -> Data:
 def difference(first: Data, second: Data) -> str | None:
     """Say in what the second differs from the first.
 
-    A truth that only one of them knows is no difference. Runs that saw one truth through other cameras are of the same data.
+    A truth that only one of them knows is no difference, and neither are other coordinates of models of the same observed
+    values. Runs that saw one truth through other cameras are of the same data.
 
     Args:
         first: Data of one result.
@@ -69,7 +70,7 @@ def difference(first: Data, second: Data) -> str | None:
 
 def _differences(first: Data, second: Data) -> Iterator[str]:
     """Say in what they differ; what comes behind other frames is not to be read."""
-    if second.dofs != first.dofs:
+    if second.dofs != first.dofs and not (first.observed and second.observed):
         yield _different_dofs(first.dofs, second.dofs)
     if not np.array_equal(first.frames, second.frames):
         yield f"{frame_ranges(second.frames.tolist())}, but {frame_ranges(first.frames.tolist())}"
@@ -78,7 +79,8 @@ def _differences(first: Data, second: Data) -> Iterator[str]:
             yield f"observed {_listed(second.observed)}, but {_listed(first.observed)}"
         for name, values in first.observed.items():
             yield from _different_values(f"observed {name}", values, second.observed[name], first.frames)
-    for name in first.truth.keys() & second.truth.keys():
+    of_coordinates = set() if second.dofs == first.dofs else {"state"}
+    for name in (first.truth.keys() & second.truth.keys()) - of_coordinates:
         yield from _different_values(f"true {name}", first.truth[name], second.truth[name], first.frames)
 
 

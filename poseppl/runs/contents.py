@@ -60,14 +60,23 @@ def frame_numbers(tree: xr.DataTree) -> Integers:
     return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
 
 
+def check_one_series(tree: xr.DataTree) -> None:
+    """Refuse a result of many series.
+
+    Raises:
+        ValueError: It is one.
+    """
+    if "series" in group_of(tree, FLAT).dims:
+        raise ValueError("The result is one of many series. Take one of them, poseppl.one_series(result, name).")
+
+
 def check_coordinates(tree: xr.DataTree, model: CompiledModel) -> None:
     """Refuse a result that is not one of a model.
 
     Raises:
         ValueError: Its coordinates are others, or it is one of many series.
     """
-    if "series" in group_of(tree, FLAT).dims:
-        raise ValueError("The result is one of many series. Take one of them, poseppl.one_series(result, name).")
+    check_one_series(tree)
     names = tuple(names_of(tree, "dof"))
     if names != model.coordinate_names:
         raise ValueError(

@@ -237,7 +237,6 @@ def changed(what: str) -> xr.DataTree:
         ("points", "other observed points in frame 5"),
         ("mask", "other observed points in frame 9"),
         ("truth", "other true state in frame 3"),
-        ("dof", "coordinate 'elbow.X', but 'knee<b>.X'"),
         ("observed", "observed nothing, but points"),
     ],
 )
@@ -245,6 +244,20 @@ def test_runs_of_other_data_are_refused(what: str, problem: str) -> None:
     with pytest.raises(InputError, match="b.nc: a run of other data: ") as caught:
         compare({"a": run_on(DATA), "b": changed(what)}, files={"a": "a.nc", "b": "b.nc"})
     assert problem in str(caught.value) and "in a.nc" in str(caught.value)
+
+
+def test_models_of_other_coordinates_are_compared_by_what_they_share() -> None:
+    one, other = run_on(DATA), changed("dof")
+    comparison = compare({"a": one, "b": other})
+    figures, summary = comparison["figures"].dataset, comparison["summary"].dataset
+    assert figures["dof"].values.tolist() == [*DOFS, "elbow.X"]
+    assert np.isnan(summary["tau"].values).tolist() == [[False, False, False, True], [False, False, True, False]]
+    assert comparison["winner/winner"].sel(quantity="ess_per_evaluation").item() == TIE
+    assert comparison["winner_by_dof/winner"].sel(quantity="ess_per_evaluation", dof="elbow.X").item() == ""
+    for tree in (one, other):
+        del tree["observed_data"]
+    with pytest.raises(InputError, match="coordinate 'elbow.X', but 'knee<b>.X'"):
+        compare({"a": one, "b": other})
 
 
 def seen_by(count: int, what: str = "") -> xr.DataTree:

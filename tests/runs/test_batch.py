@@ -46,6 +46,14 @@ def test_each_series_has_its_own_evidence(batch):
         assert abs(found[0] - other[0]) > 1e-3
 
 
+@pytest.mark.parametrize("what", ["diagnose", "verdicts", "report", "compare"])
+def test_what_is_of_one_series_says_so(batch, what, tmp_path):
+    call = {"report": lambda tree: poseppl.write_report(tree, tmp_path / "report.html")}
+    call["compare"] = lambda tree: poseppl.compare({"one": tree, "two": tree})
+    with pytest.raises(ValueError, match=r"one of many series. Take one of them, poseppl.one_series"):
+        call.get(what, getattr(poseppl, what, None))(batch)
+
+
 def test_series_that_fail_are_told(caplog):
     data, inputs = DATA[:3].copy(), INPUTS[:3].copy()
     data[1, 4], inputs[2, 3:] = 1e30, np.nan
