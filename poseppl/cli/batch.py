@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,7 @@ _KINDS = (".csv", ".parquet", ".pq", ".nc")
 @common_options
 def batch(folder: str, model: str, **options: Any) -> None:
     """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""
-    from poseppl.cli.batch_jobs import TableJob, run_table, write_overview
+    from poseppl.cli.batch_jobs import TableJob, digest_of, forget_lost, run_table, write_overview
     from poseppl.cli.console import ConsoleProgress, start_jax
     from poseppl.cli.user_model import source_digest
     from poseppl.experiments.jobs import Inline, Processes, run_jobs
@@ -61,7 +60,7 @@ def batch(folder: str, model: str, **options: Any) -> None:
     jobs = [
         TableJob(
             table=str(path.resolve()),
-            digest=_digest(path),
+            digest=digest_of(path),
             model=str(source.resolve()) + model[len(str(source)) :] if source.suffix == ".py" else model,
             source=source_digest(model),
             folder=str(target.resolve()),
@@ -77,6 +76,7 @@ def batch(folder: str, model: str, **options: Any) -> None:
     start_jax()
     here = Inline() if options["workers"] == 1 else Processes(options["workers"], prepare=start_jax)
     executor = options["scheduler"] or here
+    forget_lost(jobs, target / "jobs", target)
     with ConsoleProgress(options["quiet"], doing="filtering", unit="jobs").running() as progress:
         found = run_jobs(run_table, jobs, target / "jobs", executor=executor, progress=progress)
     failed = write_overview([found[job.key] for job in jobs], target)
@@ -97,7 +97,3 @@ def _tables(folder: Path) -> list[Path]:
         problem = f"two tables are called {twice[0]}" if twice else "there is no table in it"
         raise InputError(problem, file=folder, expected="tables of different names, .csv, .parquet or .nc")
     return found
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,6 +24,7 @@ _COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")
 class TableJob(Job):
     """A table, the model and what is done with it; the digests tell a file that has changed."""
 
+    version: ClassVar[int] = 2
     table: str
     digest: str
     model: str
@@ -73,11 +75,35 @@ def run_table(job: TableJob) -> dict[str, Any]:
         found = filtered(job.model, job.table, options, notes)
         target = Path(job.folder) / f"{job.name}.nc"
         told = described(found.result, write_outputs(found.result, target, notes.note))
+        results = [target]
         if job.smooth:
-            write_outputs(smoothed(found, options, notes), target.with_name(f"{job.name}-{job.smooth}.nc"), notes.note)
+            results.append(target.with_name(f"{job.name}-{job.smooth}.nc"))
+            write_outputs(smoothed(found, options, notes), results[1], notes.note)
+        told["digests"] = {path.name: digest_of(path) for path in results}
     except PosepplError as error:
         told = {"input": Path(job.table).name, "error": str(error)}
     return {"told": np.array(json.dumps({**told, "notes": notes.said}))}
+
+
+def digest_of(path: Path) -> str:
+    """That of a file's bytes; nothing where there is none."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.is_file() else ""
+
+
+def forget_lost(jobs: Iterable[TableJob], kept: Path, folder: Path) -> None:
+    """Have those tables done again whose results are no longer in the folder as they were written.
+
+    Somebody may have removed them, or another filter written its own in their place.
+    """
+    for job in jobs:
+        path = kept / f"{job.key}.npz"
+        try:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                told = json.loads(str(file["told"]))
+        except Exception:  # there is none, or a damaged one, which is told where it is read
+            continue
+        if any(digest_of(folder / name) != digest for name, digest in told.get("digests", {}).items()):
+            path.unlink()
 
 
 def write_overview(results: Sequence[dict[str, Any]], folder: Path) -> list[str]:

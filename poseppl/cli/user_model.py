@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from poseppl.errors import InputError
 from poseppl.files.table_reading import NumberTable, read_table
-from poseppl.files.user_code import import_named
+from poseppl.files.user_code import file_of_module, import_named
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.columns import FRAME, columns_of, frames_of
 
@@ -28,8 +28,9 @@ class Series(NamedTuple):
 
 
 def source_digest(name: str) -> str:
-    """Path and hash of the file of ``FILE.py[:NAME]``; nothing for a module of a package."""
-    path = Path(name.partition(":")[0])
+    """Path and hash of the file of ``FILE.py[:NAME]`` or ``package.module[:NAME]``; nothing where there is none."""
+    place = name.partition(":")[0]
+    path = Path(place if place.endswith(".py") else file_of_module(place))
     if path.suffix != ".py" or not path.is_file():
         return ""
     return f"{path.resolve()} {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"

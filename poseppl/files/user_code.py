@@ -26,6 +26,15 @@ def import_named(place: str, field: str) -> ModuleType:
         raise InputError(f"cannot import {place!r}: {error}", field=field) from error
 
 
+def file_of_module(name: str) -> str:
+    """The file of ``package.module``; nothing where there is none, which importing it tells."""
+    try:
+        spec = importlib.util.find_spec(name)
+    except Exception:  # the code of a package around it raises anything at all
+        spec = None
+    return "" if spec is None or spec.origin is None else spec.origin
+
+
 def _load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():

@@ -12,6 +12,7 @@ import pytest
 from test_run_command import exact_evidence, folder as folder  # noqa: F401  a fixture
 
 from poseppl.cli import main
+from poseppl.cli.user_model import source_digest
 from poseppl.runs.results import load_result
 
 
@@ -38,6 +39,21 @@ def test_a_folder_of_tables(folder, capsys):  # noqa: F811
     assert abs(float(rows[1]["log evidence"]) - exact_evidence()) < 1e-3
     assert load_result(folder / "out/second.nc")["posterior"].sizes["frame"] == 6
     assert "| second.csv | 6 |" in (folder / "out/page.md").read_text()
+    # a result that was removed is made again, and so is one in whose place there is that of another filter
+    (folder / "out/first.nc").unlink()
+    (folder / "out/second.nc").write_bytes(b"of another filter")
+    assert main(command) == 0
+    for name in ("first", "second"):
+        assert load_result(folder / f"out/{name}.nc")["posterior"].sizes["frame"] == 6
+
+
+def test_a_module_that_has_changed_is_another_model(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "module_of_mine.py").write_text("model = 1")
+    first = source_digest("module_of_mine:model")
+    (tmp_path / "module_of_mine.py").write_text("model = 2")
+    assert first and source_digest("module_of_mine") not in ("", first)
+    assert source_digest("no_such_package.module") == source_digest("no_such_file.py") == ""
 
 
 def test_a_folder_without_tables_is_said(folder, capsys):  # noqa: F811
