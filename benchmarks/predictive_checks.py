@@ -5,7 +5,8 @@
 
 Each run is of data that the model itself simulates, with its truth kept aside: Lorenz-96 (40 coordinates, every other seen,
 noise 0.1 and 1), the growth model, a linear Gaussian model in 8 dimensions of which 4 are seen, and with `--models walk` the
-built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py so. A run is missed
+built-in walk seen by one camera and by two; `--models recordings` tracks those of random_walk.py so, and `--models simulated`
+the sequences of simulated_motion.py, one a seed, of at most 25 frames. A run is missed
 whose 90 % intervals hold less than 80 % of the truth without a verdict of severity "error", and wrongly accused if they hold
 more than 87 % with one; verdicts that know the truth do not count. Runs that OUTPUT/predictive_checks.csv holds are not made
 again; OUTPUT/predictions keeps what was predicted in each, and the verdicts' words, so that `--again` judges the predictions of
@@ -34,6 +35,8 @@ from timing import DATA, arguments, show
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import check_predictions, check_unreached, check_updates, predictive_figures, verdicts
 from poseppl.diagnostics.verdicts.predictive import prediction_of
+from poseppl.experiments.choo_fleet.sequence import true_states
+from poseppl.experiments.choo_fleet.systems import SIMULATED, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.tables import Table, write_csv
 from poseppl.motion.tracking import TrackSettings, observe_motion, place_cameras, track, walking_subject
 from poseppl.motion.tracking.placing import camera_names
@@ -151,6 +154,23 @@ def recorded_result(recording: str, cameras: int, name: str, seed: int, frames: 
     return _result(scene, problem, run, {"filter": METHODS[name][0], "settings": walk_params(scene.body, TrackSettings())})
 
 
+def simulated_runs(names: list[str], seeds: int, frames: int) -> Iterator[Wanted]:
+    """Runs on motion of the body that the model itself draws, another sequence for each seed."""
+    for name, seed in itertools.product(names, range(seeds)):
+        yield Wanted("simulated motion", name, seed, partial(simulated_result, name, seed, min(frames, 25)))
+
+
+def simulated_result(name: str, seed: int, frames: int) -> Any:
+    """Result of a filter on a sequence of the contest of Choo and Fleet."""
+    stage, shown = stage_of(SIMULATED, "full_body", seed), slice(1, 1 + frames)
+    problem = pose_sequence(stage, shown, noisy_points(stage, shown, seed))
+    filter, collect, predict = filter_of(name, problem.model)
+    data, inputs = problem.observations, problem.inputs
+    run = run_filter(filter, jax.random.key(seed), data, inputs, num_frames=frames, collect=collect, predict=predict)
+    truth = true_states(stage, shown)
+    return result_of_run(run, problem.model, data, truth=truth, attrs={"filter": METHODS[name][0]})
+
+
 def tracked(subject: Any, cameras: Any, count: int, name: str, seed: int) -> Any:
     """Result of a filter on what the cameras see of a subject."""
     scene = observe_motion(subject, cameras, camera_names(count), seed=seed)
@@ -239,7 +259,8 @@ def main() -> None:
     for which in options.models.split(",") if not options.again else ():
         known = METHODS if which in TOYS else BODIES
         names = [name for name in options.filters.split(",") if name] or list(known)
-        runs = {"walk": walk_runs, "recordings": recorded_runs}.get(which, partial(toy_runs, which))
+        known_runs = {"walk": walk_runs, "recordings": recorded_runs, "simulated": simulated_runs}
+        runs = known_runs.get(which, partial(toy_runs, which))
         for wanted in runs(names, seeds, frames):
             key = (wanted.model, wanted.filter, str(wanted.seed), str(frames))
             if key in {row[:_KEY] for row in table.rows}:

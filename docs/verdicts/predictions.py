@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import statistics
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,19 +14,34 @@ Groups = dict[tuple[str, str], list[dict[str, Any]]]
 """Runs by model and filter."""
 LEAST, MOST = 0.8, 0.87
 """Coverage below which a run ought to have an error, and above which it ought to have none."""
+_STEPS = (0.0, 0.6, 0.7, LEAST, MOST, 1.0)
 _HOLDS = {True: "holds", False: "does not hold"}
 
 
 def checks(tables: Tables) -> str:
     """Coverage and errors found by model and filter, and whether the two goals hold."""
     rows = tables["predictive_checks"].records()
-    groups, single = grouped(rows, _kind), grouped(rows, str)
+    single = grouped(rows, str)
+    return f"{_table(rows)}\n\n{goal(rows, single, 'below')}\n{goal(rows, single, 'above')}"
+
+
+def lost(tables: Tables) -> str:
+    """The same of simulated motion, and of the sequences that hold least."""
+    rows = tables["simulated_checks"].records()
+    told = [
+        f"{sum(row['errors'] != 'none' for row in part)} of the {len(part)} that hold {100 * least:.0f} to {100 * most:.0f} %"
+        for least, most in itertools.pairwise(_STEPS)
+        if (part := [row for row in rows if least <= row["coverage"] < most])
+    ]
+    return f"{_table(rows)}\n\nAn error is found in {', '.join(told)}."
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
     columns = (
         *("model", "filter", "runs", "90 % intervals hold, %", "variance of errors over the claimed one"),
         *("errors found", "missed of those below 80 %", "accused of those above 87 %"),
     )
-    shown = [[*key, *_summed(group)] for key, group in groups.items()]
-    return f"{markdown(columns, shown)}\n\n{goal(rows, single, 'below')}\n{goal(rows, single, 'above')}"
+    return markdown(columns, [[*key, *_summed(group)] for key, group in grouped(rows, _kind).items()])
 
 
 def grouped(rows: list[dict[str, Any]], name: Callable[[str], str]) -> Groups:

@@ -15,7 +15,9 @@ four standard deviations, so that a few gross errors do not decide.
 
 Where the predictions hold, the ranks u_t of the innovation chi-square are uniform and independent, exactly, so that Fisher's
 sum -2 sum log(1 - u_t) has the chi-square distribution of 2 T degrees of freedom (Fisher 1932, section 21.1): `chance` is the
-probability of frames that come out as far as these or farther. It needs no batches, and tells in short sequences too.
+probability of frames that come out as far as these or farther. It needs no batches, and tells in short sequences too. What the
+innovation chi-square is over its mean, less 1, over the state's share in that mean, is rho - 1 again: of errors that no entry
+shows by itself, such as those of a filter that has lost the mode it should be in.
 
 Intervals of 90 % of a Gaussian posterior whose true variance is rho times the claimed one cover 2 Phi(1.645 / sqrt(rho)) - 1.
 
@@ -36,9 +38,11 @@ from poseppl.runs.predictive import Prediction
 
 _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""
+_MOST = 4.0
+"""What a frame's innovation chi-square, over its mean, is cut off at."""
 _OUTER = 0.1
 """Probability of the outer tails."""
-_OF_DATA = 6
+_OF_DATA = 7
 """Fields of a prediction that are of its data; the others are of the state."""
 _LEAST = 1e-6
 """Least upper tail of a rank; single precision may round to 0."""
@@ -51,6 +55,7 @@ class PredictiveFigures(NamedTuple):
         inflation: rho, the variance of the state's errors over the claimed one; 1 is right.
         by_squares: rho by the innovations' squares alone.
         by_products: rho by the products of neighbouring innovations alone.
+        by_chi_square: rho by all entries of a frame at once; NaN where predictions do not tell the state's share.
         outer: Share of the data in the outer 10 % of their predictive distributions.
         high: Share of the data above their predictive median.
         chi_square: Innovation chi-square over its expectation, averaged over the frames.
@@ -60,6 +65,7 @@ class PredictiveFigures(NamedTuple):
     inflation: Interval
     by_squares: Interval
     by_products: Interval
+    by_chi_square: Interval
     outer: Interval
     high: Interval
     chi_square: Interval
@@ -72,7 +78,8 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
     Args:
         prediction: With a leading T.
     """
-    transform, innovation, state, noise, chi_square, ranks = (np.asarray(leaf, np.float64) for leaf in prediction[:_OF_DATA])
+    told = (np.asarray(np.nan if leaf is None else leaf, np.float64) for leaf in prediction[:_OF_DATA])
+    transform, innovation, state, noise, chi_square, ranks, share = told
     known, total = np.isfinite(transform), np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
     squares = ratio_interval(white**2 - 1, gain)
@@ -82,6 +89,7 @@ def predictive_figures(prediction: Prediction) -> PredictiveFigures:
         inflation=_one_more(_joined(squares, products)),
         by_squares=_one_more(squares),
         by_products=_one_more(products),
+        by_chi_square=_one_more(ratio_interval(np.minimum(chi_square, _MOST) - 1, share)),
         outer=mean_interval(np.where(known, np.abs(transform - 0.5) > (1 - _OUTER) / 2, np.nan)),
         high=mean_interval(np.where(known, transform > 0.5, np.nan)),
         chi_square=mean_interval(chi_square),
@@ -94,11 +102,27 @@ def implied_coverage(inflation: float) -> float:
     return float(2 * norm.cdf(norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
 
 
+def farthest_stretch(prediction: Prediction) -> tuple[int, int]:
+    """First and last of the frames in a row, of those with data, that stand out most by the ranks of their chi-squares.
+
+    It is where the sum of -log(1 - u_t) - 2 is largest; a term is -1 on average where predictions hold.
+    """
+    ranks = np.asarray(prediction.chi_square_transform, np.float64)
+    surprise = np.where(np.isfinite(ranks), _surprise(ranks) - 2, 0.0)
+    total = np.cumsum(np.r_[0.0, surprise])
+    end = int(np.argmax(total[1:] - np.minimum.accumulate(total)[:-1])) + 1
+    return int(np.argmin(total[:end])), end - 1
+
+
+def _surprise(ranks: Floats) -> Floats:
+    return np.asarray(-np.log(np.maximum(1 - ranks, _LEAST)))
+
+
 def _chance(ranks: Floats) -> float:
     """Upper tail of Fisher's sum."""
     if not len(ranks):
         return float("nan")
-    return float(chi2.sf(-2 * np.log(np.maximum(1 - ranks, _LEAST)).sum(), 2 * len(ranks)))
+    return float(chi2.sf(2 * _surprise(ranks).sum(), 2 * len(ranks)))
 
 
 def _one_more(interval: Interval) -> Interval:

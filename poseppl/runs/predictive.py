@@ -55,6 +55,7 @@ class Prediction(NamedTuple):
         noise_variance: Mean (k,) of Var[y | x] over the predicted states.
         chi_square: Innovation chi-square over its mean under the prediction, a scalar.
         chi_square_transform: Its randomised rank, a scalar in (0, 1).
+        state_share: Share of its mean that is of the predicted states' variance, a scalar; the rest is the data's noise.
         predicted_mean: Mean (d,) of the predicted states.
         predicted_variance: Their variance (d,) by coordinate.
         predicted_error: Monte Carlo standard error (d,) of `predicted_mean`.
@@ -74,6 +75,7 @@ class Prediction(NamedTuple):
     noise_variance: Any
     chi_square: Any
     chi_square_transform: Any
+    state_share: Any = None
     predicted_mean: Any = None
     predicted_variance: Any = None
     predicted_error: Any = None
@@ -126,7 +128,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
         means, variances = jnp.where(known, drawn.mean, drawn.values), jnp.where(known, drawn.variance, 0.0)
         data, seen = model.flat_observation(observation)
         ties = jax.random.uniform(keys[4], (data.shape[0] + 1,), data.dtype)
-        chi_square = _chi_square(means, variances, data, seen)
+        chi_square, share = _chi_square(means, variances, data, seen)
         half = num_draws // 2
         all_found = chi_square(jnp.concatenate([data[None], drawn.values[half:]]))
         found, others = all_found[0], all_found[1:]
@@ -136,10 +138,10 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             jnp.var(means, 0, ddof=1),
             jnp.mean(variances, 0),
         )
-        whole = found / jnp.mean(others), _rank(ties[0], others, found)
+        whole = found / jnp.mean(others), _rank(ties[0], others, found), share
         transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
-        relative, rank = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
-        told = Prediction(transform, innovation, state_variance, noise_variance, relative, rank)
+        of_frame = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
+        told = Prediction(transform, innovation, state_variance, noise_variance, *of_frame)
         if not of_state:
             return told
 
@@ -203,19 +205,21 @@ def _rank(ties: Array, draws: Array, value: Array) -> Array:
     return (below + ties * (equal + 1)) / (draws.shape[0] + 1)
 
 
-def _chi_square(means: Array, variances: Array, data: Array, seen: Array) -> Callable[[Array], Array]:
-    """The innovation chi-squares (N,) of data (N, k), from the first half of the draws (S, k)."""
+def _chi_square(means: Array, variances: Array, data: Array, seen: Array) -> tuple[Callable[[Array], Array], Array]:
+    """The innovation chi-squares (N,) of data (N, k), from the first half of the draws (S, k), and the states' share."""
     half = means.shape[0] // 2
     centre = jnp.mean(means[:half], 0)
     centred = means[:half] - centre
     noise = jnp.mean(variances[:half], 0)
     scale = jnp.sqrt(jnp.maximum(noise + jnp.sum(centred**2, 0) / (half - 1), _LEAST))
+    white, noise = jnp.where(seen, centred / scale, 0.0), jnp.where(seen, noise / scale**2, 0.0)
+    number = jnp.maximum(jnp.sum(seen), 1)
     if data.shape[0] > _MAX_JOINT:
-        return lambda y: jnp.sum(jnp.where(seen, (y - centre) / scale, 0.0) ** 2, 1)
-    white = jnp.where(seen, centred / scale, 0.0)
-    diagonal = jnp.where(seen, noise / scale**2, 1.0) + _RIDGE
+        return lambda y: jnp.sum(jnp.where(seen, (y - centre) / scale, 0.0) ** 2, 1), 1 - jnp.sum(noise) / number
+    diagonal = jnp.where(seen, noise, 1.0) + _RIDGE
     root = lower_inverse(jnp.linalg.cholesky(white.T @ white / (half - 1) + jnp.diag(diagonal)))
-    return lambda y: jnp.sum((jnp.where(seen, (y - centre) / scale, 0.0) @ root.T) ** 2, 1)
+    share = 1 - jnp.sum(root**2 * noise) / number
+    return lambda y: jnp.sum((jnp.where(seen, (y - centre) / scale, 0.0) @ root.T) ** 2, 1), share
 
 
 def _autoregression(previous: Array, states: Array) -> Array:

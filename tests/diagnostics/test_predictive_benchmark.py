@@ -59,7 +59,7 @@ def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
         *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)),
         np.ones((100, 3)),
         np.full((100, 3), 0.1),
-        *[one] * 2,
+        *[one] * 3,
         *(0 * shape, shape, 0.05 * shape, 0.9 * shape, 0 * shape),
     )
     posterior = {"state_mean": 0 * shape, "state_sd": shape, "ess": 1000 * one}

@@ -27,9 +27,9 @@ def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float 
     z, state = np.array(innovations), np.array(claimed)
     white = z / np.sqrt(state + noise)
     squares = (white**2).sum(axis=1)
-    return Prediction(
-        norm.cdf(white), z, state, np.full_like(z, noise), squares / data.shape[1], chi2.cdf(squares, data.shape[1])
-    )
+    share = state[:, 0] / (state[:, 0] + noise)
+    whole = squares / data.shape[1], chi2.cdf(squares, data.shape[1]), share
+    return Prediction(norm.cdf(white), z, state, np.full_like(z, noise), *whole)
 
 
 def walks(noise: float, seed: int, steps: np.ndarray | None = None) -> np.ndarray:
@@ -89,6 +89,32 @@ def test_chance_is_uniform_where_predictions_hold(noise: float) -> None:
     assert predictive_figures(shorter(noise, 0, step=0.001, narrow=0.1)).chance < 1e-4
 
 
+def together(seed: int, wrong: slice = slice(0), times: float = 3.0) -> Prediction:
+    """Predictions of entries that should hardly differ, and in some frames do by so many times the variance that is claimed."""
+    rng = np.random.default_rng(seed)
+    own, noise = np.full(FRAMES, 0.05), 0.02
+    own[wrong] *= times
+    z = rng.standard_normal((FRAMES, 1)) + np.sqrt(own[:, None] + noise) * rng.standard_normal((FRAMES, ENTRIES))
+    covariance = 1.0 + (0.05 + noise) * np.eye(ENTRIES)
+    squares = np.einsum("ti,ij,tj->t", z, np.linalg.inv(covariance), z)
+    state, share = np.full_like(z, 1.05), np.full(FRAMES, 1 - noise * np.trace(np.linalg.inv(covariance)) / ENTRIES)
+    whole = squares / ENTRIES, chi2.cdf(squares, ENTRIES), share
+    return Prediction(norm.cdf(z / np.sqrt(1.05 + noise)), z, state, np.full_like(z, noise), *whole)
+
+
+def test_what_no_entry_shows_by_itself_is_found_in_whole_frames() -> None:
+    found = [together(seed, slice(100, 200)) for seed in range(20)]
+    assert all(predictive_figures(each).inflation.estimate < 1.3 for each in found)
+    inflations = [predictive_figures(each).by_chi_square.estimate for each in found]
+    # of eight directions seven have 0.17 instead of 0.07 in a third of the frames, 0.05 of which are the state's
+    expected = 1 + (7 / 8) * (0.17 / 0.07 - 1) / 3 / (1 - 0.02 * 7 / 8 / 0.07)
+    assert abs(np.mean(inflations) - expected) < 0.05  # 0.03 are what frames are cut off at
+    texts = [check_predictions(each, np.arange(FRAMES) + 1000)[0].text for each in found]
+    ends = [[int(word) for word in text.split("in frames ")[1].split(" (")[0].split(" to ")] for text in texts]
+    assert np.abs(np.median(ends, 0) - [1100, 1199]).max() < 5
+    assert sum(check_predictions(together(seed)) != [] for seed in range(100)) == 0
+
+
 def test_smooth_motion_within_wide_steps_is_no_error() -> None:
     """Steps that repeat themselves make innovations alike; where they are as small as was said, the filter is not to blame."""
     rng = np.random.default_rng(3)
@@ -112,11 +138,11 @@ def test_bias_and_width_are_warnings() -> None:
 
 def test_too_little_to_tell_is_left_untold() -> None:
     wrong = kalman(walks(PRECISE, 0), PRECISE, step=0.01, narrow=0.25)
-    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong[:6]))) == []
-    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong[:6]))
+    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong[:7]))) == []
+    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong[:7]))
     assert check_predictions(unseen) == []
     hidden = Prediction(
-        *(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong[:6])
+        *(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong[:7])
     )
     assert [found.severity for found in check_predictions(hidden)] == ["error"]
 

@@ -65,7 +65,7 @@ def filtered(noise: float, slope: float, *, ancestors: int | None = None, seed: 
         of_state = states.mean(0), spread, np.sqrt(spread / REPLICATES), autoregression, spread / (spread + noise)
         told.append((*of_state, draws.mean(0), draws.std(0, ddof=1)))
     *checks, means, deviations = (np.array(values) for values in zip(*told, strict=True))
-    return Filtered(Prediction(*[np.full((FRAMES, RUNS), np.nan)] * 6, *checks), means, deviations, truth)
+    return Filtered(Prediction(*[np.full((FRAMES, RUNS), np.nan)] * 7, *checks), means, deviations, truth)
 
 
 @pytest.mark.parametrize("slope", [0.5, 0.9, 1.0])

@@ -75,6 +75,10 @@ def test_ranks_are_uniform_under_the_exact_filter() -> None:
     np.testing.assert_allclose(prediction.noise_variance, 0.25, rtol=1e-5)
     settled = prediction.state_variance[50:].mean(axis=0)
     np.testing.assert_allclose(settled, _settled_variance(), rtol=0.05)  # 250 estimates of 200 draws each: 0.6 %
+    # data are H x + noise of 0.25: the share of the states in tr((H P H' + R)^-1 (H P H' + R)), from covariances of 100 draws
+    total = _settled()[0][:2, :2] + 0.25 * np.eye(2)
+    share = 1 - 0.25 * np.trace(np.linalg.inv(total)) / 2
+    np.testing.assert_allclose(prediction.state_share[50:].mean(), share, atol=0.01)
 
 
 def _settled_variance() -> np.ndarray:
@@ -187,9 +191,9 @@ def test_checks_of_the_data_alone_are_the_same() -> None:
         for told in (True, False)
     )
     assert whole is not None and part is not None and whole.explained is not None
-    for one, other in zip(whole[:6], part[:6], strict=True):
+    for one, other in zip(whole[:7], part[:7], strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5)
-    assert all(leaf is None for leaf in part[6:])
+    assert all(leaf is None for leaf in part[7:])
 
 
 def test_a_filter_does_the_same_with_checks_as_without() -> None:

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.diagnostics.few_points import few_points_inflation
-from poseppl.diagnostics.predictive import PredictiveFigures, implied_coverage, predictive_figures
+from poseppl.diagnostics.predictive import PredictiveFigures, farthest_stretch, implied_coverage, predictive_figures
 from poseppl.diagnostics.smoothing import fits_model
 from poseppl.diagnostics.unreached import unreached_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
@@ -38,10 +38,10 @@ def prediction(tree: xr.DataTree) -> Findings:
     elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
         yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
     elif checks is not None and "smoother" not in known:
-        yield from check_predictions(checks)
+        yield from check_predictions(checks, group_of(tree, "predictive")["frame"].values)
     elif checks is not None:
         # a smoother that is not bound to the filter's particles may be right where the filter is not
-        for each in check_predictions(checks):
+        for each in check_predictions(checks, group_of(tree, "predictive")["frame"].values):
             yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
 
 
@@ -51,11 +51,12 @@ def prediction_of(tree: xr.DataTree) -> Prediction | None:
     return Prediction(**{name: data[name].values for name in Prediction._fields if name in data}) if data else None
 
 
-def check_predictions(prediction: Prediction) -> list[Verdict]:
+def check_predictions(prediction: Prediction, frames: ArrayLike | None = None) -> list[Verdict]:
     """Judge the predictive checks of a run, `run.prediction` of :func:`poseppl.runs.run.run_filter`.
 
     Args:
         prediction: With a leading T.
+        frames: Frame numbers (T,); 0, 1, ... if None.
 
     Returns:
         Findings; none where the predictions hold, or where there are too few frames to tell.
@@ -69,6 +70,8 @@ def check_predictions(prediction: Prediction) -> list[Verdict]:
     if found > INFLATION_HIGH and beyond_chance and not squares.estimate + squares.half_width < INFLATION_HIGH:
         share = implied_coverage(found)
         return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
+    if figures.by_chi_square.estimate > INFLATION_HIGH and figures.chance < CHANCE_LOW:
+        return [Verdict(ERROR, _of_whole_frames(figures, prediction, frames))]
     high = figures.high
     if abs(high.estimate - 0.5) > BIAS_HIGH + high.half_width:
         side, share = ("above", high.estimate) if high.estimate > 0.5 else ("below", 1 - high.estimate)
@@ -86,6 +89,17 @@ def _words(figures: PredictiveFigures) -> str:
     return (
         f"The data say that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance that the filter "
         f"claims ({outer:.0f} % of the data in the outer 10 % of their predictions)"
+    )
+
+
+def _of_whole_frames(figures: PredictiveFigures, prediction: Prediction, frames: ArrayLike | None) -> str:
+    numbers = np.arange(len(prediction.chi_square)) if frames is None else np.asarray(frames)
+    first, last = (numbers[at] for at in farthest_stretch(prediction))
+    found, error, _ = figures.by_chi_square
+    return (
+        f"The data say of whole frames that errors of the predicted states have {found:.2g} ± {error:.1g} times the variance "
+        f"that the filter claims, most of all in frames {first} to {last} (p = {figures.chance:.1g}): it may have lost the "
+        f"mode that it should be in. {OVER_CONFIDENT}"
     )
 
 
