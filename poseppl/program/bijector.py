@@ -69,6 +69,11 @@ class Site(NamedTuple):
         return [f"{self.name}[{','.join(map(str, index))}]" for index in indices]
 
     @property
+    def circular(self) -> bool:
+        """Whether its values are angles, equal where they differ by whole turns."""
+        return isinstance(base_support(self.support), type(constraints.circular))
+
+    @property
     def values(self) -> range | None:
         """The integers that it takes, where these are finitely many; None else."""
         bounds = integer_bounds(self.support) if self.discrete else None

@@ -3,7 +3,8 @@
 Kept are a thinning of the draws and, made over all of them, their mean, standard deviation and quantiles; so the memory of a
 long run is bounded by the thinning, and its intervals do not depend on it. Where a filter's state has
 ``marginals`` (:class:`poseppl.gaussians.marginals.Marginals`), the summary of the flat state is of these, not of draws. Extras
-(such as the markers of a body) are functions of a state, and are kept in the same way.
+(such as the markers of a body) are functions of a state, and are kept in the same way. Angles of a circular site are summarised
+in the turn about their mean direction: draws on both sides of pi are near each other.
 """
 
 from __future__ import annotations
@@ -151,6 +152,7 @@ def _summary(
     exact: Marginals | None,
 ) -> dict[str, Array]:
     """Summaries of values (N, ...) by name, quantiles from a sample of them; of the flat state from its moments if known."""
+    values, sample = _about_direction(model, values, weights, sample)
     drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
     summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
     # Bessel's correction where draws count alike
@@ -166,6 +168,23 @@ def _summary(
     summary |= {f"{name}_quantile": value for name, value in between.items()}
     of_states = (values["state"], weights) if exact is None else (exact.means, jnp.exp(exact.log_weights))
     return summary | summary_of_sites(model, summary, *of_states)
+
+
+def _about_direction(
+    model: CompiledModel, values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array]
+) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+    """Values and the sample of them, whose states have their angles within half a turn of the mean direction."""
+    circular = np.repeat([site.circular for site in model.sites.values()], [site.size for site in model.sites.values()])
+    if not circular.any():
+        return values, sample
+    states, turn = values["state"], 2 * jnp.pi
+    direction = jnp.arctan2(_average(jnp.sin(states), weights), _average(jnp.cos(states), weights))
+    direction = direction + turn * jnp.round((_average(states, weights) - direction) / turn)
+
+    def about(x: Array) -> Array:
+        return jnp.where(circular, direction + (x - direction + jnp.pi) % turn - jnp.pi, x)
+
+    return {**values, "state": about(states)}, {**sample, "state": about(sample["state"])}
 
 
 def _average(values: Array, weights: Array | None) -> Array:

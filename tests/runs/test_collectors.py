@@ -122,3 +122,46 @@ def test_names_that_results_give_to_something_else(sites, taken):
         return
     with pytest.raises(InputError, match=f"{taken}: a site is called '{taken}', as results call .*expected another name"):
         collect_draws(model)
+
+
+def compass() -> StateSpaceModel:
+    def initial(params, inputs):
+        numpyro.sample("heading", dist.VonMises(jnp.array([3.1, 0.5]), 20.0))
+        numpyro.sample("speed", NORMAL)
+
+    def transition(params, state, inputs):
+        numpyro.sample("heading", dist.VonMises(state["heading"], 20.0))
+        numpyro.sample("speed", NORMAL)
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["speed"], 1.0))
+
+    return StateSpaceModel(initial, transition, observation)
+
+
+@pytest.mark.parametrize("form", ["particles", "chains"])
+@pytest.mark.parametrize("turns", [0, 3])
+def test_angles_on_both_sides_of_pi_are_near_each_other(form: str, turns: int) -> None:
+    """Their summary is that of the same angles counted from 0 on, or from where whole turns have led them."""
+    model, rng = compass().compile(), np.random.default_rng(0)
+    number, turn = 4000, 2 * np.pi
+    through = np.stack([3.1 + 0.3 * rng.normal(size=number), 0.5 + 0.2 * rng.normal(size=number), rng.normal(size=number)], 1)
+    wrapped = through.copy()
+    wrapped[:, :2] = (through[:, :2] + np.pi) % turn - np.pi + turns * turn
+    log_weights = np.log(rng.uniform(0.5, 1.5, number)) if form == "particles" else np.zeros(number)
+    if form == "particles":
+        state = ParticleState(jnp.asarray(wrapped), jnp.asarray(log_weights))
+    else:
+        state = chain_state(jnp.asarray(wrapped.reshape(4, -1, 3)), jnp.zeros(()))
+    kept = jax.jit(collect_draws(model))(KEY, state, INFO, None)
+    weights = np.exp(log_weights) / np.exp(log_weights).sum()
+    mean = weights @ through
+    spread = np.sqrt(weights @ (through - mean) ** 2)
+    wanted = mean[:2] + turns * turn
+    found = np.asarray(kept.summary["heading_mean"])
+    assert abs((found - wanted + np.pi) % turn - np.pi).max() < 1e-4 and abs(found - wanted).max() < 4.0
+    np.testing.assert_allclose(kept.summary["heading_sd"], spread[:2], rtol=1e-3)
+    levels = np.quantile(through[:, :2], QUANTILES, axis=0) - mean[:2]
+    # of 2000 resampled draws: five standard errors of the outermost levels
+    np.testing.assert_allclose(np.asarray(kept.summary["heading_quantile"]) - found, levels, atol=5 * 0.3 * 2.1 / np.sqrt(2000))
+    np.testing.assert_allclose(kept.summary["speed_mean"], mean[2], rtol=1e-4, atol=1e-5)
