@@ -65,7 +65,8 @@ def conditional_draw(
     before = jnp.zeros_like(drawn) if previous is None else previous
     states, log_proposal, log_real = jax.vmap(one)(pairs[:, 1], drawn, before)
     whole = log_initials(model, states, inputs) if previous is None else log_transitions(model, states, before, inputs)
-    return states, whole - log_real + log_proposal
+    # the finite sites' probabilities cancel, but not their derivative: a draw of them has none of its own
+    return states, jax.lax.stop_gradient(whole - log_real) + log_proposal
 
 
 def conditional_model(model: CompiledModel) -> ClampedModel:

@@ -113,6 +113,9 @@ def _program(model: CompiledModel, proposal: Proposal, previous: Array | None, o
     def draw(rng_key: Array, ancestors: Array) -> tuple[Array, Array]:
         before = () if previous is None else (previous[ancestors],)
         particles = jax.vmap(proposing.sample)(particle_keys(rng_key, ancestors.shape[0]), *before)
+        if model.finite_sites:  # whose draws have no derivative: that of the weights alone is right
+            particles = jax.lax.stop_gradient(particles)
+            return particles, jax.lax.stop_gradient(jax.vmap(proposing.log_density)(particles, *before))
         return particles, jax.vmap(proposing.log_density)(particles, *before)
 
     return draw

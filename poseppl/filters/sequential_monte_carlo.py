@@ -28,7 +28,7 @@ from poseppl.filters.adaptive_resampling import AdaptiveResampling, Ancestry
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.particles.weights import weigh
 from poseppl.program import CompiledModel, Observation
-from poseppl.program.population import log_initials, log_likelihoods, log_transitions
+from poseppl.program.population import differentiable_draws, log_initials, log_likelihoods, log_transitions
 
 
 class ParticleState(NamedTuple):
@@ -89,11 +89,15 @@ def smc_filter(model: CompiledModel, propose: Propose, adaptive: AdaptiveResampl
     ) -> tuple[ParticleState, Info]:
         particles, log_proposal = lookahead.draw(rng_key, ancestry.ancestors)
         log_prior = ancestry.log_weights
-        if log_proposal is not None:
-            if previous is None:
+        before = None if previous is None else previous[ancestry.ancestors]
+        if log_proposal is None:
+            particles, score = differentiable_draws(model, particles, before, inputs)
+            log_prior = log_prior + score
+        else:
+            if before is None:
                 log_density = log_initials(model, particles, inputs)
             else:
-                log_density = log_transitions(model, particles, previous[ancestry.ancestors], inputs)
+                log_density = log_transitions(model, particles, before, inputs)
             log_prior = log_prior + (log_density - log_proposal)
         weighed = weigh(log_prior, log_likelihoods(model, particles, observation, inputs))
         info = filter_info(

@@ -19,11 +19,14 @@ from poseppl.program.execution import (
     Seed,
     Trace,
     Values,
+    derivative_only,
     draw,
     event_log_densities,
     event_mask,
+    has_derivative,
     log_density,
     sample_sites,
+    site_log_density,
     trace_log_density,
     trace_program,
 )
@@ -159,6 +162,23 @@ class CompiledModel:
         noise = seed.normals if in_order else self.to_flat(seed.noise)
         drawn: Array = joint.loc + noise * joint.scale
         return drawn
+
+    def differentiable_draw(self, x: Array, x_previous: Array | None = None, inputs: Inputs = None) -> tuple[Array, Array]:
+        """A drawn state (d,), and a log-weight of value 0, which together have the derivative of an expectation of draws.
+
+        Draws of integers, mixtures and rejection samplers do not know what they were drawn by: their log-density tells it, as
+        the derivative of the weight (the score; Schulman et al. 2015, arXiv:1506.05254, section 2). Other draws have their own.
+        """
+        program = self.programs.initial if x_previous is None else self.programs.transition
+        arguments = self._arguments(inputs, x_previous)
+        trace = trace_program(program, arguments, values=bijector.to_sites(self.sites, x))
+        without = [name for name in self.sites if not has_derivative(trace[name]["fn"])]
+        if not without:
+            return x, jnp.zeros((), x.dtype)
+        fixed = jnp.asarray([name in without for name, site in self.sites.items() for _ in range(site.size)])
+        x = jnp.where(fixed, jax.lax.stop_gradient(x), x)
+        trace = trace_program(program, arguments, values=bijector.to_sites(self.sites, x))
+        return x, derivative_only(jnp.stack([site_log_density(trace[name], None) for name in without]).sum())
 
     def _log_density(self, which: str, x: Array, arguments: tuple[Any, ...]) -> Array:
         trace = trace_program(getattr(self.programs, which), arguments, values=bijector.to_sites(self.sites, x))

@@ -157,6 +157,25 @@ def _is_drawn_at_once(msg: Mapping[str, Any]) -> bool:
     return msg["type"] == "sample" and type(unwrap(msg["fn"])) in _DRAWN_AT_ONCE
 
 
+def has_derivative(distribution: dist.Distribution) -> bool:
+    """Whether a draw is a differentiable function of the distribution's parameters: no integer, no choice, no rejection."""
+    base = unwrap(distribution)
+    chooses = isinstance(base, dist.MixtureGeneral | dist.MixtureSameFamily)
+    return bool(not base.is_discrete and base.has_rsample and not chooses)
+
+
+@jax.custom_jvp
+def derivative_only(value: Array) -> Array:
+    """0, with the derivative of the value, which is computed where that is asked for alone."""
+    never = jnp.zeros_like(value, bool)
+    return jnp.where(never, value, 0.0)  # has the batch of the value, as a constant would not, and XLA leaves the value out
+
+
+@derivative_only.defjvp
+def _derivative_of(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    return derivative_only(primals[0]), tangents[0]
+
+
 def _check_has_density(msg: Mapping[str, Any]) -> None:
     """Refuse draws that no density goes with, or the reverse."""
     if msg["type"] == "prng_key":

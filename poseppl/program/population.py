@@ -26,6 +26,13 @@ def propagate(model: CompiledModel, keys: Array, previous: Array, inputs: Any) -
     return jax.vmap(lambda key, x: model.sample_transition(key, x, inputs))(keys, previous)
 
 
+def differentiable_draws(model: CompiledModel, xs: Array, previous: Array | None, inputs: Any) -> tuple[Array, Array]:
+    """States (N, d) as they were drawn, and log-weights (N,) of value 0 with the derivative that draws do not have."""
+    if previous is None:
+        return jax.vmap(lambda x: model.differentiable_draw(x, None, inputs))(xs)
+    return jax.vmap(lambda x, before: model.differentiable_draw(x, before, inputs))(xs, previous)
+
+
 def log_likelihoods(model: CompiledModel, xs: Array, observation: Observation, inputs: Any) -> Array:
     """Log-likelihoods (N,) of a frame's data."""
     return jax.vmap(lambda x: model.log_observation(x, observation, inputs))(xs)

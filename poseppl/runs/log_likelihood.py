@@ -9,10 +9,11 @@ gradient. With which filter depends on what its gradient is:
 * Kalman filters: value and gradient exact where the programs are linear and Gaussian, else those of the approximation;
 * ensemble Kalman: those of the members' Gaussian, for the members that the key draws; both are biased by O(1 / N);
 * particle and guided filters: exp of the value is unbiased. The gradient is that of Scibior and Wood 2021
-  (:mod:`poseppl.filters.adaptive_resampling`): unbiased for the likelihood, biased by O(1 / N) for its logarithm. Its variance
-  grows with T. With one key value and gradient are deterministic, but where ancestors change the value jumps, which the
-  gradient does not see: NUTS then has divergences, and SVI or gradient ascent with another key at each step suit it better, or
-  :func:`poseppl.smoothers.pmmh`, which needs no gradient and is exact;
+  (:mod:`poseppl.filters.adaptive_resampling`), with the score of states whose draws have no derivative, such as integers
+  (:meth:`~poseppl.program.CompiledModel.differentiable_draw`): unbiased for the likelihood, biased by O(1 / N) for its
+  logarithm. Its variance grows with T. With one key value and gradient are deterministic, but where ancestors change the value
+  jumps, which the gradient does not see: NUTS then has divergences, and SVI or gradient ascent with another key at each step
+  suit it better, or :func:`poseppl.smoothers.pmmh`, which needs no gradient and is exact;
 * others (tempered, HMC): the value alone; their moves accept or refuse, and no gradient knows it.
 
 >>> import numpyro, numpyro.distributions as dist

@@ -194,3 +194,63 @@ def test_other_params_and_data_are_refused():
         log_likelihood(MODEL, {"memory": 0.5}, DATA, kalman_filter)
     with pytest.raises(InputError, match="y: the data are not those of a sequence"):
         log_likelihood(MODEL, PARAMS, MODEL.observe({"y": YS[0]}), kalman_filter)
+
+
+SWITCHING = {"stay": 0.8, "jump": 1.5, "noise": 0.5}
+JUMPY = np.array([0.2, 1.4, 2.6])
+
+
+def switching_model():
+    """A walk that steps by `jump` while it is busy; busy stays as it is with probability `stay`."""
+
+    def parameters():
+        numpyro.sample("stay", dist.Uniform(0.0, 1.0))
+        numpyro.sample("jump", dist.Normal(0.0, 1.0))
+        numpyro.sample("noise", dist.HalfNormal(1.0))
+
+    def initial(params, inputs):
+        numpyro.sample("busy", dist.Bernoulli(params["stay"]))
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def transition(params, state, inputs):
+        busy = numpyro.sample("busy", dist.Bernoulli(jnp.where(state["busy"] == 1, params["stay"], 1 - params["stay"])))
+        numpyro.sample("x", dist.Normal(state["x"] + params["jump"] * busy, 0.5))
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], params["noise"]))
+
+    return StateSpaceModel(initial, transition, observation, parameters).compile()
+
+
+def switching_evidence(params):
+    """The likelihood, summed over all paths of busy, each of which leaves a Gaussian."""
+    frames = np.arange(len(JUMPY))
+    covariance = 1 + 0.25 * np.minimum(frames[:, None], frames) + params["noise"] ** 2 * np.eye(len(JUMPY))
+    total = 0.0
+    for path in np.ndindex(2, 2, 2):
+        stays = [path[0] == 1, *(np.diff(path) == 0)]
+        probability = np.prod(np.where(stays, params["stay"], 1 - params["stay"]))
+        residual = JUMPY - params["jump"] * np.cumsum([0, *path[1:]])
+        exponent = -0.5 * residual @ np.linalg.solve(covariance, residual)
+        total += probability * np.exp(exponent) / np.sqrt(np.linalg.det(2 * np.pi * covariance))
+    return total
+
+
+@pytest.mark.parametrize("build", [particle_filter, guided_filter])
+def test_finite_sites_have_their_score(build):
+    """Their draws know nothing of the probabilities that they were drawn by: without the score the derivative by these is 0."""
+    model, replicates = switching_model(), 1000
+
+    def of_params(params, key):
+        return log_likelihood(model, params, {"y": JUMPY}, lambda bound: build(bound, 50), key)
+
+    many = jax.jit(jax.vmap(jax.value_and_grad(of_params), (None, 0)))
+    values, gradients = many(SWITCHING, jax.random.split(jax.random.key(3), replicates))
+    exact_value = switching_evidence(SWITCHING)
+    ratio = np.exp(np.asarray(values, float)) / exact_value
+    assert abs(ratio.mean() - 1) < 5 * ratio.std(ddof=1) / np.sqrt(replicates)
+    for name, wanted in slope(switching_evidence, SWITCHING).items():
+        each = ratio * np.asarray(gradients[name], float)
+        error = each.std(ddof=1) / np.sqrt(replicates)
+        assert abs(each.mean() - wanted / exact_value) < 5 * error, name
+        assert abs(wanted / exact_value) > 10 * error, name
