@@ -134,7 +134,7 @@ def assumed_density_filter(
         )
         return chain_state(draws, chains.log_step_size, log_weights=log_weights), info
 
-    return filter_of_steps(initial_state, step)
+    return filter_of_steps(initial_state, step, differentiable=False)
 
 
 def _prior(

@@ -113,6 +113,8 @@ class Filter:
         points: How many points carry a posterior to the next frame, by their mixture; None where weighted particles do, whose
             effective number `Info` tells, or a distribution.
         genealogy: Whether a particle descends from the one of the frame before that `Info.ancestors` names.
+        differentiable: Whether the evidence's derivative by params is that of what it estimates, and not one that leaves out
+            that moves are accepted or refused.
         model: The model; None for a filter whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
@@ -125,6 +127,7 @@ class Filter:
     evidence: EvidenceError = "runs"
     points: int | None = None
     genealogy: bool = False
+    differentiable: bool = True
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
     @property

@@ -130,7 +130,7 @@ def covariance_scaled_filter(
         boxed, _joined(limits, boxed), proposal, jumps, num_particles, num_modes, num_starts, num_steps, prior == "closest"
     )
 
-    return filter_of_steps(tracker.initial_state, tracker.step)
+    return filter_of_steps(tracker.initial_state, tracker.step, differentiable=False)
 
 
 class _Tracker(NamedTuple):

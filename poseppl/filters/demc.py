@@ -41,7 +41,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.errors import UnsuitableModelError
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import EvidenceError, Filter, Info, filter_info
 from poseppl.kernels.demc import DEMCSettings, Members, demc_update
 from poseppl.particles.resampling import Resampling, Scheme, resampling_scheme
 from poseppl.particles.weights import Normalised, normalise, without_infinity
@@ -173,7 +173,8 @@ def demc_filter(
         evolved = _evolve(model, layers, key_evolve, predicted, log_prior, (observation, inputs), otherwise)
         return _conclude(evolved, ancestors, state, layers.posterior)
 
-    return Filter(init, step, evidence="runs" if layers.posterior else "none", genealogy=True)
+    evidence: EvidenceError = "runs" if layers.posterior else "none"
+    return Filter(init, step, evidence=evidence, genealogy=True, differentiable=False)
 
 
 def _evolve(

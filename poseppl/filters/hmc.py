@@ -122,7 +122,7 @@ def hmc_filter(
         predicted = _Prediction(mixture, jnp.mean(means, 0), jnp.mean(covariances, 0))
         return run(key_run, proposals, predicted, state.log_step_size, observation, inputs)
 
-    return Filter(init, step, points=num_chains)
+    return Filter(init, step, points=num_chains, differentiable=False)
 
 
 def _whitening(

@@ -41,7 +41,7 @@ from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import sample_sites, trace_program
-from poseppl.program.population import draw_initial, propagate
+from poseppl.program.population import differentiable_draws, draw_initial, propagate
 
 
 class CollapsedState(NamedTuple):
@@ -87,11 +87,12 @@ def rao_blackwellised_filter(
         key_finite, key_real = jax.random.split(rng_key)
         split.check("initial", inputs)
         drawn = draw_initial(model, particle_keys(key_finite, num_particles), inputs)
+        drawn, score = differentiable_draws(model, drawn, None, inputs)
         given = split.given(drawn, drawn, inputs)
         first = split.of_each(lambda _, given: Gaussian(*split.real.initial_moments(given)))
         prior = first(drawn, given)  # inputs may be None
         uniform = jnp.full(num_particles, -jnp.log(num_particles), drawn.dtype)
-        return taken_in(key_real, drawn, prior, given, adaptive.keep(uniform), observation)
+        return taken_in(key_real, drawn, prior, given, adaptive.keep(uniform + score), observation)
 
     def step(
         rng_key: Array, state: CollapsedState, observation: Observation, inputs: Any = None
@@ -101,6 +102,8 @@ def rao_blackwellised_filter(
         ancestry = adaptive.choose(key_resample, state.log_weights)
         before, past = state.particles[ancestry.ancestors], rows_of(state.real, ancestry.ancestors)
         drawn = propagate(model, particle_keys(key_finite, num_particles), before, inputs)
+        drawn, score = differentiable_draws(model, drawn, before, inputs)
+        ancestry = ancestry._replace(log_weights=ancestry.log_weights + score)
         given = split.given(drawn, before, inputs)
 
         def move(past: Gaussian, given: Any) -> Gaussian:

@@ -141,7 +141,7 @@ def tempered_filter(
         ancestors = _draw_ancestors(key_ancestors, model, tempered.particles, state.particles, inputs)
         return _state(model, tempered), _info(tempered, ancestors)
 
-    return Filter(init, step, genealogy=True)
+    return Filter(init, step, genealogy=True, differentiable=False)
 
 
 def _prior_covariance(particles: Array, draw: Callable[[], Array], *, needed: bool, given_ancestor: bool) -> Array:

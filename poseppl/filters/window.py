@@ -142,7 +142,7 @@ def window_filter(
     def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
         return run(rng_key, state, predict(model, state.particles, inputs), observation, inputs)
 
-    return Filter(init, step)
+    return Filter(init, step, differentiable=False)
 
 
 def predict(model: CompiledModel, draws: Array, inputs: Any) -> Gaussian:

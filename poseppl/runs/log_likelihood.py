@@ -8,13 +8,13 @@ gradient. With which filter depends on what its gradient is:
 
 * Kalman filters: value and gradient exact where the programs are linear and Gaussian, else those of the approximation;
 * ensemble Kalman: those of the members' Gaussian, for the members that the key draws; both are biased by O(1 / N);
-* particle and guided filters: exp of the value is unbiased. The gradient is that of Scibior and Wood 2021
+* particle, guided and Rao-Blackwellised filters: exp of the value is unbiased. The gradient is that of Scibior and Wood 2021
   (:mod:`poseppl.filters.adaptive_resampling`), with the score of states whose draws have no derivative, such as integers
   (:meth:`~poseppl.program.CompiledModel.differentiable_draw`): unbiased for the likelihood, biased by O(1 / N) for its
   logarithm. Its variance grows with T. With one key value and gradient are deterministic, but where ancestors change the value
   jumps, which the gradient does not see: NUTS then has divergences, and SVI or gradient ascent with another key at each step
   suit it better, or :func:`poseppl.smoothers.pmmh`, which needs no gradient and is exact;
-* others (tempered, HMC): the value alone; their moves accept or refuse, and no gradient knows it.
+* others (tempered, HMC): the value alone, and a gradient is refused; their moves accept or refuse, and none knows it.
 
 >>> import numpyro, numpyro.distributions as dist
 >>> from numpyro.infer import MCMC, NUTS
@@ -91,15 +91,32 @@ def log_likelihood(
         A scalar; -inf where the data are impossible.
 
     Raises:
-        InputError: Params with other names than the parameters program.
-        ValueError: Data or inputs that do not fit the model, or a filter that is no function of the model.
+        InputError: Params with other names than the parameters program; when differentiated, a filter that has no gradient.
+        ValueError: Data or inputs that do not fit the model, a filter that is no function of the model, or one that has no
+            evidence.
     """
     observations = data if isinstance(data, Observation) else model.observe(data)
     num_frames = num_frames_of(model.observation_sites, observations)
     bound = model if params is None else _with_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key
     check_key(key)
-    return filter_evidence(filter_for(bound, filter), key, observations, stacked_inputs(inputs, num_frames))
+    built = filter_for(bound, filter)
+    value = filter_evidence(built, key, observations, stacked_inputs(inputs, num_frames))
+    return value if built.differentiable else _without_gradient(value)
+
+
+@jax.custom_jvp
+def _without_gradient(value: Array) -> Array:
+    return value
+
+
+@_without_gradient.defjvp
+def _no_gradient(primals: Any, tangents: Any) -> Any:
+    raise InputError(
+        "its moves are accepted or refused, and no gradient of the evidence knows it",
+        field="filter",
+        expected="a Kalman, particle, guided or Rao-Blackwellised filter for gradients, or pmmh, which needs none",
+    )
 
 
 def _with_params(model: CompiledModel, params: Mapping[str, Any]) -> CompiledModel:

@@ -22,7 +22,8 @@ def filter_for(model: CompiledModel, build_filter: Any) -> Filter:
     """The filter of a model with its params; `build_filter` has to build it of the very model that it is given.
 
     Raises:
-        ValueError: It is a filter already, or builds one of another model, so that params would not count.
+        ValueError: It is a filter already, builds one of another model, so that params would not count, or builds one that
+            seeks a mode and has no evidence.
     """
     cure = "a function of the model, such as lambda model: particle_filter(model, 500), for params make another model of it"
     if not callable(build_filter):
@@ -30,6 +31,8 @@ def filter_for(model: CompiledModel, build_filter: Any) -> Filter:
     built: Filter = build_filter(model)
     if built.model not in (None, model):
         raise ValueError(f"The filter was built for another model, whose params are others. Expected {cure}.")
+    if built.seeks_mode:
+        raise ValueError("The filter seeks a mode, and has no evidence to judge params by. Use a particle or a Kalman filter.")
     return built
 
 

@@ -14,7 +14,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices
 import poseppl
 from poseppl import ensemble_kalman_filter, guided_filter, kalman_filter, log_likelihood, particle_filter
 from poseppl.errors import InputError
-from poseppl.filters import adaptive_resampling
+from poseppl.filters import adaptive_resampling, annealed_filter, rao_blackwellised_filter, tempered_filter
 from poseppl.program import StateSpaceModel
 
 PARAMS = {"memory": 0.7, "step": 0.5, "noise": 0.6}
@@ -189,6 +189,18 @@ def test_a_filter_of_other_params_is_refused():
             log_likelihood(MODEL, PARAMS, DATA, filter)
 
 
+def test_gradients_that_know_nothing_of_moves_are_refused_and_so_is_what_has_no_evidence():
+    def of_params(params, build):
+        return log_likelihood(MODEL, params, DATA, build)
+
+    tempered = lambda model: tempered_filter(model, 20)  # noqa: E731
+    assert np.isfinite(jax.jit(lambda params: of_params(params, tempered))(PARAMS))
+    with pytest.raises(InputError, match="filter: its moves are accepted or refused, and no gradient"):
+        jax.grad(of_params)(PARAMS, tempered)
+    with pytest.raises(ValueError, match="seeks a mode, and has no evidence"):
+        of_params(PARAMS, lambda model: annealed_filter(model, num_particles=20))
+
+
 def test_other_params_and_data_are_refused():
     with pytest.raises(InputError, match="params are .*memory.*expected those of the parameters program"):
         log_likelihood(MODEL, {"memory": 0.5}, DATA, kalman_filter)
@@ -236,7 +248,7 @@ def switching_evidence(params):
     return total
 
 
-@pytest.mark.parametrize("build", [particle_filter, guided_filter])
+@pytest.mark.parametrize("build", [particle_filter, guided_filter, rao_blackwellised_filter])
 def test_finite_sites_have_their_score(build):
     """Their draws know nothing of the probabilities that they were drawn by: without the score the derivative by these is 0."""
     model, replicates = switching_model(), 1000
