@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from poseppl.experiments.measured import mean_interval
 from poseppl.experiments.tables import Table, markdown
 
 Tables = Mapping[str, Table]
@@ -33,7 +34,8 @@ def lost(tables: Tables) -> str:
         for least, most in itertools.pairwise(_STEPS)
         if (part := [row for row in rows if least <= row["coverage"] < most])
     ]
-    return f"{_table(rows)}\n\nAn error is found in {', '.join(told)}."
+    mean = mean_interval([100 * row["coverage"] for row in rows]).told(".1f")
+    return f"{_table(rows)}\n\nOn average they hold {mean} %. An error is found in {', '.join(told)}."
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
