@@ -22,7 +22,7 @@ from poseppl.arrays import Booleans
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.diagnostics.calibration import LEVELS, between, coverage, inside_interval, joint_error, probability_transform
 from poseppl.diagnostics.inefficiency import mixing
-from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, names_of, variable
+from poseppl.runs.contents import check_one_series, draws_of, flat_draws, group_of, names_of, nearest_turn, variable
 from poseppl.runs.results import is_weighted
 
 MAX_LAG = 50
@@ -135,5 +135,7 @@ def _inside(tree: xr.DataTree, site: str, draws: NDArray[Any], truth: NDArray[An
     near = [np.flatnonzero(np.isclose(levels, end)) for end in ends]
     if all(len(index) for index in near):
         lower, upper = (summary[f"{site}_quantile"].isel(quantile=int(index[0])).values for index in near)
+        if site == "state":
+            truth = nearest_turn(tree, truth, (lower + upper) / 2)
         return between(lower, upper, truth)
     return inside_interval(draws, truth, level)

@@ -33,7 +33,7 @@ import xarray as xr
 
 from poseppl.diagnostics.calibration import LEVELS
 from poseppl.diagnostics.diagnosis import diagnosed
-from poseppl.runs.contents import flat_draws, group_of, names_of, variable
+from poseppl.runs.contents import flat_draws, group_of, names_of, nearest_turn, variable
 from poseppl.runs.results import is_weighted, provenance
 
 CHAINS, WEIGHTED, FORMULA = "chains", "weighted particles", "closed form"
@@ -120,7 +120,8 @@ def _accuracy(tree: xr.DataTree) -> dict[str, Any]:
     summary, found, truth = (group_of(tree, name) for name in ("summary", "diagnostics", "truth"))
     nothing, of_frames = _nothing(tree, "frame", "dof"), _nothing(tree, "frame")
     mean, spread = (summary[f"state_{name}"].astype(float) for name in ("mean", "sd"))
-    error = abs(mean - truth.get("state", nothing))
+    true = truth.get("state", nothing)
+    error = abs(mean - true.copy(data=nearest_turn(tree, true.values, mean.values)))
     free = (spread > 0).any("frame") & np.isfinite(error)
     inside = found.get("inside", nothing.expand_dims(level=len(LEVELS)))
     of_joints = {

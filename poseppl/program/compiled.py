@@ -96,6 +96,11 @@ class CompiledModel:
         return tuple(site.discrete for site in self.sites.values() for _ in range(site.size))
 
     @property
+    def circular_coordinates(self) -> tuple[bool, ...]:
+        """Whether each of the d coordinates is an angle."""
+        return tuple(site.circular for site in self.sites.values() for _ in range(site.size))
+
+    @property
     def finite_values(self) -> dict[str, range]:
         """The integers of each site that takes finitely many, at most a thousand."""
         known = {name: site.values for name, site in self.sites.items()}

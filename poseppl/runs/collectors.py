@@ -174,7 +174,7 @@ def _about_direction(
     model: CompiledModel, values: Mapping[str, Array], weights: Array | None, sample: Mapping[str, Array]
 ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
     """Values and the sample of them, whose states have their angles within half a turn of the mean direction."""
-    circular = np.repeat([site.circular for site in model.sites.values()], [site.size for site in model.sites.values()])
+    circular = np.asarray(model.circular_coordinates)
     if not circular.any():
         return values, sample
     states, turn = values["state"], 2 * jnp.pi

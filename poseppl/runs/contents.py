@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,22 @@ def names_of(tree: xr.DataTree, dim: str, group: str | None = None) -> list[str]
 def frame_numbers(tree: xr.DataTree) -> Integers:
     """Frame numbers of a result, (frame,)."""
     return np.asarray(tree["posterior"].dataset["frame"].values, np.int64)
+
+
+def nearest_turn(tree: xr.DataTree, values: NDArray[Any], centre: NDArray[Any]) -> NDArray[Any]:
+    """Flat states (frame, dof), whose angles are counted in the turn about a centre (frame, dof)."""
+    angles = np.isin(names_of(tree, "dof"), _angles(tree))
+    turn = 2 * np.pi
+    return np.where(angles, values + turn * np.round((centre - values) / turn), values) if angles.any() else values
+
+
+def _angles(tree: xr.DataTree) -> list[str]:
+    """Names of the coordinates that are angles; none where the attribute is not such a list."""
+    try:
+        known = json.loads(tree.attrs.get("circular", "[]"))
+    except (TypeError, ValueError):
+        return []
+    return [name for name in known if isinstance(name, str)] if isinstance(known, list) else []
 
 
 def check_one_series(tree: xr.DataTree) -> None:

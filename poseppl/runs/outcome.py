@@ -68,13 +68,20 @@ def result_of_run(
         The result; see :mod:`poseppl.runs.results`.
     """
     parts = parts_of_run(run)
+    told = {**(attrs or {}), **parts["attrs"], **angles_of(model)}
     return build_result(
-        **{**parts, "attrs": {**(attrs or {}), **parts["attrs"]}},
+        **{**parts, "attrs": told},
         names=Names(model.coordinate_names, values=model.finite_values),
         observed=None if observations is None else _with_nan(observations),
         truth=None if truth is None else Truth(state=truth),
         **times,
     )
+
+
+def angles_of(model: CompiledModel) -> dict[str, list[str]]:
+    """The attribute that names the coordinates that are angles, if any."""
+    angles = [name for name, circular in zip(model.coordinate_names, model.circular_coordinates, strict=True) if circular]
+    return {"circular": angles} if angles else {}
 
 
 def smoothed_result(

@@ -10,11 +10,14 @@ import numpyro.distributions as dist
 import pytest
 from poseppl_models.linear_gaussian import linear_gaussian
 
+import poseppl
+from poseppl.diagnostics.run_figures import figures_of_run
 from poseppl.errors import InputError
 from poseppl.filters import Info, ParticleState
 from poseppl.filters.chains import chain_state
 from poseppl.program import StateSpaceModel
 from poseppl.runs.collectors import collect_draws
+from poseppl.runs.contents import nearest_turn
 from poseppl.runs.results import QUANTILES
 
 MODEL = linear_gaussian(2).compile()
@@ -165,3 +168,20 @@ def test_angles_on_both_sides_of_pi_are_near_each_other(form: str, turns: int) -
     # of 2000 resampled draws: five standard errors of the outermost levels
     np.testing.assert_allclose(np.asarray(kept.summary["heading_quantile"]) - found, levels, atol=5 * 0.3 * 2.1 / np.sqrt(2000))
     np.testing.assert_allclose(kept.summary["speed_mean"], mean[2], rtol=1e-4, atol=1e-5)
+
+
+def test_a_true_angle_is_one_in_any_turn() -> None:
+    """Of intervals about 3.1 those of 90 % hold a truth of -3.1, and not one of 0.5 the other way round; so do errors."""
+    model = compass().compile()
+    truth = np.array([[-3.1, 0.5, 0.0], [3.0, 0.5 + 2 * np.pi, 0.0], [0.5, -3.1, 0.0]])
+    result = poseppl.infer(model, {"y": np.zeros(3)}, poseppl.particle_filter(model, 2000), KEY, truth=truth)
+    inside = poseppl.diagnose(result)["diagnostics/inside"].sel(level=0.9).values
+    assert inside[:, :2].tolist() == [[True, True], [True, True], [False, False]]
+    error = figures_of_run(result)["error"].values
+    np.testing.assert_allclose(error[:2, :2], [[0.08, 0.0], [0.1, 0.0]], atol=0.05)
+    assert (error[2, :2] > 2.0).all()
+    series = poseppl.one_series(poseppl.infer_batch(model, [{"y": np.zeros(3)}], poseppl.particle_filter(model, 50), KEY), 0)
+    assert series.attrs["circular"] == result.attrs["circular"] == '["heading[0]", "heading[1]"]'
+    for hostile in ("no list", "{}", "[1, null]"):
+        series.attrs["circular"] = hostile
+        np.testing.assert_array_equal(nearest_turn(series, truth, truth + 9.0), truth)
