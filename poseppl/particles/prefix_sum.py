@@ -2,7 +2,8 @@
 
 XLA's own cumulative operations are log-depth trees, which a CPU runs slowly. Here a vector is cut into rows of 16, each row
 times a triangular matrix of ones is its running sum, and the rows' totals are summed in the same way: the work is one thin
-matrix product, at the speed of reading and writing.
+matrix product, at the speed of reading and writing. Few totals are summed at once, each from all before it, for each level
+takes its time to compile.
 
 The numbers are integers held as floats, so sums are exact below 2^24 in float32. Longer numbers come in two parts, a whole one
 and a fraction in units of 2^-20 (2^-49 in float64), and each level carries from the second into the first: sums keep 20 bits
@@ -18,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-_ROW = 16
+_ROW, _FEW = 16, 32
 
 
 class Split(NamedTuple):
@@ -30,7 +31,12 @@ class Split(NamedTuple):
 
 def unit(dtype: np.dtype[Any]) -> float:
     """Value of a fraction of 1: the largest power of 2 of which sums of a row are exact, inverted."""
-    return float(2.0 ** (3 - np.finfo(dtype).nmant))
+    return float(2.0 ** -_bits(dtype))
+
+
+def _bits(dtype: np.dtype[Any]) -> int:
+    """Of a fraction, after the point."""
+    return int(np.finfo(dtype).nmant) - 3
 
 
 def split_number(x: Array) -> Split:
@@ -46,8 +52,8 @@ def largest_sum(dtype: np.dtype[Any]) -> int:
 
 def running_sum(x: Array) -> Array:
     """Sums of the first 1, 2, ..., N of integers (N,) held as floats."""
-    if x.shape[0] <= _ROW:
-        return x @ _triangle(x)
+    if x.shape[0] <= _FEW:
+        return _at_once(x)
     rows = _rows(x)
     within = _product(rows)
     before = _shifted(running_sum(within[:, -1]))
@@ -56,8 +62,12 @@ def running_sum(x: Array) -> Array:
 
 def running_split_sum(x: Split) -> Split:
     """Running sums of split numbers; fractions of the sums lie in [0, 1)."""
-    if x.whole.shape[0] <= _ROW:
-        return _carry(x.whole @ _triangle(x.whole), x.fraction @ _triangle(x.fraction))
+    if x.whole.shape[0] <= _FEW:
+        # so many fractions have sums of more bits than a float's
+        whole, fraction = _at_once(jnp.stack([x.whole, x.fraction]).astype(int))
+        over = fraction >> _bits(x.whole.dtype)
+        rest = fraction - (over << _bits(x.whole.dtype))
+        return Split((whole + over).astype(x.whole.dtype), rest.astype(x.whole.dtype))
     within = _carry(*_product(jnp.stack([_rows(x.whole), _rows(x.fraction)])))
     totals = running_split_sum(Split(within.whole[:, -1], within.fraction[:, -1]))
     whole = within.whole + _shifted(totals.whole)[:, None]
@@ -66,9 +76,9 @@ def running_split_sum(x: Split) -> Split:
     return _carry(whole.reshape(-1)[:size], fraction.reshape(-1)[:size])
 
 
-def _triangle(x: Array) -> Array:
-    size = min(x.shape[0], _ROW)
-    return jnp.asarray(np.triu(np.ones((size, size))), x.dtype)
+def _at_once(x: Array) -> Array:
+    """Running sums along the last axis, each on its own."""
+    return jnp.sum(jnp.where(np.tri(x.shape[-1], dtype=bool), x[..., None, :], 0), -1)
 
 
 def _rows(x: Array) -> Array:

@@ -22,8 +22,9 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -37,15 +38,22 @@ Resampling = Callable[[Array, Array, int], Array]
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 
 
-def _expected_children(log_weights: Array, num: int) -> Array:
-    """e_i = num * w_i (N,), which add up to num beyond the precision of one sum."""
+def _weights(log_weights: Array) -> Array:
+    """Weights (N,) of which the largest is 1, without NaN; all are 1 where none is left."""
     clean = without_nan(log_weights)
     peak = jnp.max(clean)
-    weights = jnp.where(jnp.isfinite(peak), jnp.exp(clean - jnp.where(jnp.isfinite(peak), peak, 0.0)), 1.0)
+    known = jnp.isfinite(peak)
+    weights: Array = jnp.where(known, jnp.exp(clean - jnp.where(known, peak, 0.0)), 1.0)
+    return weights
+
+
+def _expected_children(weights: Array, num: Any) -> Array:
+    """e_i = num * w_i (N,), which add up to num beyond the precision of one sum."""
     expected = weights * (num / jnp.sum(weights))
     nearest = jnp.round(expected)
-    excess = (jnp.sum(nearest.astype(jnp.int32)) - num).astype(expected.dtype) + jnp.sum(expected - nearest)
-    return expected * (1.0 - excess / num)
+    whole, rest = jnp.sum(jnp.stack([nearest, expected - nearest]), 1)  # of which the first is exact
+    scaled: Array = expected * (1.0 - (whole - num + rest) / num)
+    return scaled
 
 
 def _cumulative(expected: Array, num: int) -> Split:
@@ -56,15 +64,16 @@ def _cumulative(expected: Array, num: int) -> Split:
     return running_split_sum(split_number(expected))
 
 
-def _share_slots(ends: Array, alive: Array, num: int) -> Array:
-    """Ancestors (num,) int32, when particle i owns the slots from the end of particle i - 1 up to `ends[i]` (N,)."""
+def _share_slots(cumulative: Split, ends: Array, num: int) -> Array:
+    """Ancestors (num,) int32, when particle i, with C_i, owns the slots from the end of particle i - 1 to `ends[i]` (N,)."""
+    ends = jnp.where(_complete(cumulative), num, ends)
     passed = jnp.zeros(num, ends.dtype).at[ends.astype(jnp.int32)].add(1.0, mode="drop", indices_are_sorted=True)
-    return jnp.minimum(running_sum(passed).astype(jnp.int32), _last(alive))
+    return running_sum(passed).astype(jnp.int32)
 
 
-def _last(alive: Array) -> Array:
-    """The last particle that has weight: the end may fall short of the last slot by a rounding."""
-    return jnp.max(jnp.where(alive, jnp.arange(alive.shape[0], dtype=jnp.int32), 0))
+def _complete(cumulative: Split) -> Array:
+    """From which particle (N,) on the others have no weight: it has the last slot, of which C_N may fall short."""
+    return (cumulative.whole == cumulative.whole[-1]) & (cumulative.fraction == cumulative.fraction[-1])
 
 
 def systematic(rng_key: Array, log_weights: Array, num: int) -> Array:
@@ -78,36 +87,47 @@ def systematic(rng_key: Array, log_weights: Array, num: int) -> Array:
     Returns:
         Ancestors (num,), int32, ascending.
     """
-    expected = _expected_children(log_weights, num)
-    ends = _cumulative(expected, num)
-    offset = jax.random.uniform(rng_key, dtype=expected.dtype) / unit(expected.dtype)
-    return _share_slots(ends.whole + (ends.fraction > offset), expected > 0, num)
+    return _systematic(rng_key, _weights(log_weights), num, num)
+
+
+def systematic_draws(rng_keys: Array, log_weights: Array, nums: Sequence[int]) -> list[Array]:
+    """Systematic resampling of one set (N,) to several numbers, each with a key of its own; compiled as one."""
+    most = max(nums)
+    weights, numbers = _weights(log_weights), jnp.asarray(nums, log_weights.dtype)
+    drawn = jax.vmap(partial(_systematic, weights=weights, most=most))(rng_keys, num=numbers)
+    return [ancestors[:num] for ancestors, num in zip(drawn, nums, strict=True)]
+
+
+def _systematic(rng_key: Array, weights: Array, num: Any, most: int) -> Array:
+    """Ancestors (most,), of which the first `num` count."""
+    cumulative = _cumulative(_expected_children(weights, num), most)
+    offset = jax.random.uniform(rng_key, dtype=weights.dtype) / unit(weights.dtype)
+    return _share_slots(cumulative, cumulative.whole + (cumulative.fraction > offset), most)
 
 
 def stratified(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Stratified resampling; arguments and result as in `systematic`."""
-    expected = _expected_children(log_weights, num)
-    ends = _cumulative(expected, num)
-    offsets = jax.random.uniform(rng_key, (num,), expected.dtype) / unit(expected.dtype)
+    ends = _cumulative(_expected_children(_weights(log_weights), num), num)
+    offsets = jax.random.uniform(rng_key, (num,), log_weights.dtype) / unit(log_weights.dtype)
     own = offsets[jnp.clip(ends.whole.astype(jnp.int32), 0, num - 1)]
-    return _share_slots(ends.whole + (ends.fraction > own), expected > 0, num)
+    return _share_slots(ends, ends.whole + (ends.fraction > own), num)
 
 
 def multinomial(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Multinomial resampling: independent draws, in no order; arguments and result as in `systematic`."""
-    return _draw_independently(rng_key, _expected_children(log_weights, num), num)
+    return _draw_independently(rng_key, _expected_children(_weights(log_weights), num), num)
 
 
 def residual(rng_key: Array, log_weights: Array, num: int) -> Array:
     """Residual resampling: the sure children first, in order, then the drawn ones; otherwise as `systematic`."""
-    expected = _expected_children(log_weights, num)
+    expected = _expected_children(_weights(log_weights), num)
     sure = jnp.floor(expected)
     ends = running_sum(sure)
     rest = expected - sure
     total = jnp.sum(rest)
     scaled = jnp.where(total > 0, rest * (num / jnp.where(total > 0, total, 1.0)), expected)
     drawn = _draw_independently(rng_key, scaled, num)
-    copied = _share_slots(ends, sure > 0, num)
+    copied = _share_slots(Split(ends, jnp.zeros_like(ends)), ends, num)
     return jnp.where(jnp.arange(num) < ends[-1], copied, drawn)
 
 
@@ -125,7 +145,9 @@ def _draw_independently(rng_key: Array, expected: Array, num: int) -> Array:
     # as in jax.random.randint, the remainder of 64 bits, of which a number that is no power of 2 hardly prefers any
     slots = ((high % num) * (2**32 % num) + low % num) % num
     drawn = (slots << bits) + (point >> (32 - bits))
-    return jnp.minimum(jnp.searchsorted(ends, drawn, side="right").astype(jnp.int32), _last(expected > 0))
+    return jnp.searchsorted(jnp.where(_complete(cumulative), jnp.uint32(2**32 - 1), ends), drawn, side="right").astype(
+        jnp.int32
+    )
 
 
 SCHEMES: dict[Scheme, Resampling] = {

@@ -87,13 +87,11 @@ def weigh(log_prior: Array, log_likelihoods: Array) -> Weighed:
         log_prior: Log-weights before the data (N,): normalised, or such that their sum is one on average.
         log_likelihoods: Shape (N,).
     """
-    prior, updated = normalise(log_prior), normalise(log_prior + log_likelihoods)
-    return Weighed(
-        log_weights=jnp.where(updated.degenerate, prior.log_weights, updated.log_weights),
-        log_evidence=updated.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype)),
-        ess=jnp.where(updated.degenerate, jnp.maximum(prior.ess, 1.0), updated.ess),
-        failed=updated.degenerate,
-    )
+    updated = log_prior + log_likelihoods
+    failed = ~jnp.isfinite(jnp.max(without_nan(updated)))
+    told = normalise(jnp.where(failed, log_prior, updated))
+    log_evidence = told.log_mean + jnp.log(jnp.asarray(log_prior.shape[0], log_prior.dtype))
+    return Weighed(told.log_weights, jnp.where(failed, -jnp.inf, log_evidence), jnp.maximum(told.ess, 1.0), failed)
 
 
 def effective_sample_size(log_weights: Array) -> Array:

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from numpyro.distributions import constraints
 
 from poseppl.errors import InputError
 from poseppl.program.execution import base_support
@@ -120,8 +120,8 @@ def observe(
     if len(set(lengths.values())) > 1:
         raise ValueError(f"Observation sites differ in their number of frames: {lengths}. Expected one T for all.")
     return Observation(
-        {name: jnp.asarray(value) for name, value in kept.items()},
-        {name: jnp.asarray(m) for name, m in masks.items()},
+        {name: jax.device_put(value) for name, value in kept.items()},  # compiles nothing, as jnp.asarray does
+        {name: jax.device_put(m) for name, m in masks.items()},
     )
 
 
@@ -192,7 +192,7 @@ def _observe_site(
 def feasible(site: Declared) -> np.ndarray[Any, Any]:
     """A value of the site's shape inside its support (0 where the support is known only at run time)."""
     prototype = np.zeros(site.shape, site.dtype)
-    if site.support is None:
+    if site.support is None or base_support(site.support) is constraints.real:
         return prototype
     try:
         with jax.ensure_compile_time_eval():

@@ -39,7 +39,7 @@ def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, 
         names[:] = gaussian
         return [jnp.broadcast_to(jnp.sqrt(fn.variance), fn.shape()) for fn in gaussian.values()]
 
-    x, zeros = jnp.zeros(dimension), jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), inputs)
+    x, zeros = np.zeros(dimension, jnp.result_type(float)), jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), inputs)
     closed = jax.make_jaxpr(deviations)(x, zeros)
     reached = output_dependence(closed, [frozenset({0})] * len(closed.jaxpr.invars))
     fixed = [index for index, labels in enumerate(reached) if not labels]

@@ -22,7 +22,7 @@ from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.quantiles import column_quantiles
-from poseppl.particles.resampling import systematic
+from poseppl.particles.resampling import systematic, systematic_draws
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel
 from poseppl.program.built_once import built_once
@@ -83,7 +83,7 @@ def collect_draws(
     """
     check_at_least(1, max_draws=max_draws)
     _check_names(model)
-    of_state, levels = model.extras if extras is None else extras, jnp.asarray(quantiles)
+    of_state, levels = model.extras if extras is None else extras, jax.device_put(np.asarray(quantiles, float))
 
     def values_of(states: Array, inputs: Any) -> dict[str, Array]:
         """State, bent sites and extras of states (N, d), each (N, ...)."""
@@ -114,14 +114,13 @@ def collect_draws(
         return told(kept, summary, inputs)
 
     def of_particles(rng_key: Array, state: Any, inputs: Any) -> Draws:
-        key_sample, key_kept = jax.random.split(rng_key)
         log_weights = normalise(state.log_weights).log_weights
         weights = jnp.exp(log_weights)
         # particles of no weight may hold anything
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
-        chosen = systematic(key_sample, log_weights, min(_NUM_QUANTILE_DRAWS, max(states.shape[0], 1)))
-        thinned = systematic(key_kept, log_weights, min(max_draws, states.shape[0]))
+        numbers = (min(_NUM_QUANTILE_DRAWS, states.shape[0]), min(max_draws, states.shape[0]))
+        chosen, thinned = systematic_draws(jax.random.split(rng_key), log_weights, numbers)
         sample = {name: value[chosen] for name, value in values.items()}
         summary = summarise(values, weights, sample, getattr(state, "marginals", None))
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}

@@ -20,7 +20,7 @@ from jax import Array
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
-from poseppl.program.compilation import compile_lowered
+from poseppl.program.compilation import compile_lowered, compile_to_run_once
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
@@ -76,7 +76,8 @@ def _keep(collect: Collect, rng_key: Array, state: FilterState, info: Info, inpu
 def is_finite(state: FilterState) -> Array:
     """Whether all particles of positive weight are finite."""
     alive = state.log_weights > -jnp.inf
-    return jnp.all(jnp.isfinite(state.particles) | ~alive[..., None]) & ~jnp.any(jnp.isnan(state.log_weights))
+    known = ~jnp.isnan(state.log_weights)[..., None]
+    return jnp.all((jnp.isfinite(state.particles) | ~alive[..., None]) & known)
 
 
 class Programs(NamedTuple):
@@ -189,16 +190,15 @@ class Calls:
         self.state, self._begun, self.blank = self._once("blank", self._blank)
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
-        self._init: Any = None
+        self._begin: Any = None
         self._scan: Any = None
 
     def compile(self, first: bool) -> None:
-        """Compile both programs side by side; that of `init` only if the first frame is wanted."""
+        """Compile both programs side by side; that of the start only if the first frame is wanted."""
         with ThreadPoolExecutor(1) as pool:
-            wanted = first and self.filter.initial_state is None
-            compiling = pool.submit(self._once, "init", self._compiled_init) if wanted else None
+            compiling = pool.submit(self._once, "start", self._compiled_start) if first else None
             self._scan = self._once(f"scan of {self._length}", self._compiled_scan)
-            self._init = compiling.result() if compiling else None
+            self._begin = compiling.result() if compiling else None
 
     def feed(self, sequence: FrameSequence) -> None:
         """Go on with later frames, of the same shapes and constant inputs."""
@@ -222,9 +222,9 @@ class Calls:
     def _start(self) -> tuple[Any, Info | None]:
         """State and diagnosis that the scan begins with."""
         if self.filter.initial_state is None:
-            state, begun = self._init(*self._first_data())
+            state, begun = self._begin(*self._first_data())
             return state, jax.tree.map(np.asarray, begun)  # of no device, so that the scan may place it
-        return self._programs.before(*self._first_data()[1:]), None
+        return self._begin(*self._first_data()[1:]), None
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """What an earlier run on data of the same kind made, or what is made now."""
@@ -232,14 +232,16 @@ class Calls:
             self._made[name] = make()
         return self._made[name]
 
-    def _compiled_init(self) -> Any:
-        return self._compiled(self._programs.init.lower(*self._first_data()))
+    def _compiled_start(self) -> Any:
+        if self.filter.initial_state is None:
+            lowered = self._programs.init.lower(*self._first_data())
+        else:
+            lowered = self._programs.before.lower(*self._first_data()[1:])
+        return compile_to_run_once(lowered, self.state.particles.size)
 
     def _compiled_scan(self) -> Any:
-        return self._compiled(self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1)))
-
-    def _compiled(self, lowered: Any) -> Any:
-        return compile_lowered(lowered, self.state.log_weights.size)
+        lowered = self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1))
+        return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.size)
 
     def _blank(self) -> tuple[Any, Info | None, Kept]:
         """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
@@ -272,7 +274,7 @@ def joined(parts: list[Kept]) -> Kept:
 def kind_of(data: Any) -> Any:
     """What programs are compiled for: structure, shapes, types and places of the data, and type and place of new numbers."""
     leaves, structure = jax.tree.flatten(data)
-    new = jnp.asarray(0.0)
+    new = jax.device_put(np.zeros(()))
     return structure, tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in (*leaves, new))
 
 

@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.particles.prefix_sum import running_split_sum, running_sum, split_number, unit
-from poseppl.particles.resampling import SCHEMES, resample, resampling_scheme
+from poseppl.particles import resampling
+from poseppl.particles.prefix_sum import Split, running_split_sum, running_sum, split_number, unit
+from poseppl.particles.resampling import SCHEMES, resample, resampling_scheme, systematic, systematic_draws
 
 every_scheme = pytest.mark.parametrize("name", list(SCHEMES))
 ordered_schemes = pytest.mark.parametrize("name", ["systematic", "stratified", "residual"])
@@ -61,6 +62,17 @@ def test_spread_is_what_the_scheme_promises(name):
         variance = expected * (1 - expected / 50)
         # five standard errors of a Gaussian's variance, and more for the heavy tails of rare children; found up to 0.29
         np.testing.assert_allclose(deviation.var(0), variance, rtol=5 * np.sqrt(2 / 500) + 0.15)
+
+
+def test_a_sum_that_falls_short_leaves_the_last_slot_to_the_last_particle_with_weight():
+    cumulative = Split(jnp.array([1.0, 2.0, 2.0]), jnp.array([0.0, 3.0, 3.0]))
+    assert resampling._share_slots(cumulative, jnp.array([1.0, 2.0, 2.0]), 3).tolist() == [0, 1, 1]
+
+
+def test_draws_of_several_numbers_are_those_of_each_number():
+    keys, log_weights = jax.random.split(jax.random.key(5)), jax.random.normal(jax.random.key(6), (300,))
+    for key, num, drawn in zip(keys, (300, 40), systematic_draws(keys, log_weights, (300, 40)), strict=True):
+        np.testing.assert_array_equal(drawn, systematic(key, log_weights, num))
 
 
 @ordered_schemes

@@ -1,4 +1,4 @@
-"""How programs are compiled: without fusion emitters for few particles, as it is for many, and where XLA knows none."""
+"""How programs are compiled: without what takes long where they are small, and as they are where XLA knows no options."""
 
 import jax
 import pytest
@@ -10,25 +10,39 @@ class Lowered:
     """Keeps the options that it is compiled with; knows no others than `known`."""
 
     def __init__(self, *known: str) -> None:
-        self.known, self.options = known, []
+        self.known, self.options = known, {}
 
-    def compile(self, compiler_options: dict[str, bool] | None = None) -> str:
-        options = tuple(compiler_options or ())
+    def compile(self, compiler_options: dict[str, int] | None = None) -> str:
+        options = compiler_options or {}
         if not set(options) <= set(self.known):
             raise jax.errors.JaxRuntimeError("No such compile option")
         self.options = options
         return "compiled"
 
 
+EMITTERS, LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level"
+
+
 @pytest.mark.parametrize(
-    ("known", "num_particles", "options"),
+    ("known", "numbers", "options"),
     [
-        (("xla_cpu_use_fusion_emitters",), 1000, ("xla_cpu_use_fusion_emitters",)),
-        (("xla_cpu_use_fusion_emitters",), 1001, ()),
-        ((), 1000, ()),
+        ((EMITTERS,), (1000, None), {EMITTERS: False}),
+        ((EMITTERS,), (1001, None), {}),
+        ((EMITTERS, LEVEL), (1000, 1000), {EMITTERS: False, LEVEL: 1}),
+        ((EMITTERS, LEVEL), (1000, 1001), {EMITTERS: False}),
+        ((), (1000, 1000), {}),
     ],
 )
-def test_few_particles_leave_the_emitters_out(known: tuple[str, ...], num_particles: int, options: tuple[str, ...]) -> None:
+def test_few_particles_leave_the_emitters_out_and_few_numbers_optimisation(
+    known: tuple[str, ...], numbers: tuple[int, int | None], options: dict[str, int]
+) -> None:
     lowered = Lowered(*known)
-    assert compilation.compile_lowered(lowered, num_particles) == "compiled"
+    assert compilation.compile_lowered(lowered, *numbers) == "compiled"
     assert lowered.options == options
+
+
+@pytest.mark.parametrize(("num_numbers", "level"), [(1000, 0), (1001, 1)])
+def test_what_runs_once_is_hardly_optimised(num_numbers: int, level: int) -> None:
+    lowered = Lowered(EMITTERS, LEVEL)
+    assert compilation.compile_to_run_once(lowered, num_numbers) == "compiled"
+    assert lowered.options == {EMITTERS: False, LEVEL: level}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import subprocess
+import sys
 from functools import partial
 
 import arviz_stats
@@ -218,3 +220,28 @@ def test_a_filter_written_by_hand_in_a_loop_is_said_once(caplog):
         for _ in range(3):
             run_with(poseppl.collect_history, build())
     assert len(caplog.messages) == 1 and "filter" in caplog.messages[0]
+
+
+FIRST_RESULT = """
+import sys
+import jax, numpy as np
+from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+import poseppl
+jax.config.update("jax_enable_compilation_cache", False)
+key, compiled = jax.random.key(0), []
+def tell(name, seconds, fun_name="", **told):
+    if name.endswith("backend_compile_duration"):
+        compiled.append(fun_name)
+jax.monitoring.register_event_duration_secs_listener(tell)
+model = linear_gaussian_model(linear_gaussian_matrices(1)).compile()
+poseppl.infer(model, {"y": np.zeros((3, 1))}, poseppl.particle_filter(model, 100), key)
+print(*compiled)
+"""
+
+
+def test_a_first_result_compiles_the_programs_of_the_run_and_few_others():
+    """A small one takes a hundredth of what the run's take; data, levels and keys that jnp.asarray made would each need one."""
+    done = subprocess.run([sys.executable, "-c", FIRST_RESULT], check=True, capture_output=True, text=True)
+    compiled = done.stdout.split()
+    assert {"jit(init)", "jit(scan_frames)"} <= set(compiled)
+    assert len(compiled) <= 4, compiled

@@ -1,0 +1,101 @@
+"""How long the first result of a one-dimensional model takes, and what of it is compilation.
+
+    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 3] [--levels]
+
+A random walk that is drawn to its mean, seen with noise. Processor seconds of a new process without a compile cache, after the
+imports (those that xarray makes for its first dataset, too): the model, a filter of 1,000 particles or its default chains, and
+`infer`; `infer` with a second filter on the same model; and the first one's again, which compiles nothing. The median over
+turns. With --levels instead: a later run of 1,000 frames at each of LLVM's levels of optimisation.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import jax
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import xarray as xr
+from timing import arguments, show
+
+from poseppl import filters
+from poseppl.program import StateSpaceModel, compilation
+from poseppl.runs.infer import infer
+
+CASES = (("particle", "kalman"), ("hmc", "kalman"), ("kalman", "particle"))
+LEVELS = (0, 1, 2, 3)
+
+
+def initial(params: Any, inputs: Any) -> None:
+    numpyro.sample("x", dist.Normal(0.0, 2.0))
+
+
+def transition(params: Any, state: Any, inputs: Any) -> None:
+    numpyro.sample("x", dist.Normal(0.9 * state["x"], 1.0))
+
+
+def observation(params: Any, state: Any, inputs: Any) -> None:
+    numpyro.sample("y", dist.Normal(state["x"], 1.0))
+
+
+def built(name: str, model: Any) -> Any:
+    settings = {"num_particles": 1000} if name == "particle" else {}
+    return getattr(filters, f"{name}_filter")(model, **settings)
+
+
+def measure(first: str, second: str, frames: int) -> list[float]:
+    """Processor seconds of the first result, of the second filter's, and of the first filter's again."""
+    jax.config.update("jax_enable_compilation_cache", False)
+    xr.Dataset({"y": ("frame", np.zeros(2))})
+    data = {"y": np.random.default_rng(0).normal(size=frames)}
+    seconds, model = [], None
+    for name in (first, second, first):
+        started = time.process_time()
+        model = model or StateSpaceModel(initial, transition, observation).compile()
+        infer(model, data, built(name, model), jax.random.key(0))
+        seconds.append(time.process_time() - started)
+    return seconds
+
+
+def measure_level(name: str, level: int, frames: int) -> list[float]:
+    """Processor seconds of later runs, the least of five, where all programs are compiled at a level."""
+    compilation._compiled = lambda lowered, options: lowered.compile(  # type: ignore[assignment]
+        compiler_options=options | {"xla_backend_optimization_level": level}
+    )
+    data = {"y": np.random.default_rng(0).normal(size=frames)}
+    model = StateSpaceModel(initial, transition, observation).compile()
+    seconds = []
+    for _ in range(6):
+        started = time.process_time()
+        infer(model, data, built(name, model), jax.random.key(0))
+        seconds.append(time.process_time() - started)
+    return [min(seconds[1:])]
+
+
+def in_turns(turns: int, function: Any, *given: Any) -> list[str]:
+    """Medians of what a function measures in new processes."""
+    found = []
+    for _ in range(turns):
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            found.append(pool.submit(function, *given).result())
+    return [f"{statistics.median(column):.2f}" for column in zip(*found, strict=True)]
+
+
+def main() -> None:
+    options = arguments(__doc__, frames=50, turns=3, levels=False)
+    turns, cases = (1, CASES[:1]) if options.quick else (options.turns, CASES)
+    if options.levels:
+        rows = [[first, *(in_turns(turns, measure_level, first, level, 1000)[0] for level in LEVELS)] for first, _ in cases]
+        show("Processor seconds of 1,000 frames", ["filter", *(f"level {level}" for level in LEVELS)], rows)
+        return
+    rows = [[first, second, *in_turns(turns, measure, first, second, options.frames)] for first, second in cases]
+    show("Processor seconds", ["first filter", "second", "first result", "second filter", "first filter again"], rows)
+
+
+if __name__ == "__main__":
+    main()
