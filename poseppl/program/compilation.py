@@ -4,8 +4,7 @@ XLA's fusion emitters for the CPU take a third of the time that compilation take
 (`python benchmarks/fusion_emitters.py`). A bare loop over 100,000 particles is, by half of its time (`python
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them. Of few numbers, LLVM's first level of optimisation makes runs as fast as its third, and takes less time (`python
-benchmarks/first_result.py --levels`). What runs once a sequence, such as a filter's `init`, has no emitters and at most the
-first level.
+benchmarks/first_result.py --levels`). What runs once a sequence, such as a filter's `init`, has at most the first level.
 
 >>> lowered = jax.jit(lambda x: 2 * x).lower(1.5)
 >>> float(compile_lowered(lowered, num_particles=100)(1.5))
@@ -29,12 +28,16 @@ _LEVEL = "xla_backend_optimization_level"
 def compile_lowered(lowered: Any, num_particles: int, num_numbers: int | None = None) -> Any:
     """The program of `jax.jit(...).lower(...)`, ready to run; its numbers are not few if they are not told."""
     few = num_numbers is not None and num_numbers <= MOST_NUMBERS
-    return _compiled(lowered, (_WITHOUT_EMITTERS if num_particles <= MOST_PARTICLES else {}) | ({_LEVEL: 1} if few else {}))
+    return _compiled(lowered, _emitters(num_particles) | ({_LEVEL: 1} if few else {}))
 
 
-def compile_to_run_once(lowered: Any, num_numbers: int) -> Any:
+def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:
     """The program of `jax.jit(...).lower(...)` that runs once a sequence."""
-    return _compiled(lowered, _WITHOUT_EMITTERS | {_LEVEL: 0 if num_numbers <= MOST_NUMBERS else 1})
+    return _compiled(lowered, _emitters(num_particles) | {_LEVEL: 0 if num_numbers <= MOST_NUMBERS else 1})
+
+
+def _emitters(num_particles: int) -> dict[str, Any]:
+    return _WITHOUT_EMITTERS if num_particles <= MOST_PARTICLES else {}
 
 
 def _compiled(lowered: Any, options: dict[str, Any]) -> Any:

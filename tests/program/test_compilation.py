@@ -41,8 +41,15 @@ def test_few_particles_leave_the_emitters_out_and_few_numbers_optimisation(
     assert lowered.options == options
 
 
-@pytest.mark.parametrize(("num_numbers", "level"), [(1000, 0), (1001, 1)])
-def test_what_runs_once_is_hardly_optimised(num_numbers: int, level: int) -> None:
+@pytest.mark.parametrize(
+    ("numbers", "options"),
+    [
+        ((1000, 1000), {EMITTERS: False, LEVEL: 0}),
+        ((1000, 1001), {EMITTERS: False, LEVEL: 1}),
+        ((1001, 1001), {LEVEL: 1}),
+    ],
+)
+def test_what_runs_once_is_hardly_optimised(numbers: tuple[int, int], options: dict[str, int]) -> None:
     lowered = Lowered(EMITTERS, LEVEL)
-    assert compilation.compile_to_run_once(lowered, num_numbers) == "compiled"
-    assert lowered.options == {EMITTERS: False, LEVEL: level}
+    assert compilation.compile_to_run_once(lowered, *numbers) == "compiled"
+    assert lowered.options == options
