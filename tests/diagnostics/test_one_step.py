@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import arviz as az
+import warnings
+
 import jax
 import numpy as np
 import numpyro
@@ -16,6 +17,10 @@ from poseppl.diagnostics import one_step_elpd
 from poseppl.errors import InputError
 from poseppl.filters import annealed_filter
 from poseppl.smoothers import rauch_tung_striebel_smoother
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # ArviZ 0.23 announces its successor
+    import arviz as az
 
 DECAY, STEP, NOISE, FRAMES = 0.9, 0.5, 0.1, 120
 KEY = jax.random.key(0)
