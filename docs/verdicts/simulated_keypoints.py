@@ -124,6 +124,7 @@ def clocks(tables: Tables) -> str:
         "offset, frames",
         "largest",
         "told deviation",
+        "in 90 % intervals",
         "mended",
         "cameras lost",
     )
@@ -133,8 +134,9 @@ def clocks(tables: Tables) -> str:
         known = [row for row in own if not math.isnan(row["offset"])]
         offsets, count = [row["offset"] for row in known], len(own)
         told = f"{mean(row['deviation'] for row in known):.2f}"
-        mended, lost = (f"{sum(row[name] for row in own)} of {each * count}" for name, each in (("mended", 3), ("lost", 4)))
-        cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", told, mended, lost])
+        of = (("held", 3 * len(known)), ("mended", 3 * count), ("lost", 4 * count))
+        numbers = [f"{sum(row[name] for row in own)} of {total}" for name, total in of]
+        cells.append([*map(str, case), str(count), _interval(offsets, 2), f"{max(offsets):.2f}", told, *numbers])
         right.append(not any(row["mended"] or row["lost"] for row in own))
     word = "holds" if all(right) else "does not hold"
     return f"{markdown(columns, cells)}\n\nThat no clock is mended and no camera lost where all clocks are right {word}."

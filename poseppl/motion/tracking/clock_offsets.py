@@ -2,16 +2,22 @@
 
 Rays of one point in two cameras pass each other at a signed distance. If one camera is late, it changes as the point moves; an
 error of the calibration changes it little in time. So points that leap are left out, each point's mean is taken away, and the
-shift between the two cameras is sought that makes the rest small, by Gauss and Newton under Student-t errors (4 degrees of
-freedom), with points interpolated between frames. Its variance is the sandwich's, all errors of an eighth of the time or of one
-keypoint taken for one, whichever is larger (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13), and that of :data:`SYSTEMATIC`.
-The cameras' offsets are the least squares of the shifts of all pairs. Where to begin is found at whole frames: the shift at
-which the detections of two cameras pass nearest, whoever they are of.
+shift between the two cameras is sought that makes the rest, g, small, by Newton under Student-t errors (4 degrees of freedom).
+At any time, on a frame or between two, rays are means over the frames about it under a Gaussian of one frame: noise then has
+the same variance at all shifts, so that it favours none, and adds nothing to the mean of the curvature, sum(w (g'^2 + g g'')),
+as it does to sum(w g'^2), by which shifts would seem better known than they are.
+
+The offsets are the least squares of the shifts of all pairs. Their covariance is a sandwich over all pairs together, which
+share cameras: one in which all errors of a keypoint are taken for one, and one in which all of an eighth of the time are, each
+score over what is left of the curvature without it (the jackknife's, Bell and McCaffrey 2002, Survey Methodology 28). It is the
+sum of the two (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, take away what both have), with the variance of
+:data:`SYSTEMATIC`. Where to begin is found at whole frames: the shift at which the detections of two cameras pass nearest,
+whoever they are of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -35,7 +41,12 @@ _STEP = 0.5
 _ROUNDS = 10
 _LEAST_LEAP = 50.0
 """How far a point is that leaps, px: averaged over five frames it would move all of them."""
-_BINOMIAL = (1.0, 4.0, 6.0, 4.0, 1.0)
+_AROUND = 2
+"""Frames to either side that a mean is over, beside those that the place lies between."""
+_LEAST_CURVATURE = 0.2
+"""In units of sum(w g'^2): where noise alone makes the slopes, nothing is known."""
+_PARTS, _LARGEST_SHARE = 8, 0.9
+"""Parts of the time whose errors are taken for one; share of the curvature that one group has at most."""
 SYSTEMATIC = 0.003
 """Seconds: standard deviation of what errors of calibration make of a pair's shift, as in the recording of four synchronised
 cameras that `tests/motion/tracking/test_clock_offsets.py` reads."""
@@ -80,6 +91,25 @@ def coarse_offsets(cameras: Cameras, people: Sequence[DetectedPeople]) -> Floats
     return np.array([late.get(c, 0.0) - late[0] for c in range(count)])
 
 
+class PairShift(NamedTuple):
+    """By how many frames a camera is later than another one, and what tells it.
+
+    Attributes:
+        cameras: Indices of the two.
+        frames: The shift.
+        influences: (G, ...) what each group of errors, keypoints (K,) and parts of the time, has moved it by.
+    """
+
+    cameras: tuple[int, int]
+    frames: float
+    influences: tuple[Floats, Floats]
+
+    @property
+    def variance(self) -> float:
+        """Of the shift, but for errors of the calibration."""
+        return float(sum((each**2).sum() for each in self.influences))
+
+
 def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> Offsets | None:
     """Offsets of less than a few frames, with their standard deviations.
 
@@ -92,78 +122,68 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     Returns:
         The offsets; None where too little is seen to tell one of them.
     """
-    seen, count = _smooth(without_leaps(_confident(points, confidence, _LEAST), _LEAST_LEAP)), points.shape[1]
-    rows: list[Floats] = []
-    shifts: list[float] = []
-    weights: list[float] = []
-    for a, b in combinations(range(count), 2):
-        found = _pair_shift(cameras, seen, a, b, np.clip(confidence[:, a] * confidence[:, b], 0.0, 1.0))
-        if found is not None:
-            rows.append(np.eye(count)[b] - np.eye(count)[a])
-            shifts.append(found[0])
-            weights.append(1 / (found[1] ** 2 + (SYSTEMATIC * rate) ** 2))
-    design = np.array(rows).reshape(-1, count)[:, 1:]
+    count, seen = points.shape[1], without_leaps(_confident(points, confidence, _LEAST), _LEAST_LEAP)
+    rays = np.stack([viewing_rays(cameras, c, seen[:, c]) for c in range(count)], 1)
+    trust, centres = np.clip(confidence, 0.0, 1.0), np.asarray(cameras.centre, np.float64)
+    found = [shift for pair in combinations(range(count), 2) if (shift := _pair_shift(centres, rays, *pair, trust)) is not None]
+    design = np.array([np.eye(count)[shift.cameras[1]] - np.eye(count)[shift.cameras[0]] for shift in found])
+    design = design.reshape(-1, count)[:, 1:]
     if np.linalg.matrix_rank(design) < count - 1:
         return None
-    covariance = np.linalg.inv(design.T @ (np.array(weights)[:, None] * design))
-    late = covariance @ (design.T @ (np.array(weights) * shifts))
-    return Offsets(np.append(0.0, late), np.append(0.0, np.sqrt(np.diag(covariance))))
+    systematic = (SYSTEMATIC * rate) ** 2
+    weighted = design.T / (np.array([shift.variance for shift in found]) + systematic)
+    inverse = np.linalg.solve(weighted @ design, weighted)
+    moved = [inverse @ np.stack(each) for each in zip(*(shift.influences for shift in found), strict=True)]
+    variance = systematic * (inverse**2).sum(1) + sum((each**2).sum(1) for each in moved)
+    return Offsets(np.append(0.0, inverse @ [shift.frames for shift in found]), np.append(0.0, np.sqrt(variance)))
 
 
-def _pair_shift(cameras: Cameras, points: Floats, a: int, b: int, trust: Floats) -> tuple[float, float] | None:
-    """Frames by which camera b is later than a, and their standard deviation; None where too little is seen.
-
-    Points (T, K) count by their ``trust``.
-    """
-    rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_FRAMES)).astype(int))
-    shift = 0.0
+def _pair_shift(centres: Floats, rays: Floats, a: int, b: int, trust: Floats) -> PairShift | None:
+    """By how much camera b is later than a, from rays (T, C, K, 3) that count by their trust (T, C, K); None where not told."""
+    rows = np.unique(np.linspace(0, len(rays) - 1, min(len(rays), _MOST_FRAMES)).astype(int))
+    sure, shift = (trust[:, a] * trust[:, b])[rows], 0.0
     for _ in range(_ROUNDS):
-        gap = _gaps(cameras, points, rows, a, b, shift)
-        sides = [_gaps(cameras, points, rows, a, b, shift + step) for step in (_STEP, -_STEP)]
-        slope = (sides[0] - sides[1]) / (2 * _STEP)
-        known = np.isfinite(gap) & np.isfinite(slope)
+        gap, ahead, behind = (_gaps(centres, rays, rows, a, b, shift + step) for step in (0.0, _STEP, -_STEP))
+        known = np.isfinite(gap) & np.isfinite(ahead) & np.isfinite(behind)
         if known.sum() < _LEAST_FRAMES * _LEAST_POINTS:
             return None
+        gap, ahead, behind = (np.where(known, each, 0.0) for each in (gap, ahead, behind))
+        slope, bend = (ahead - behind) / (2 * _STEP), (ahead - 2 * gap + behind) / _STEP**2
         scale = max(1.4826 * float(np.median(np.abs(gap[known]))), 1e-6)
-        weight = np.where(known, trust[rows] / (1 + (np.where(known, gap, 0.0) / scale) ** 2 / _FREEDOM), 0.0)
-        slope, gap = np.where(known, slope, 0.0), np.where(known, gap, 0.0)
-        curvature = float((weight * slope**2).sum())
-        if curvature <= 0:
+        weight = np.where(known, sure / (1 + (gap / scale) ** 2 / _FREEDOM), 0.0)
+        squares, scores = weight * slope**2, weight * slope * gap
+        if squares.sum() <= 0:
             return None
-        step = -float((weight * slope * gap).sum()) / curvature
+        curvature = max(float((squares + weight * gap * bend).sum()), _LEAST_CURVATURE * float(squares.sum()))
+        step = -float(scores.sum()) / curvature
         shift += float(np.clip(step, -2.0, 2.0))
         if abs(step) < 1e-2:
             break
-    scores = weight * slope * gap
-    blocks = np.add.reduceat(scores, np.arange(0, len(scores), max(1, len(scores) // 8)), axis=0).sum(1)
-    return shift, max(_sandwich(curvature, scores.sum(0)), _sandwich(curvature, blocks))
+    parts = np.arange(0, len(scores), max(1, len(scores) // _PARTS))
 
+    def influence(grouped: Callable[[Floats], Floats]) -> Floats:
+        share = np.minimum(grouped(squares) / squares.sum(), _LARGEST_SHARE)
+        return np.asarray(grouped(scores) / (1 - share) / curvature)
 
-def _sandwich(curvature: float, scores: Floats) -> float:
-    """Standard deviation from the sums of scores of what errs alike."""
-    used = max(int((scores != 0).sum()), 2)
-    return float(np.sqrt((scores**2).sum() * used / (used - 1)) / curvature)
+    return PairShift(
+        (a, b), shift, (influence(lambda of: of.sum(0)), influence(lambda of: np.add.reduceat(of, parts, axis=0).sum(1)))
+    )
 
 
 def _confident(points: Floats, confidence: Floats, least: float = _CONFIDENT) -> Floats:
     return np.where((confidence >= least)[..., None], points, np.nan)
 
 
-def _smooth(points: Floats) -> Floats:
-    """Points (T, ...) averaged over five frames, of all cameras alike.
-
-    Without it, interpolation between two frames would average errors that points on a frame have in full, and shifts of half a
-    frame seem better than they are.
-    """
-    total = np.zeros_like(points)
-    weights = np.zeros_like(points)
-    for step, weight in zip(range(-2, 3), _BINOMIAL, strict=True):
-        into = slice(max(0, step), len(points) + min(0, step))
-        of = slice(max(0, -step), len(points) + min(0, -step))
-        known = np.isfinite(points[of])
-        total[into] += np.where(known, weight * points[of], 0.0)
-        weights[into] += weight * known
-    return np.where(np.isfinite(points) & (weights == sum(_BINOMIAL)), total / sum(_BINOMIAL), np.nan)
+def _smooth(rays: Floats, rows: Integers, shift: float) -> Floats:
+    """Means (N, K, 3) of rays (T, K, 3) about places a shift beside some frames; NaN where one that counts is not seen."""
+    steps = np.arange(int(np.floor(shift)) - _AROUND, int(np.ceil(shift)) + _AROUND + 1)
+    weights = np.exp(-0.5 * (steps - shift) ** 2)
+    total = np.zeros((len(rows), *rays.shape[1:]))
+    for step, weight in zip(steps, weights / weights.sum(), strict=True):
+        at = rows + step
+        inside = (at >= 0) & (at < len(rays))
+        total += weight * np.where(inside[:, None, None], rays[np.clip(at, 0, len(rays) - 1)], np.nan)
+    return total
 
 
 def _shift_costs(cameras: Cameras, a: int, first: Floats, b: int, second: Floats) -> dict[int, float]:
@@ -196,11 +216,9 @@ def _distance(first: Floats, first_rays: Floats, second: Floats, second_rays: Fl
     return np.asarray(normal @ (second - first) / np.maximum(np.linalg.norm(normal, axis=-1), 1e-9))
 
 
-def _gaps(cameras: Cameras, points: Floats, rows: Integers, a: int, b: int, shift: float) -> Floats:
+def _gaps(centres: Floats, rays: Floats, rows: Integers, a: int, b: int, shift: float) -> Floats:
     """Signed distances (N, K) of the rays of two cameras, each half of the shift away, without the mean of each point."""
-    centres = np.asarray(cameras.centre, np.float64)
-    first = viewing_rays(cameras, a, _at(points[:, a], np.asarray(rows - shift / 2, np.float64)))
-    second = viewing_rays(cameras, b, _at(points[:, b], np.asarray(rows + shift / 2, np.float64)))
+    first, second = _smooth(rays[:, a], rows, -shift / 2), _smooth(rays[:, b], rows, shift / 2)
     gaps = _distance(centres[a], first, centres[b], second)
     known = np.isfinite(gaps)
     values, weights = np.where(known, gaps, 0.0), known.astype(float)
@@ -210,14 +228,3 @@ def _gaps(cameras: Cameras, points: Floats, rows: Integers, a: int, b: int, shif
         scale = np.sqrt((weights * (values - middle) ** 2).sum(0) / np.maximum(weights.sum(0), 1e-9)) + 1e-6
         weights = known / (1 + ((values - middle) / scale) ** 2 / _FREEDOM)
     return np.where(known & (known.sum(0) >= _LEAST_FRAMES), gaps - middle, np.nan)
-
-
-def _at(points: Floats, positions: Floats) -> Floats:
-    """Points (T, K, 2) interpolated at places between frames; NaN outside, and where a neighbour is not seen."""
-    last = len(points) - 1
-    before = np.clip(np.floor(positions).astype(int), 0, max(last - 1, 0))
-    part = (positions - before)[:, None, None]
-    found = (1 - part) * points[before] + part * points[np.minimum(before + 1, last)]
-    whole = np.abs(part) < 1e-9
-    found = np.where(whole, points[before], found)
-    return np.asarray(np.where(((positions >= 0) & (positions <= last))[:, None, None], found, np.nan))
