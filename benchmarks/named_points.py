@@ -5,7 +5,8 @@
 fly_legs: twelve points of a fly's legs in two of three cameras are smoothed, and the third camera's points (confidence above
 0.9) are judged against what would be seen there: median error of a coordinate, px; how often 50 and 90 % intervals hold; the
 mean log score of a coordinate. Networks are three, each by itself, and the median of all. Nothing is fitted on the camera that
-is held out: the scale of its errors is the mean of the others'. Linear triangulation stands beside it, without intervals.
+is held out: how much worse it is than the others is drawn from the prior. Linear triangulation stands beside it, without
+intervals.
 
 charuco_board: the corners of a board from two, three and four cameras, each corner by itself; the distances between them are
 known. Errors in mm, and how often intervals of the distances hold.
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from poseppl_models.named_points import clutter_log_odds, noise_scales
+from poseppl_models.named_points import CAMERA_SCALE, clutter_log_odds, noise_scales
 from scipy.stats import norm
 from timing import DATA, arguments, show
 
@@ -70,14 +71,17 @@ def images(recording: PointRecording, tracks: PointTracks) -> Floats:
 def foretell(recording: PointRecording, tracks: PointTracks, seed: int = 0) -> tuple[Floats, Floats, Floats]:
     """Draws (S, T, K, 2) of where a camera sees points, variances (S, T, K) of errors, probabilities (T, K) of clutter."""
     deep = float(np.asarray(depth(recording.cameras, jnp.asarray(tracks.frame.origin, float)))[0])
-    magnification = np.abs(np.asarray(recording.cameras.focal)).mean() / deep / tracks.frame.unit
-    params = {**tracks.params, "camera": np.mean(tracks.params["camera"], keepdims=True)}
-    sure = logits(recording.confidence)
-    lasting, bias, other = (np.asarray(scale) for scale in noise_scales(params, np.array([magnification]), sure))
-    drawn = images(recording, tracks)
-    chi = np.random.default_rng(seed).chisquare(FREEDOM, drawn.shape[:-1]) / FREEDOM
-    clutter = 1 / (1 + np.exp(-np.asarray(clutter_log_odds(params, sure))[:, 0]))
-    return drawn, lasting[0] ** 2 + bias[0] ** 2 + other[None, :, 0] ** 2 / chi, clutter
+    magnification = np.array([np.abs(np.asarray(recording.cameras.focal)).mean() / deep / tracks.frame.unit])
+    sure, drawn, rng = logits(recording.confidence), images(recording, tracks), np.random.default_rng(seed)
+    variance, clutter = np.empty(drawn.shape[:-1]), np.empty(drawn.shape[:-1])
+    for s in range(len(drawn)):
+        params = {name: values[s] for name, values in tracks.drawn_params.items()}
+        params["camera"] = CAMERA_SCALE * rng.standard_normal(1)
+        lasting, bias, other = (np.asarray(scale) for scale in noise_scales(params, magnification, sure))
+        chi = rng.chisquare(FREEDOM, drawn.shape[1:-1]) / FREEDOM
+        variance[s] = lasting[0] ** 2 + bias[0] ** 2 + other[:, 0] ** 2 / chi
+        clutter[s] = 1 / (1 + np.exp(-np.asarray(clutter_log_odds(params, sure))[:, 0]))
+    return drawn, variance, clutter.mean(0)
 
 
 def score(recording: PointRecording, tracks: PointTracks) -> Score:

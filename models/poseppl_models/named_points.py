@@ -12,9 +12,13 @@ Motion and lasting errors are processes in continuous time, in seconds, whose tr
 more frames a second, change nothing (:func:`motion_transition`).
 
 A scale belongs to a point, not to a camera: a detector errs by so many mm at the point, which a camera of longer lens shows
-larger; ``camera`` says by how much one camera is worse than that. With the logit of the detector's confidence, l,
+larger; ``log_size`` is that of all points, ``log_scale`` says by how much one point is worse than the others, ``camera`` by how
+much one camera is: that of a camera that was never looked at is foretold by its prior. With the logit of the detector's
+confidence, l, and log scale the sum of the three,
 
-    log other_t = log scale + camera + slope (l_t - l_0),      logit pi_t = clutter + clutter_slope (l_t - l_0),   l_0 = 3.
+    log other_t = log scale + slope (l_t - l_0),      logit pi_t = clutter + clutter_slope (l_t - l_0),   l_0 = 3;
+
+lasting errors are ``exp(log_lasting)`` times the scale, biases ``exp(log_bias)`` times the lasting errors.
 
 Links between points say that their distance stays near a length, which is unknown and constant. The data of the site ``links``
 are zeros, an observation of distance minus length, whose standard deviation is the tolerance.
@@ -39,6 +43,8 @@ from poseppl.program import Cluttered, StateSpaceModel
 
 CONFIDENCE = 3.0
 """l_0, the logit of a confidence of 0.95."""
+CAMERA_SCALE = 0.3
+"""Prior standard deviation of ``camera``; ours."""
 _DRIFT = 0.005
 """Step of what is constant in a second, in its own standard deviations: 0.04 of one in a minute."""
 _SHORT = 0.02
@@ -47,9 +53,9 @@ _SHORT = 0.02
 
 def noise_scales(params: Mapping[str, Array], magnification: Array, logit: Array) -> tuple[Array, Array, Array]:
     """Scales (C, K), px, of the errors that last, of the bias and of the other errors, these with leading axes of ``logit``."""
-    size = jnp.exp(params["log_scale"] + params["camera"][:, None]) * magnification[:, None]
-    other = size * jnp.exp(params["slope"] * (logit - CONFIDENCE))
-    return size * jnp.exp(params["log_lasting"]), size * jnp.exp(params["log_bias"]), other
+    size = jnp.exp(params["log_size"] + params["log_scale"] + params["camera"][:, None]) * magnification[:, None]
+    other, lasting = size * jnp.exp(params["slope"] * (logit - CONFIDENCE)), size * jnp.exp(params["log_lasting"])
+    return lasting, lasting * jnp.exp(params["log_bias"]), other
 
 
 def clutter_log_odds(params: Mapping[str, Array], logit: Array) -> Array:
@@ -61,10 +67,11 @@ def parameters(num_points: int, num_cameras: int) -> dict[str, Array]:
     """The prior over what does not change; lengths are in pixels at the points, times in seconds."""
     about = partial(_about, (num_points,))
     return {
-        "log_scale": about("log_scale", 1.0, 1.0),
+        "log_size": _about((), "log_size", 1.0, 1.0),
+        "log_scale": about("log_scale", 0.0, 0.5),
         "log_speed": about("log_speed", 4.0, 1.5),
         "log_speed_lasts": _about((), "log_speed_lasts", -0.5, 1.0),
-        "camera": _about((num_cameras,), "camera", 0.0, 0.3),
+        "camera": _about((num_cameras,), "camera", 0.0, CAMERA_SCALE),
         "slope": _about((), "slope", -0.15, 0.1),
         "clutter": _about((), "clutter", -5.0, 1.0),
         "clutter_slope": _about((), "clutter_slope", -0.7, 0.2),

@@ -148,3 +148,35 @@ def solve_lower(factor: BlockCholesky, b: Array) -> Array:
 def solve(factor: BlockCholesky, b: Array) -> Array:
     """P^(-1) b for b (T, d)."""
     return solve_upper(factor, solve_lower(factor, b))
+
+
+@jax.custom_vjp
+def solve_with_log_det(matrix: BlockTridiagonal, b: Array) -> tuple[Array, Array]:
+    """P^(-1) b (T, d) and log det P, a scalar, of a positive definite P; differentiated without going back through the factor.
+
+    With x = P^(-1) b, and cotangents v of x and l of the log-determinant, w = P^(-1) v is the cotangent of b, and that of P is
+    l P^(-1) - (w x^T + x w^T) / 2, of which the blocks are wanted that P has (:func:`marginal_covariances`).
+    """
+    factor = block_cholesky(matrix)
+    return solve(factor, b), factor.log_det
+
+
+def _solve_forward(matrix: BlockTridiagonal, b: Array) -> tuple[tuple[Array, Array], tuple[BlockCholesky, Array]]:
+    factor = block_cholesky(matrix)
+    x = solve(factor, b)
+    return (x, factor.log_det), (factor, x)
+
+
+def _solve_backward(kept: tuple[BlockCholesky, Array], cotangents: tuple[Array, Array]) -> tuple[BlockTridiagonal, Array]:
+    (factor, x), (v, of_log_det) = kept, cotangents
+    w, inverse = solve(factor, v), marginal_covariances(factor)
+
+    def outer(a: Array, b: Array) -> Array:
+        return jnp.einsum("ti,tj->tij", a, b)
+
+    diagonal = of_log_det * inverse.own - (outer(w, x) + outer(x, w)) / 2
+    below = 2 * of_log_det * inverse.next - outer(w[1:], x[:-1]) - outer(x[1:], w[:-1])
+    return BlockTridiagonal(diagonal, below), w
+
+
+solve_with_log_det.defvjp(_solve_forward, _solve_backward)

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.gaussians.block_tridiagonal import block_cholesky, solve
+from poseppl.gaussians.block_tridiagonal import solve_with_log_det
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import trajectory_precision
 
@@ -45,6 +45,7 @@ def laplace_evidence(
 
     mode = xs
     for _ in range(num_steps):
-        factor = block_cholesky(trajectory_precision(model, mode, observations, inputs, majorised=majorised))
-        mode = mode + solve(factor, jax.grad(log_density)(mode))
-    return log_density(mode) + 0.5 * xs.size * jnp.log(2 * jnp.pi) - 0.5 * factor.log_det
+        precision = trajectory_precision(model, mode, observations, inputs, majorised=majorised)
+        move, log_det = solve_with_log_det(precision, jax.grad(log_density)(mode))
+        mode = mode + move
+    return log_density(mode) + 0.5 * xs.size * jnp.log(2 * jnp.pi) - 0.5 * log_det

@@ -16,6 +16,7 @@ from poseppl.gaussians.block_tridiagonal import (
     solve,
     solve_lower,
     solve_upper,
+    solve_with_log_det,
     to_dense,
 )
 
@@ -107,3 +108,29 @@ def test_a_ridge_makes_a_singular_matrix_definite():
     factorise = jax.jit(block_cholesky)
     assert np.isfinite(factorise(matrix, ridge=1e-4).inverses).all()
     assert not np.isfinite(factorise(matrix, ridge=0.0).inverses).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (2, 1), (6, 3)])
+def test_the_solution_and_log_determinant_have_the_dense_ones_gradient(shape):
+    with precision(jnp.float64):
+        matrix, dense = random_matrix(*shape)
+        b, weights = (jnp.asarray(np.random.default_rng(seed).normal(size=shape)) for seed in (1, 2))
+
+        def by_blocks(matrix, b):
+            x, log_det = solve_with_log_det(matrix, b)
+            return jnp.sum(weights * jnp.sin(x)) + log_det**2
+
+        def densely(matrix, b):
+            whole = to_dense(matrix)
+            whole = jnp.tril(whole) + jnp.tril(whole, -1).T  # of blocks on the diagonal the lower half counts
+            x = jnp.linalg.solve(whole, b.ravel()).reshape(b.shape)
+            return jnp.sum(weights * jnp.sin(x)) + jnp.linalg.slogdet(whole)[1] ** 2
+
+        (value, (blocks, of_b)), (other, (expected, expected_of_b)) = (
+            jax.value_and_grad(of, (0, 1))(matrix, b) for of in (by_blocks, densely)
+        )
+        np.testing.assert_allclose(value, other, rtol=1e-10)
+        np.testing.assert_allclose(of_b, expected_of_b, rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(blocks.below, expected.below, rtol=1e-8, atol=1e-10)
+        lower = np.tril(blocks.diagonal) + np.tril(np.swapaxes(blocks.diagonal, 1, 2), -1)
+        np.testing.assert_allclose(lower, expected.diagonal, rtol=1e-8, atol=1e-10)

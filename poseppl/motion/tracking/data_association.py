@@ -218,7 +218,8 @@ def _params(problem: PointProblem, recording: PointRecording, noise: Floats, rat
     speed = [1.4826 * float(np.median(steps[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(steps.shape[1])]
     log_size = np.log(noise / np.sqrt(2) / np.asarray(problem.inputs.magnification[0]))
     values = {
-        "log_scale": np.full(len(speed), log_size.mean()),
+        "log_size": log_size.mean(),
+        "log_scale": np.zeros(len(speed)),
         "log_speed": np.log(np.maximum(speed, _LEAST_SPEED)),
         "log_speed_lasts": np.log(SPEED_LASTS),
         "camera": log_size - log_size.mean(),

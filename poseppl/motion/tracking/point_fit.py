@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +35,10 @@ OF_MOTION = ("log_speed", "log_speed_lasts")
 """Params of the points' motion; the others are the detector's."""
 NUM_ROUNDS, NUM_STEPS, MODE_STEPS = 2, 15, 5
 """Rounds of an ascent, its steps in each, and steps to the mode under new params."""
+NUM_DRAWS = 20
+"""Draws of the detector's params."""
+_DIFFERENCE = 0.03
+"""Of params whose prior is standard normal, for the curvature of the evidence."""
 _ANYWHERE = 100.0
 """How far a point goes from frame to frame that may be anywhere, px."""
 _FARTHEST, _REACH = 5.0, 1.5
@@ -44,23 +48,36 @@ _NO_CLUTTER, _GAUSSIAN = -50.0, 1000.0
 """Log-odds of clutter, and degrees of freedom, on the way to a mode."""
 
 
+class PointParams(NamedTuple):
+    """Params of points and of their detector.
+
+    Attributes:
+        params: The likeliest by name, those of single points (K,).
+        draws: Draws (D, ...) of the posterior of the detector's around them; those of motion are the likeliest.
+    """
+
+    params: dict[str, Array]
+    draws: dict[str, Array]
+
+
 def fit_points(
     problem: PointProblem,
     known: Mapping[str, float] | None = None,
     *,
+    num_draws: int = NUM_DRAWS,
+    seed: int = 0,
     num_rounds: int = NUM_ROUNDS,
     num_steps: int = NUM_STEPS,
-) -> dict[str, Array]:
+) -> PointParams:
     """Find the params that the data are most likely under: the detector's, then the motion's.
 
     Args:
         problem: The problem.
         known: Params of the detector that are not sought.
+        num_draws: D.
+        seed: Of the draws.
         num_rounds: Rounds of each ascent.
         num_steps: Its steps in each.
-
-    Returns:
-        The params by name, those of single points (K,).
     """
     names = parameter_bijector(problem.whole)
     prior = prior_moments(problem.whole, names)
@@ -72,40 +89,61 @@ def fit_points(
     for name, value in {**anywhere, **(known or {})}.items():
         u[sites == name] = value
     motion = np.isin(sites, OF_MOTION)
-    u = _ascend(problem, prior, u, ~motion & ~np.isin(sites, list(known or {})), num_rounds, num_steps)
-    u = _ascend(problem, prior, np.where(motion, prior[0], u), motion, num_rounds, num_steps)
-    return dict(names.to_params(jnp.asarray(u)))
+    detector = _Ascent(problem, prior, u, ~motion & ~np.isin(sites, list(known or {})))
+    v = detector.climb(num_rounds, num_steps)
+    spread = detector.draws(v, num_draws, seed)
+    u = detector.at(v)
+    moving = _Ascent(problem, prior, np.where(motion, prior[0], u), motion)
+    u = moving.at(moving.climb(num_rounds, num_steps))
+    drawn = [names.to_params(jnp.asarray(np.where(motion, u, detector.at(each)))) for each in spread]
+    return PointParams(dict(names.to_params(jnp.asarray(u))), jax.tree.map(lambda *each: jnp.stack(each), *drawn))
 
 
-def _ascend(
-    problem: PointProblem, prior: tuple[Floats, Floats], u: Floats, free: NDArray[np.bool_], num_rounds: int, num_steps: int
-) -> Floats:
-    """Unconstrained params (p,) of which the free ones have climbed; in a round all states are sought from the same ones."""
-    mean, scale = (moment[free] for moment in prior)
-    names = parameter_bijector(problem.whole)
+class _Ascent:
+    """Free ones of the unconstrained params u (p,), as v in which their prior is standard normal; the others stay."""
 
-    def at(v: Floats) -> Array:
-        there = u.copy()
-        there[free] = mean + scale * v
-        return jnp.asarray(there)
+    def __init__(self, problem: PointProblem, prior: tuple[Floats, Floats], u: Floats, free: NDArray[np.bool_]):
+        self.problem, self.u, self.free = problem, u, free
+        self.mean, self.scale = (moment[free] for moment in prior)
+        self.names = parameter_bijector(problem.whole)
 
-    def mode(v: Floats, states: Array | None) -> Array:
-        return points_mode(problem, names.to_params(at(v)), states)
+    def at(self, v: Floats) -> Floats:
+        """The params u (p,)."""
+        there = self.u.copy()
+        there[self.free] = self.mean + self.scale * v
+        return there
 
-    def loss(v: Floats, states: Array) -> tuple[float, Floats]:
-        value, gradient = value_and_gradient(
-            problem.model, problem.whole, at(v), mode(v, states), problem.observations, problem.inputs
-        )
-        told = np.asarray(gradient)[free] * scale
+    def mode(self, v: Floats, states: Array | None) -> Array:
+        """The states (K, T, d) that are likeliest."""
+        return points_mode(self.problem, self.names.to_params(jnp.asarray(self.at(v))), states)
+
+    def loss(self, v: Floats, states: Array) -> tuple[float, Floats]:
+        """Minus the log-density, and its gradient, with states sought from these."""
+        of = self.problem
+        u = jnp.asarray(self.at(v))
+        value, gradient = value_and_gradient(of.model, of.whole, u, self.mode(v, states), of.observations, of.inputs)
+        told = np.asarray(gradient)[self.free] * self.scale
         sound = bool(np.isfinite(value)) and bool(np.isfinite(told).all())
         return (-float(value), -told) if sound else (_WORST, np.zeros_like(told))
 
-    v, states = (u[free] - mean) / scale, None
-    for _ in range(num_rounds):
-        states = mode(v, states)
-        bounds = np.clip([v - _REACH, v + _REACH], -_FARTHEST, _FARTHEST).T
-        v = minimize(loss, v, states, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": num_steps}).x
-    return np.asarray(at(v))
+    def climb(self, num_rounds: int, num_steps: int) -> Floats:
+        """The likeliest v; in a round all states are sought from the same ones."""
+        v, states = (self.u[self.free] - self.mean) / self.scale, None
+        for _ in range(num_rounds):
+            states = self.mode(v, states)
+            bounds = np.clip([v - _REACH, v + _REACH], -_FARTHEST, _FARTHEST).T
+            options = {"maxiter": num_steps}
+            v = minimize(self.loss, v, states, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+        return np.asarray(v)
+
+    def draws(self, v: Floats, count: int, seed: int) -> Floats:
+        """Draws (count, n) about the likeliest v, by the curvature there, which is never less than the prior's."""
+        states = self.mode(v, None)
+        here = self.loss(v, states)[1]
+        curvature = np.array([(self.loss(v + step, states)[1] - here) / _DIFFERENCE for step in _DIFFERENCE * np.eye(len(v))])
+        values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+        root = vectors / np.sqrt(np.maximum(values, 1.0))
+        return np.asarray(v + np.random.default_rng(seed).normal(size=(count, len(v))) @ root.T)
 
 
 def prior_moments(whole: CompiledModel, names: ParameterBijector) -> tuple[Floats, Floats]:

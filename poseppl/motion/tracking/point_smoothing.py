@@ -38,7 +38,8 @@ class PointTracks(NamedTuple):
     Attributes:
         places: (S, T, K, 3) draws of whole trajectories, mm.
         mode: (T, K, 3), mm.
-        params: The params that they were smoothed under; scales of points are (K,).
+        params: The likeliest params; those of points are (K,).
+        drawn_params: Params (S, ...) that each draw of the places is under.
         frame: Coordinates that lengths of the params are in.
         clutter: (T, C, K) probability that what was found is clutter; NaN where nothing was.
         lengths: (S, L) draws of the skeleton's links' lengths, mm.
@@ -48,6 +49,7 @@ class PointTracks(NamedTuple):
     places: Floats
     mode: Floats
     params: Mapping[str, Floats]
+    drawn_params: Mapping[str, Floats]
     frame: LocalFrame
     clutter: Floats
     lengths: Floats
@@ -78,7 +80,7 @@ def smooth_points(
         problem = make_point_problem(recording)
         part = best_seen(recording.points, MOST_FITTED, RUNS_FITTED)
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
-        params = fit_points(fitted, known)
+        params, spread = fit_points(fitted, known, seed=seed)
         mode = points_mode(problem, params)
         pairs = () if skeleton is None else skeleton.pairs
         swaps = _swaps(problem, params, mode, recording, pairs)
@@ -87,7 +89,7 @@ def smooth_points(
             problem = make_point_problem(recording._replace(points=points, confidence=confidence))
             mode = points_mode(problem, params)
             swaps = _swaps(problem, params, mode, recording, pairs)
-        drawn = _draws(problem.model, num_draws, jax.random.key(seed), params, mode, problem.observations, problem.inputs)
+        drawn, rows = _all_draws(problem, spread, mode, num_draws, seed)
         linked = [] if skeleton is None else linked_draws(problem, params, mode, skeleton, num_draws, seed)
         places, middle = (
             np.moveaxis(np.asarray(drawn), 0, 2).copy(),
@@ -101,6 +103,7 @@ def smooth_points(
             problem.frame.to_world(places),
             problem.frame.to_world(middle),
             {name: np.asarray(value) for name, value in params.items()},
+            {name: np.asarray(value)[rows] for name, value in spread.items()},
             problem.frame,
             seen_points(problem, params, mode).clutter_probability(recording.points),
             lengths,
@@ -139,6 +142,21 @@ def _best_run(seen: Integers, length: int) -> slice:
     sums = np.cumsum(np.r_[0, seen])
     first = int(np.argmax(sums[length:] - sums[:-length]))
     return slice(first, first + length)
+
+
+def _all_draws(
+    problem: PointProblem, spread: Mapping[str, Array], mode: Array, num_draws: int, seed: int
+) -> tuple[Floats, Integers]:
+    """Draws (K, S, T, 3) of places, and which of the draws of params (S,) each of them is under."""
+    count = len(next(iter(spread.values())))
+    each = -(-num_draws // count)
+    drawn = []
+    for number in range(-(-num_draws // each)):
+        params = {name: value[number] for name, value in spread.items()}
+        there = points_mode(problem, params, mode)
+        key = jax.random.fold_in(jax.random.key(seed), number)
+        drawn.append(np.asarray(_draws(problem.model, each, key, params, there, problem.observations, problem.inputs)))
+    return np.concatenate(drawn, 1)[:, :num_draws], np.arange(num_draws) // each
 
 
 @partial(jax.jit, static_argnums=(0, 1))
