@@ -33,7 +33,7 @@ from random_walk import RECORDINGS, shared_problem, watch
 from timing import DATA, arguments, show
 
 from poseppl.cli.console import start_jax
-from poseppl.diagnostics import check_predictions, check_unreached, check_updates, predictive_figures, verdicts
+from poseppl.diagnostics import check_intervals, check_predictions, check_unreached, check_updates, predictive_figures, verdicts
 from poseppl.diagnostics.verdicts.predictive import prediction_of
 from poseppl.experiments.choo_fleet.sequence import true_states
 from poseppl.experiments.choo_fleet.systems import SIMULATED, noisy_points, pose_sequence, stage_of
@@ -200,7 +200,7 @@ def judge(tree: Any) -> Judged:
     coverage = ((low <= truth) & (truth <= high))[:, free].mean()
     for known in {"truth", "diagnostics"} & set(blind.children):
         del blind[known]
-    figures = predictive_figures(checks_of(tree))
+    figures = predictive_figures(checks_of(tree).data)
     return Judged(coverage, figures.inflation.estimate, [found.text for found in verdicts(blind) if found.severity == "error"])
 
 
@@ -214,10 +214,12 @@ def checks_of(tree: Any) -> Prediction:
 def keep(folder: Path, key: tuple[str, ...], tree: Any, judged: Judged) -> None:
     """Keep what was predicted, so that another verdict can be tried without another run."""
     folder.mkdir(parents=True, exist_ok=True)
-    arrays = {name: np.asarray(value, np.float32) for name, value in checks_of(tree)._asdict().items() if value is not None}
+    arrays = {name: np.asarray(value, np.float32) for name, value in checks_of(tree).by_name().items()}
     mean, spread = (tree["summary"].dataset[f"state_{name}"].values for name in ("mean", "sd"))
     state = {"state_mean": mean, "state_sd": spread, "truth": tree["truth"].dataset["state"].values}
     state["ess"] = tree["sample_stats"].dataset["ess"].values
+    bounds = tree["summary"].dataset["state_quantile"]
+    state |= {name: bounds.sel(quantile=level).values for name, level in (("low", 0.05), ("high", 0.95))}
     np.savez_compressed(folder / file_of(key), **arrays, **state, errors=np.array(judged.errors, str))
 
 
@@ -229,14 +231,16 @@ def file_of(key: tuple[str, ...]) -> str:
 def judged_again(folder: Path, row: tuple[str, ...]) -> tuple[str, ...]:
     """The row of a kept run by the present verdict of its predictions, and the other errors as they were."""
     with np.load(folder / file_of(row[:_KEY])) as kept:
-        prediction = Prediction(**{name: kept[name] for name in Prediction._fields if name in kept})
+        prediction = Prediction.of(kept)
         posterior = tuple(kept[name] for name in ("state_mean", "state_sd", "ess"))
         names = [f"coordinate {i}" for i in range(kept["state_mean"].shape[1])]
-        found = [*check_predictions(prediction), *check_unreached(prediction, *posterior, names)]
-        found += check_updates(prediction, *posterior) if prediction.memory is not None else []
+        data, state = prediction
+        found = [*check_predictions(data), *(check_unreached(state, *posterior, names) if state is not None else [])]
+        if state is not None and state.memory is not None:
+            found += check_updates(state, *posterior) or check_intervals(state, kept["low"], kept["high"])
         others = [text for text in kept["errors"].tolist() if kinds([text]) == "other"]
     errors = [each.text for each in found if each.severity == "error"]
-    inflation = predictive_figures(prediction).inflation.estimate
+    inflation = predictive_figures(data).inflation.estimate
     return (*row[:_KEY], row[_KEY], f"{inflation:.4g}", kinds([*errors, *others]))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
 from poseppl.runs.results import Names, Truth, build_result
 
 MARKERS = (
@@ -132,11 +132,17 @@ def predicted_result(transform: np.ndarray) -> xr.DataTree:
     """A result with predictive checks, whose probability integral transforms (frame, entry) are these."""
     tree = synthetic_result(num_frames=len(transform))
     one, whole = np.ones_like(transform), np.ones(len(transform))
-    checks = Prediction(transform, norm.ppf(transform), one / 2, one / 2, whole, whole / 2)
+    checks = DataPrediction(transform, norm.ppf(transform), one / 2, one / 2, whole, whole / 2)
     dims = ("frame", "entry")
     values = {name: (dims[: value.ndim], value) for name, value in checks._asdict().items() if value is not None}
     tree["predictive"] = xr.DataTree(xr.Dataset(values))
     return tree
+
+
+def checks_of_state(state: StatePrediction | None, num_frames: int) -> dict[str, np.ndarray]:
+    """Predictive checks of a result's state, whose data say nothing."""
+    unseen = DataPrediction(*[np.full((num_frames, 1), np.nan)] * 4, *[np.full(num_frames, np.nan)] * 2)
+    return Prediction(unseen, state).by_name()
 
 
 def two_sided_result() -> xr.DataTree:

@@ -49,9 +49,14 @@ from poseppl.diagnostics.survival import (
     unique_ancestors as unique_ancestors,
 )
 from poseppl.diagnostics.unreached import UnreachedFigures as UnreachedFigures, unreached_figures as unreached_figures
-from poseppl.diagnostics.updates import UpdateFigures as UpdateFigures, update_figures as update_figures
+from poseppl.diagnostics.updates import (
+    UpdateFigures as UpdateFigures,
+    update_coverage as update_coverage,
+    update_figures as update_figures,
+)
 from poseppl.diagnostics.verdicts import (
     Verdict as Verdict,
+    check_intervals as check_intervals,
     check_predictions as check_predictions,
     check_unreached as check_unreached,
     check_updates as check_updates,

@@ -123,7 +123,9 @@ def _against_truth(tree: xr.DataTree) -> dict[str, Any]:
         data[name], data[f"{name}_se"] = ((("level",), column) for column in np.array(found).T)
         if site == "state":
             data["inside"] = (("level", *_GRID), inside)
-            data["probability_transform"] = (_GRID, probability_transform(draws, true))
+            about = tree["summary"].dataset["state_mean"].values  # angles are compared in one turn
+            near = (nearest_turn(tree, values, about) for values in (draws, true))
+            data["probability_transform"] = (_GRID, probability_transform(*near))
     return data
 
 

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.unreached import handed_on
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import StatePrediction
 
 
-def few_points_inflation(prediction: Prediction, standard_deviation: ArrayLike, points: int) -> Floats:
+def few_points_inflation(prediction: StatePrediction, standard_deviation: ArrayLike, points: int) -> Floats:
     """Variance of a filter's errors over the claimed one that the number of its points makes one expect, at least.
 
     Args:

@@ -65,7 +65,7 @@ def score_forecast(
         The score of each site.
 
     Raises:
-        InputError: The forecast predicts no data, has no such site, or another shape.
+        InputError: The forecast predicts no data, has no such site, or another shape; or data are infinite.
     """
     drawn = group_of(forecast, "predictions")
     if not drawn.data_vars:
@@ -79,6 +79,8 @@ def score_forecast(
             raise InputError(
                 f"data of shape {true.shape}", field=name, expected=f"{draws.shape[2:]}, the frames of the forecast"
             )
+        if np.isinf(true).any():
+            raise InputError("infinite data", field=name, expected="finite numbers, NaN where nothing was seen")
         seen = np.isfinite(true)
         covered = (coverage(inside_interval(draws, true, level), level, valid=seen) for level in levels)
         ranks = np.where(seen, probability_transform(draws, true), np.nan)

@@ -30,7 +30,7 @@ from poseppl.particles.stacks import prepend, split_first
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.frame_inputs import stacked_inputs
 from poseppl.program.observation import num_frames_of
-from poseppl.runs.predictive import Prediction, predictive_checks
+from poseppl.runs.predictive import DataPrediction, predictive_checks
 from poseppl.smoothers.inner_filter import filter_for
 
 RHAT_ERROR, RHAT_WARNING = 1.1, 1.02
@@ -48,7 +48,7 @@ def predictions_under(
     inputs: Any = None,
     *,
     num_draws: int = 8,
-) -> list[Prediction]:
+) -> list[DataPrediction]:
     """Make the predictive checks of a filter under draws of the parameters.
 
     Args:
@@ -76,30 +76,30 @@ def predictions_under(
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows: Any) -> Prediction:
-    found: Prediction = jax.lax.map(lambda row: _predictions(model, filter, row[0], row[1], rows), (keys, drawn))
+def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows: Any) -> DataPrediction:
+    found: DataPrediction = jax.lax.map(lambda row: _predictions(model, filter, row[0], row[1], rows), (keys, drawn))
     return found
 
 
-def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any, rows: Any) -> Prediction:
+def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any, rows: Any) -> DataPrediction:
     bound = model.with_params(params)
     built, predict = filter_for(bound, filter), predictive_checks(bound, of_state=False)
     key_first, key_later = jax.random.split(rng_key)
     first, later = split_first(rows)
     state, _ = built.init(key_first, *first)
-    foretold = predict(key_first, state, True, *first)
+    foretold = predict(key_first, state, True, *first).data
 
-    def advance(state: Any, row: Any) -> tuple[Any, Prediction]:
+    def advance(state: Any, row: Any) -> tuple[Any, DataPrediction]:
         key_step, key_predict = jax.random.split(jax.random.fold_in(key_later, row[0]))
-        foretold = predict(key_predict, state, False, *row[1])
+        foretold = predict(key_predict, state, False, *row[1]).data
         return built.step(key_step, state, *row[1])[0], foretold
 
     _, rest = jax.lax.scan(advance, state, (jnp.arange(jax.tree.leaves(later)[0].shape[0]), later))
-    whole: Prediction = prepend(foretold, rest)
+    whole: DataPrediction = prepend(foretold, rest)
     return whole
 
 
-def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Prediction] = ()) -> list[Verdict]:
+def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[DataPrediction] = ()) -> list[Verdict]:
     """Judge draws of static parameters, of `pmmh`, `particle_gibbs`, or NumPyro's NUTS on `log_likelihood`.
 
     Args:

@@ -34,7 +34,7 @@ from scipy.stats import chi2, norm
 
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import DataPrediction
 
 _CUT = 4.0
 """Standard deviations at which an innovation is cut off."""
@@ -42,8 +42,6 @@ _MOST = 4.0
 """What a frame's innovation chi-square, over its mean, is cut off at."""
 _OUTER = 0.1
 """Probability of the outer tails."""
-_OF_DATA = 7
-"""Fields of a prediction that are of its data; the others are of the state."""
 _LEAST = 1e-6
 """Least upper tail of a rank; single precision may round to 0."""
 
@@ -72,13 +70,13 @@ class PredictiveFigures(NamedTuple):
     chance: float
 
 
-def predictive_figures(prediction: Prediction) -> PredictiveFigures:
+def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
     """Sum the predictive checks of a sequence up.
 
     Args:
         prediction: With a leading T.
     """
-    told = (np.asarray(np.nan if leaf is None else leaf, np.float64) for leaf in prediction[:_OF_DATA])
+    told = (np.asarray(np.nan if leaf is None else leaf, np.float64) for leaf in prediction)
     transform, innovation, state, noise, chi_square, ranks, share = told
     known, total = np.isfinite(transform), np.where(state + noise > 0, state + noise, np.nan)
     gain, white = state / total, np.clip(innovation / np.sqrt(total), -_CUT, _CUT)
@@ -102,7 +100,7 @@ def implied_coverage(inflation: float) -> float:
     return float(2 * norm.cdf(norm.ppf(0.95) / np.sqrt(max(inflation, 1e-9))) - 1)
 
 
-def farthest_stretch(prediction: Prediction) -> tuple[int, int]:
+def farthest_stretch(prediction: DataPrediction) -> tuple[int, int]:
     """First and last of the frames in a row, of those with data, that stand out most by the ranks of their chi-squares.
 
     It is where the sum of -log(1 - u_t) - 2 is largest; a term is -1 on average where predictions hold.

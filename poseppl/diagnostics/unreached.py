@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Booleans, Floats
 from poseppl.diagnostics.batches import Interval, ratio_interval
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import StatePrediction
 
 HARDLY = 0.1
 """Share of a coordinate's predicted variance, up to which a frame's data hardly reach it."""
@@ -49,7 +49,7 @@ class UnreachedFigures(NamedTuple):
 
 
 def unreached_figures(
-    prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
+    prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
 ) -> UnreachedFigures | None:
     """Compare a filter's posterior with its own prediction where the data hardly reach.
 
@@ -83,7 +83,7 @@ def unreached_figures(
     )
 
 
-def handed_on(prediction: Prediction) -> Floats:
+def handed_on(prediction: StatePrediction) -> Floats:
     """Share (T, d) of a variance of errors that each frame has of the one before: what data leave and the transition keeps."""
     explained, slope = (np.asarray(leaf, np.float64) for leaf in (prediction.explained, prediction.autoregression))
     return np.nan_to_num(np.clip((1 - explained) * slope, -1.0, 1.0) ** 2)

@@ -16,6 +16,9 @@ own. Its errors have the variances diag(P_t + C_t + D_t D_t' - V_t) instead of d
 ratio of their sums over frames, of which the mean over coordinates is told. How large it comes out by chance is simulated.
 Frames in which few draws carry the weight tell nothing, and nor do states of more than ten coordinates: innovations tell more
 there.
+
+Of shapes moments tell little: between two modes lies the mean, and the variance is right, of a Gaussian that holds neither. So
+it is counted, too, how many of the weighted draws are in the filter's 90 % intervals, which an exact update makes 90 %.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
-from poseppl.runs.predictive import Prediction
+from poseppl.diagnostics.batches import Interval, mean_interval
+from poseppl.runs.predictive import StatePrediction
 
 LEAST_DRAWS = 10.0
 """Effective number of weighted draws below which a frame tells nothing."""
@@ -47,7 +51,9 @@ class UpdateFigures(NamedTuple):
     frames: int
 
 
-def update_figures(prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike) -> UpdateFigures:
+def update_figures(
+    prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike
+) -> UpdateFigures:
     """Compare a filter's posterior with its own prediction, weighted by the data's likelihood.
 
     Args:
@@ -80,6 +86,22 @@ def update_figures(prediction: Prediction, mean: ArrayLike, standard_deviation: 
     by_chance = _excess(memory, surer, apart, noise) / whole
     chance = np.mean(np.nanmean(by_chance, axis=1) >= np.nanmean(inflation) - 1)
     return UpdateFigures(inflation, float(chance), int(tells.sum()))
+
+
+def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike) -> tuple[int, Interval]:
+    """Share of the predicted states, weighted by the data's likelihood, in a filter's intervals, and how many frames tell.
+
+    Args:
+        prediction: With a leading T.
+        low: The intervals' lower ends (T, d).
+        high: Their upper ends (T, d).
+    """
+    draws, below, above = (np.asarray(leaf, np.float64) for leaf in (prediction.weighted_draws, low, high))
+    inside = ((below[:, None] <= draws) & (draws <= above[:, None])).mean(axis=1)
+    tells = np.asarray(prediction.weighted_ess) >= LEAST_DRAWS
+    # finite sites have no share, of which intervals hold more than they say
+    known = tells[:, None] & np.isfinite(prediction.explained) & (below < above)
+    return int(tells.sum()), mean_interval(np.where(known, inside, np.nan))
 
 
 def _excess(memory: Floats, surer: Floats, apart: Floats, noise: Floats) -> Floats:

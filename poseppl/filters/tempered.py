@@ -34,6 +34,7 @@ from poseppl.checks import RangeError, check_at_least, check_choice, check_fract
 from poseppl.filters.base import Filter, Info, filter_info
 from poseppl.filters.tempering import Tempered, Tempering, temper
 from poseppl.kernels.moves import HMC_MOVES, ConditionalDensity, MoveSettings
+from poseppl.particles.families import effective_of_families
 from poseppl.particles.resampling import Scheme, resampling_scheme
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
@@ -101,7 +102,8 @@ def tempered_filter(
 
     Returns:
         The filter; its state is :class:`TemperedState`. `Info.ess` is the least ESS of the frame's temperatures, before
-        resampling, `Info.acceptance` the mean over them.
+        resampling, or that of particles that descend from few and that moves left alike
+        (:mod:`poseppl.particles.families`), if that is less; `Info.acceptance` is the mean over temperatures.
 
     Raises:
         ValueError: A setting out of its range.
@@ -191,7 +193,7 @@ def _state(model: CompiledModel, tempered: Tempered) -> TemperedState:
 def _info(tempered: Tempered, ancestors: Array) -> Info:
     return filter_info(
         tempered.log_evidence,
-        jnp.min(tempered.ess),
+        jnp.minimum(jnp.min(tempered.ess), effective_of_families(tempered.particles, tempered.ancestors)),
         ancestors,
         tempered.failed,
         acceptance=tempered.acceptance,

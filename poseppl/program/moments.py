@@ -39,7 +39,8 @@ def moments(distribution: dist.Distribution, shape: tuple[int, ...] | None = Non
 
     With a ``shape`` of its value, the distribution is expanded to it.
 
-    An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R.
+    An angle's (VonMises) variance is that of the wrapped normal with the same resultant length, -2 log R. A negative scale has
+    no variance (NaN), as it has no density, though its square is one.
 
     Raises:
         ValueError: A multivariate distribution that does not tell its covariance.
@@ -51,6 +52,8 @@ def moments(distribution: dist.Distribution, shape: tuple[int, ...] | None = Non
         mean, variance = base.loc, -2.0 * jnp.log1p(-base.variance)
     elif base.event_dim == 0:
         mean, variance = base.mean, base.variance
+        if hasattr(base, "scale"):
+            variance = jnp.where(base.scale < 0, jnp.nan, variance)
     elif base.event_dim == 1 and hasattr(base, "covariance_matrix"):
         size = shape[-1]
         mean = jnp.broadcast_to(base.mean, shape)

@@ -86,7 +86,7 @@ def state_moments(sites: Mapping[str, Site], trace_of: TraceOf, form: MomentsFor
     trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
     joint = joint_normal(sites, trace)
     if joint is not None:
-        return joint.loc, jnp.diag(jnp.square(joint.scale))
+        return joint.loc, jnp.diag(jnp.where(joint.scale < 0, jnp.nan, jnp.square(joint.scale)))
     return joint_moments([_flat_moments(site, trace[name]["fn"]) for name, site in sites.items()])
 
 

@@ -62,7 +62,7 @@ def frame_numbers(tree: xr.DataTree) -> Integers:
 
 
 def nearest_turn(tree: xr.DataTree, values: NDArray[Any], centre: NDArray[Any]) -> NDArray[Any]:
-    """Flat states (frame, dof), whose angles are counted in the turn about a centre (frame, dof)."""
+    """Flat states (..., frame, dof), whose angles are counted in the turn about a centre (frame, dof)."""
     angles = np.isin(names_of(tree, "dof"), _angles(tree))
     turn = 2 * np.pi
     return np.where(angles, values + turn * np.round((centre - values) / turn), values) if angles.any() else values

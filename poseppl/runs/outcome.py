@@ -41,8 +41,8 @@ def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
         stats["unique_ancestors"] = run.unique_ancestors
     attrs = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
     parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
-    checks = {} if run.prediction is None else run.prediction._asdict()
-    return parts | {"predictive": {name: values for name, values in checks.items() if values is not None} or None}
+    checks = {} if run.prediction is None else run.prediction.by_name()
+    return parts | {"predictive": checks or None}
 
 
 def result_of_run(

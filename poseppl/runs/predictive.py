@@ -18,7 +18,7 @@ frame's likelihood; with these a filter's posterior has to agree (:mod:`poseppl.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -39,13 +39,15 @@ _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
 _MAX_MEMORY = 10
 """Coordinates of a state up to which its memory is told."""
+_STRATA = 20
+"""Draws that are kept of the weighted states."""
 _RIDGE = 1e-4
 """Added to the diagonal of correlations: states that hardly differ leave a singular matrix."""
 _LEAST = 1e-30
 """Least variance of an entry."""
 
 
-class Prediction(NamedTuple):
+class DataPrediction(NamedTuple):
     """A frame's data against their prediction; of a sequence, with a leading T.
 
     Attributes:
@@ -56,6 +58,21 @@ class Prediction(NamedTuple):
         chi_square: Innovation chi-square over its mean under the prediction, a scalar.
         chi_square_transform: Its randomised rank, a scalar in (0, 1).
         state_share: Share of its mean that is of the predicted states' variance, a scalar; the rest is the data's noise.
+    """
+
+    transform: Any
+    innovation: Any
+    state_variance: Any
+    noise_variance: Any
+    chi_square: Any
+    chi_square_transform: Any
+    state_share: Any = None
+
+
+class StatePrediction(NamedTuple):
+    """The state that a frame's data were predicted from; of a sequence, with a leading T.
+
+    Attributes:
         predicted_mean: Mean (d,) of the predicted states.
         predicted_variance: Their variance (d,) by coordinate.
         predicted_error: Monte Carlo standard error (d,) of `predicted_mean`.
@@ -67,24 +84,43 @@ class Prediction(NamedTuple):
         weighted_covariance: Their covariance (d, d).
         weighted_ess: Their effective number, a scalar.
         memory: What an error in each coordinate of the frame before makes in each of this one (d, d), after its data.
+        weighted_draws: Of each coordinate twenty stratified draws (20, d) of them, in ascending order.
     """
 
-    transform: Any
-    innovation: Any
-    state_variance: Any
-    noise_variance: Any
-    chi_square: Any
-    chi_square_transform: Any
-    state_share: Any = None
-    predicted_mean: Any = None
-    predicted_variance: Any = None
-    predicted_error: Any = None
-    autoregression: Any = None
-    explained: Any = None
+    predicted_mean: Any
+    predicted_variance: Any
+    predicted_error: Any
+    autoregression: Any
+    explained: Any
     weighted_mean: Any = None
     weighted_covariance: Any = None
     weighted_ess: Any = None
     memory: Any = None
+    weighted_draws: Any = None
+
+
+class Prediction(NamedTuple):
+    """Predictive checks of a frame; of a sequence, with a leading T.
+
+    Attributes:
+        data: Its data against their prediction.
+        state: What was predicted of its state; None if that was not asked for.
+    """
+
+    data: DataPrediction
+    state: StatePrediction | None = None
+
+    def by_name(self) -> dict[str, Any]:
+        """The fields of both that there are, by their names, as in a result."""
+        parts = self.data._asdict() | ({} if self.state is None else self.state._asdict())
+        return {name: values for name, values in parts.items() if values is not None}
+
+    @classmethod
+    def of(cls, checks: Mapping[str, Any]) -> Prediction:
+        """From the fields by name."""
+        state = {name: checks[name] for name in StatePrediction._fields if name in checks}
+        data = DataPrediction(**{name: checks[name] for name in DataPrediction._fields if name in checks})
+        return cls(data, StatePrediction(**state) if "explained" in state else None)
 
 
 class Predict(Protocol):
@@ -101,7 +137,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
     Args:
         model: The model that the filter was built for.
         num_draws: S, at least 8.
-        of_state: Whether what is told of the state's coordinates, from ``predicted_mean`` on, is wanted, too.
+        of_state: Whether what is told of the state's coordinates is wanted, too.
 
     Returns:
         The checks; they raise a ValueError where the observation program has a heuristic likelihood, which predicts no data
@@ -127,44 +163,48 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
         known = jnp.isfinite(drawn.mean) & jnp.isfinite(drawn.variance)
         means, variances = jnp.where(known, drawn.mean, drawn.values), jnp.where(known, drawn.variance, 0.0)
         data, seen = model.flat_observation(observation)
-        ties = jax.random.uniform(keys[4], (data.shape[0] + 1,), data.dtype)
+        chances = jax.random.uniform(keys[4], (data.shape[0] + 2,), data.dtype)
+        whole, ties, offset = chances[0], chances[1:-1], chances[-1]
         chi_square, share = _chi_square(means, variances, data, seen)
         half = num_draws // 2
         all_found = chi_square(jnp.concatenate([data[None], drawn.values[half:]]))
         found, others = all_found[0], all_found[1:]
         entries = (
-            _rank(ties[1:], drawn.values, data),
+            _rank(ties, drawn.values, data),
             data - jnp.mean(means, 0),
             jnp.var(means, 0, ddof=1),
             jnp.mean(variances, 0),
         )
-        whole = found / jnp.mean(others), _rank(ties[0], others, found), share
+        told = found / jnp.mean(others), _rank(whole, others, found), share
         transform, innovation, state_variance, noise_variance = (jnp.where(seen, entry, jnp.nan) for entry in entries)
-        of_frame = (jnp.where(jnp.any(seen), value, jnp.nan) for value in whole)
-        told = Prediction(transform, innovation, state_variance, noise_variance, *of_frame)
+        of_frame = (jnp.where(jnp.any(seen), value, jnp.nan) for value in told)
+        of_data = DataPrediction(transform, innovation, state_variance, noise_variance, *of_frame)
         if not of_state:
-            return told
+            return Prediction(of_data)
 
         def score(replicate: Any, x: Array) -> Array:
             data = Observation(replicate, observation.mask)
             gradient: Array = jax.grad(lambda x: model.log_observation(x, data, inputs))(x)
             return gradient
 
-        return told._replace(
+        of_states = StatePrediction(
             predicted_mean=jnp.mean(states, 0),
             predicted_variance=jnp.var(states, 0, ddof=1),
             predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
             autoregression=_autoregression(previous, states),
             # the scores of finite sites are no derivatives
             explained=jnp.where(finite, jnp.nan, _explained(states, jax.vmap(score)(drawn.sites, states))),
-            **_weighted(previous, states, jax.vmap(lambda x: model.log_observation(x, observation, inputs))(states)),
+            **_weighted(previous, states, jax.vmap(lambda x: model.log_observation(x, observation, inputs))(states), offset),
         )
+        return Prediction(of_data, of_states)
 
     return predict
 
 
-def _weighted(previous: Array, states: Array, log_weights: Array) -> dict[str, Array]:
-    """Moments of states (S, d) with log-weights (S,), without the bias of few weights, and the memory of those before.
+def _weighted(previous: Array, states: Array, log_weights: Array, offset: Array) -> dict[str, Array]:
+    """Moments and draws of states (S, d) with log-weights (S,), and the memory of those before.
+
+    Moments are without the bias of few weights. Draws are stratified, the `offset` in (0, 1) being the place in a stratum.
 
     An error e in the state before is one of A e in the prediction, A being the slopes of the states on those before. Of it data
     leave C P^-1 A e, with the states' covariance P, and C that of the weighted ones.
@@ -183,7 +223,16 @@ def _weighted(previous: Array, states: Array, log_weights: Array) -> dict[str, A
         "weighted_covariance": spread[:, None] * correlation * spread,
         "weighted_ess": ess,
         "memory": spread[:, None] * left.T / scale,
+        "weighted_draws": _stratified(states, weights, offset),
     }
+
+
+def _stratified(states: Array, weights: Array, offset: Array) -> Array:
+    """Quantiles (_STRATA, d) of weighted states, each coordinate on its own."""
+    ordered, masses = jax.lax.sort((states, jnp.broadcast_to(weights[:, None], states.shape)), dimension=0, num_keys=1)
+    below, levels = jnp.cumsum(masses, 0), (jnp.arange(_STRATA) + offset) / _STRATA
+    index = jnp.minimum(jnp.sum(below < levels[:, None, None], 1), len(states) - 1)
+    return jnp.take_along_axis(ordered, index, 0)
 
 
 def _standardised(states: Array) -> tuple[Array, Array]:

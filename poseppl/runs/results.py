@@ -63,11 +63,13 @@ VERSION = 2
 """Version of the layout, in the root attribute ``poseppl_result``."""
 
 _INPUT_AXES = {"step_scale": ("frame", "dof"), "marker_offsets": ("marker", "axis")}
-_STATE_CHECKS = (
-    *("predicted_mean", "predicted_variance", "predicted_error", "autoregression", "explained"),
-    *("weighted_mean", "weighted_covariance", "memory"),
-)
-"""Predictive checks of the coordinates of the state, rather than of the data's entries."""
+_CHECK_AXES = {
+    **dict.fromkeys(("predicted_mean", "predicted_variance", "predicted_error", "autoregression"), ("frame", "dof")),
+    **dict.fromkeys(("explained", "weighted_mean"), ("frame", "dof")),
+    **dict.fromkeys(("weighted_covariance", "memory"), ("frame", "dof", "other_dof")),
+    "weighted_draws": ("frame", "weighted_draw", "dof"),
+}
+"""Axes of predictive checks that are of the state's coordinates, rather than of the data's entries."""
 
 
 _LEADING = ("chain", "draw", "frame")
@@ -276,11 +278,8 @@ def _inputs(inputs: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) 
 
 def _predictive(predictive: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:
     checks = {name: np.asarray(values) for name, values in predictive.items()}
-
-    def axes(name: str) -> tuple[str, ...]:
-        return ("frame", "dof" if name in _STATE_CHECKS else "entry", "other_dof")[: checks[name].ndim]
-
-    return checked({name: (axes(name), values) for name, values in checks.items()}, known)
+    axes = {name: _CHECK_AXES.get(name, ("frame", "entry"))[: values.ndim] for name, values in checks.items()}
+    return checked({name: (axes[name], values) for name, values in checks.items()}, known)
 
 
 def _summary(drawn: Mapping[str, ArrayLike], given: Mapping[str, ArrayLike], known: Mapping[str, NDArray[Any]]) -> xr.Dataset:

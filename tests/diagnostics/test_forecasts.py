@@ -54,6 +54,8 @@ def test_data_that_do_not_fit_are_said():
         score_forecast(tree_of(np.zeros((1, 2, 3))), {"z": np.zeros(3)})
     with pytest.raises(InputError, match=r"y: data of shape \(4,\)"):
         score_forecast(tree_of(np.zeros((1, 2, 3))), {"y": np.zeros(4)})
+    with pytest.raises(InputError, match="y: infinite data"):
+        score_forecast(tree_of(np.zeros((1, 2, 3))), {"y": np.array([0.0, np.inf, np.nan])})
 
 
 def tree_of(draws):

@@ -11,7 +11,7 @@ import predictive_checks as benchmark
 import pytest
 from poseppl_models.linear_gaussian import linear_gaussian
 
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pyte
     kept = sorted((tmp_path / "predictions").iterdir())
     assert len(kept) == 2
     with np.load(kept[0]) as arrays:
-        assert set(Prediction._fields) <= set(arrays) and arrays["innovation"].shape == (12, 1)
+        assert {*DataPrediction._fields, *StatePrediction._fields} <= set(arrays) and arrays["innovation"].shape == (12, 1)
         spread = np.abs(arrays["state_mean"] - arrays["truth"]) / arrays["state_sd"]
     assert np.mean(spread < 1.645) == pytest.approx(float(rows[0]["coverage"]), abs=0.1)
 
@@ -55,18 +55,15 @@ def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pyte
 def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     one, shape = np.ones(100), np.ones((100, 2))
-    wide = Prediction(
-        *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)),
-        np.ones((100, 3)),
-        np.full((100, 3), 0.1),
-        *[one] * 3,
-        *(0 * shape, shape, 0.05 * shape, 0.9 * shape, 0 * shape),
+    wide = DataPrediction(
+        *(2.0 * rng.standard_normal((100, 3)) for _ in range(2)), np.ones((100, 3)), np.full((100, 3), 0.1), *[one] * 3
     )
+    state = StatePrediction(0 * shape, shape, 0.05 * shape, 0.9 * shape, 0 * shape)
     posterior = {"state_mean": 0 * shape, "state_sd": shape, "ess": 1000 * one}
     key = ("Lorenz-96, noise 1", "hmc", "0", "100")
 
-    def keep(prediction: Prediction, errors: list[str]) -> None:
-        known = {name: value for name, value in prediction._asdict().items() if value is not None}
+    def keep(data: DataPrediction, errors: list[str]) -> None:
+        known = Prediction(data, state).by_name()
         np.savez(tmp_path / benchmark.file_of(key), **known, **posterior, errors=np.array(errors, str))
 
     keep(wide, ["Effective number of particles below 10"])

@@ -8,7 +8,7 @@ from scipy.stats import chi2, kstest, norm
 
 from poseppl.diagnostics import check_predictions, predictive_figures, verdicts
 from poseppl.diagnostics.predictive import implied_coverage
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import DataPrediction
 from poseppl.runs.results import Names, build_result
 
 FRAMES, ENTRIES = 300, 8
@@ -16,7 +16,7 @@ PRECISE, NOISY = 0.05, 4.0
 """Variances of the noise, that of a step being 0.25."""
 
 
-def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float = 1.0) -> Prediction:
+def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float = 1.0) -> DataPrediction:
     """Predictions of data (T, k), each entry a random walk seen with noise; the posterior's variance is cut to `narrow`."""
     mean, variance, innovations, claimed = np.zeros(data.shape[1]), 1.0, [], []
     for row in data:
@@ -29,7 +29,7 @@ def kalman(data: np.ndarray, noise: float, *, step: float = 0.25, narrow: float 
     squares = (white**2).sum(axis=1)
     share = state[:, 0] / (state[:, 0] + noise)
     whole = squares / data.shape[1], chi2.cdf(squares, data.shape[1]), share
-    return Prediction(norm.cdf(white), z, state, np.full_like(z, noise), *whole)
+    return DataPrediction(norm.cdf(white), z, state, np.full_like(z, noise), *whole)
 
 
 def walks(noise: float, seed: int, steps: np.ndarray | None = None) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_noise_that_hides_the_state_does_not_hide_over_confidence() -> None:
     assert abs(gap) < 4 * np.hypot(figures.by_products.standard_error, figures.by_squares.standard_error)
 
 
-def shorter(noise: float, seed: int, **wrong: float) -> Prediction:
+def shorter(noise: float, seed: int, **wrong: float) -> DataPrediction:
     """Forty frames of one entry."""
     return kalman(walks(noise, seed)[:40, :1], noise, **wrong)
 
@@ -89,7 +89,7 @@ def test_chance_is_uniform_where_predictions_hold(noise: float) -> None:
     assert predictive_figures(shorter(noise, 0, step=0.001, narrow=0.1)).chance < 1e-4
 
 
-def together(seed: int, wrong: slice = slice(0), times: float = 3.0) -> Prediction:
+def together(seed: int, wrong: slice = slice(0), times: float = 3.0) -> DataPrediction:
     """Predictions of entries that should hardly differ, and in some frames do by so many times the variance that is claimed."""
     rng = np.random.default_rng(seed)
     own, noise = np.full(FRAMES, 0.05), 0.02
@@ -99,7 +99,7 @@ def together(seed: int, wrong: slice = slice(0), times: float = 3.0) -> Predicti
     squares = np.einsum("ti,ij,tj->t", z, np.linalg.inv(covariance), z)
     state, share = np.full_like(z, 1.05), np.full(FRAMES, 1 - noise * np.trace(np.linalg.inv(covariance)) / ENTRIES)
     whole = squares / ENTRIES, chi2.cdf(squares, ENTRIES), share
-    return Prediction(norm.cdf(z / np.sqrt(1.05 + noise)), z, state, np.full_like(z, noise), *whole)
+    return DataPrediction(norm.cdf(z / np.sqrt(1.05 + noise)), z, state, np.full_like(z, noise), *whole)
 
 
 def test_what_no_entry_shows_by_itself_is_found_in_whole_frames() -> None:
@@ -138,11 +138,11 @@ def test_bias_and_width_are_warnings() -> None:
 
 def test_too_little_to_tell_is_left_untold() -> None:
     wrong = kalman(walks(PRECISE, 0), PRECISE, step=0.01, narrow=0.25)
-    assert check_predictions(Prediction(*(leaf[:1] for leaf in wrong[:7]))) == []
-    unseen = Prediction(*(np.full_like(leaf, np.nan) for leaf in wrong[:7]))
+    assert check_predictions(DataPrediction(*(leaf[:1] for leaf in wrong))) == []
+    unseen = DataPrediction(*(np.full_like(leaf, np.nan) for leaf in wrong))
     assert check_predictions(unseen) == []
-    hidden = Prediction(
-        *(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong[:7])
+    hidden = DataPrediction(
+        *(np.where(np.arange(FRAMES).reshape(-1, *[1] * (leaf.ndim - 1)) % 2, leaf, np.nan) for leaf in wrong)
     )
     assert [found.severity for found in check_predictions(hidden)] == ["error"]
 

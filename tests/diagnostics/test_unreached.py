@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from synthetic import checks_of_state
 
 from poseppl.diagnostics import check_unreached, unreached_figures, verdicts
 from poseppl.diagnostics.unreached import HARDLY
 from poseppl.diagnostics.verdicts.predictive import INFLATION_HIGH
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import StatePrediction
 from poseppl.runs.results import Names, build_result
 
 FRAMES, RUNS, DRAWS, REPLICATES = 60, 50, 1000, 100
@@ -23,15 +24,15 @@ NOWHERE, FAINT = np.inf, 30.0
 class Filtered(NamedTuple):
     """Sequences (T, RUNS), each of one coordinate."""
 
-    prediction: Prediction
+    prediction: StatePrediction
     mean: np.ndarray
     deviation: np.ndarray
     truth: np.ndarray
 
-    def run(self, index: int | slice) -> tuple[Prediction, np.ndarray, np.ndarray, np.ndarray]:
+    def run(self, index: int | slice) -> tuple[StatePrediction, np.ndarray, np.ndarray, np.ndarray]:
         """Arguments of the figures, of one run or of several together."""
         chosen = slice(index, index + 1) if isinstance(index, int) else index
-        prediction = Prediction(*(leaf[:, chosen] for leaf in self.prediction if leaf is not None))
+        prediction = StatePrediction(*(leaf[:, chosen] for leaf in self.prediction if leaf is not None))
         return prediction, self.mean[:, chosen], self.deviation[:, chosen], np.full(FRAMES, float(DRAWS))
 
 
@@ -65,7 +66,7 @@ def filtered(noise: float, slope: float, *, ancestors: int | None = None, seed: 
         of_state = states.mean(0), spread, np.sqrt(spread / REPLICATES), autoregression, spread / (spread + noise)
         told.append((*of_state, draws.mean(0), draws.std(0, ddof=1)))
     *checks, means, deviations = (np.array(values) for values in zip(*told, strict=True))
-    return Filtered(Prediction(*[np.full((FRAMES, RUNS), np.nan)] * 7, *checks), means, deviations, truth)
+    return Filtered(StatePrediction(*checks), means, deviations, truth)
 
 
 @pytest.mark.parametrize("slope", [0.5, 0.9, 1.0])
@@ -113,7 +114,7 @@ def test_coordinates_that_data_reach_are_left_to_the_data() -> None:
 
 def test_a_single_frame_is_no_evidence() -> None:
     prediction, *posterior = filtered(NOWHERE, 0.9, ancestors=10).run(0)
-    first = Prediction(*(leaf[:1] for leaf in prediction if leaf is not None))
+    first = StatePrediction(*(leaf[:1] for leaf in prediction if leaf is not None))
     assert check_unreached(first, *(values[:1] for values in posterior), ["x"]) == []
 
 
@@ -121,15 +122,15 @@ def test_a_result_is_judged_where_its_data_do_not_reach() -> None:
     for ancestors, severity in ((None, "info"), (4, "error")):
         prediction, mean, deviation, ess = filtered(NOWHERE, 0.9, ancestors=ancestors).run(0)
         draws = mean + deviation * np.random.default_rng(0).standard_normal((4, 50, FRAMES, 1))
-        for checks in (prediction, prediction._replace(explained=None)):
+        for known in (prediction, None):
             tree = build_result(
                 state=draws,
                 names=Names(("depth",)),
                 summary={"state_mean": mean, "state_sd": deviation},
                 sample_stats={"ess": ess},
-                predictive={name: values for name, values in checks._asdict().items() if values is not None},
+                predictive=checks_of_state(known, FRAMES),
             )
-            assert tree["predictive/predicted_mean"].dims == ("frame", "dof")
             found = verdicts(tree)[0]
-            assert found.severity == (severity if checks.explained is not None else "info")
+            assert found.severity == (severity if known is not None else "info")
+            assert known is None or tree["predictive/predicted_mean"].dims == ("frame", "dof")
             assert ("(depth)" in found.text) == (found.severity == "error")

@@ -7,10 +7,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import pytest
+from scipy.stats import norm
+from synthetic import checks_of_state
 
-from poseppl.diagnostics import check_updates, update_figures, verdicts
+from poseppl.diagnostics import check_intervals, check_updates, update_coverage, update_figures, verdicts
 from poseppl.diagnostics.updates import LEAST_DRAWS, _excess
-from poseppl.runs.predictive import Prediction, _weighted
+from poseppl.runs.predictive import StatePrediction, _weighted
 from poseppl.runs.results import Names, build_result
 
 FRAMES, RUNS, DRAWS, REPLICATES = 60, 20, 1000, 200
@@ -22,7 +24,7 @@ WEIGHTED = jax.jit(_weighted)
 class Filtered(NamedTuple):
     """Arguments of the figures, and the truth (T, 2)."""
 
-    prediction: Prediction
+    prediction: StatePrediction
     mean: np.ndarray
     deviation: np.ndarray
     ess: np.ndarray
@@ -46,17 +48,15 @@ def filtered(seed: int, *, shift: float = 0.0, narrow: float = 1.0) -> Filtered:
             mean, covariance = TURN @ mean, TURN @ covariance @ TURN.T + STEP * np.eye(2)
         states = before @ TURN.T + np.sqrt(STEP) * rng.standard_normal((REPLICATES, 2)) if t else before
         data = truth[0] + np.sqrt(NOISE) * rng.standard_normal()
-        checks = WEIGHTED(before, states, -0.5 * (data - states[:, 0]) ** 2 / NOISE)
+        checks = WEIGHTED(before, states, -0.5 * (data - states[:, 0]) ** 2 / NOISE, rng.uniform())
         gain = covariance[:, 0] / (covariance[0, 0] + NOISE)
         mean, covariance = mean + gain * (data - mean[0]), (covariance - np.outer(gain, covariance[0])) * narrow
         mean = mean + shift * np.sqrt(np.diag(covariance))
-        told.append(
-            (*(np.asarray(checks[name]) for name in Prediction._fields[-4:]), mean, np.sqrt(np.diag(covariance)), truth)
-        )
-    *checks, means, deviations, truths = (np.array(values) for values in zip(*told, strict=True))
-    # of the data's own checks nothing is asked here
-    prediction = Prediction(*[np.full((FRAMES, 1), np.nan)] * 4, *[np.full(FRAMES, np.nan)] * 2)
-    prediction = prediction._replace(**dict(zip(Prediction._fields[-4:], checks, strict=True)))
+        told.append(({**checks, "explained": gain * [1, 0]}, mean, np.sqrt(np.diag(covariance)), truth))
+    checks, means, deviations, truths = (
+        jax.tree.map(lambda *frames: np.array(frames), *each) for each in zip(*told, strict=True)
+    )
+    prediction = StatePrediction(*[np.zeros((FRAMES, 2))] * 4, **checks)
     return Filtered(prediction, means, deviations, np.full(FRAMES, np.inf), truths)
 
 
@@ -69,6 +69,42 @@ def test_exact_updates_are_let_be() -> None:
     # 2.5 % are below by chance; an inflation of 1.4 is asked for besides
     assert sum(each.chance < 0.025 for each in found) <= 3
     assert sum(bool(check_updates(*run[:4])) for run in runs) <= 1
+
+
+def in_intervals(run: Filtered, times: float = 1.0) -> tuple[StatePrediction, np.ndarray, np.ndarray]:
+    """Arguments of the check of 90 % intervals, which are so many times as wide as the filter's Gaussian has them."""
+    reach = times * norm.ppf(0.95) * run.deviation
+    return run.prediction, run.mean - reach, run.mean + reach
+
+
+def test_intervals_of_exact_updates_hold_what_they_say() -> None:
+    found = np.array([update_coverage(*in_intervals(filtered(seed)))[1][:2] for seed in range(RUNS)])
+    assert abs(found[:, 0].mean() - 0.9) < 4 * found[:, 0].std(ddof=1) / np.sqrt(RUNS) + 0.002  # a ratio's bias, of 200 draws
+    assert 0.5 < np.square((found[:, 0] - 0.9) / found[:, 1]).mean() < 2.0
+    assert all(check_intervals(*in_intervals(filtered(seed))) == [] for seed in range(RUNS))
+    (wrong,) = check_intervals(*in_intervals(filtered(0), 0.8), ["--filter particle"])
+    assert wrong.severity == "error" and "hold 82 ± " in wrong.text and "such as --filter particle" in wrong.text
+
+
+def test_two_modes_that_a_gaussian_stands_for_are_an_error() -> None:
+    """Of masses 0.8 and 0.2: its mean and variance are right, and its 90 % intervals hold the first mode alone."""
+    rng = np.random.default_rng(3)
+    told = []
+    for _ in range(FRAMES):
+        side = rng.choice([-1.0, 1.0], REPLICATES)
+        states = (side + 0.05 * rng.standard_normal(REPLICATES))[:, None]
+        told.append(WEIGHTED(rng.standard_normal((REPLICATES, 1)), states, np.log(4.0) * (side > 0), rng.uniform()))
+    checks = {name: np.array([each[name] for each in told]) for name in told[0]}
+    prediction = StatePrediction(*[np.zeros((FRAMES, 1))] * 5, **checks)
+    mean, deviation = np.full((FRAMES, 1), 0.6), np.full((FRAMES, 1), np.sqrt(1 + 0.05**2 - 0.6**2))
+    assert check_updates(prediction, mean, deviation, np.full(FRAMES, np.inf)) == []
+    reach = norm.ppf(0.95) * deviation
+    (found,) = check_intervals(prediction, mean - reach, mean + reach)
+    assert "hold 79 ± " in found.text
+    of_modes = prediction._replace(explained=np.full((FRAMES, 1), np.nan))
+    assert check_intervals(of_modes, mean - reach, mean + reach) == []
+    few = prediction._replace(weighted_ess=np.full(FRAMES, LEAST_DRAWS - 1))
+    assert check_intervals(few, mean - reach, mean + reach) == []
 
 
 def test_displacements_by_chance_add_nothing_on_average() -> None:
@@ -108,7 +144,7 @@ def test_a_result_is_judged_where_its_updates_are_told() -> None:
                 names=Names(("across", "along")),
                 summary={"state_mean": run.mean, "state_sd": run.deviation},
                 sample_stats={"ess": np.full(FRAMES, float(DRAWS))},
-                predictive={name: values for name, values in checks._asdict().items() if values is not None},
+                predictive=checks_of_state(checks, FRAMES),
             )
             assert tree["predictive/weighted_covariance"].dims == ("frame", "dof", "other_dof")
             found = verdicts(tree)[0]

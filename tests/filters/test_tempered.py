@@ -211,3 +211,18 @@ def test_evidence_is_right_where_coordinates_are_many_and_particles_few():
     # the logarithm of an unbiased estimate of small spread is too low by half of its variance
     bias, variance = found.mean() - norm(0, np.sqrt(1.01)).logpdf(y).sum(), found.var(ddof=1)
     assert abs(bias + variance / 2) < 4 * np.sqrt(variance / 50 + variance**2 / 100)
+
+
+@pytest.mark.parametrize(("step_size", "low", "high"), [(0.5, 100.0, NUM), (0.1, 1.0, 50.0)])
+def test_the_effective_number_is_what_means_of_runs_differ_by(step_size, low, high):
+    """Moves that draw copies apart, and moves that leave them alike, on the way to data that are ten times as precise."""
+    model = linear_gaussian(4, R=0.01 * np.eye(4)).compile()
+    moves = HMC_MOVES._replace(step_size=step_size, target_acceptance=None)
+    filter, data = tempered_filter(model, NUM, moves=moves), model.observe({"y": np.full((1, 4), 0.5)})
+    first, keys = jax.tree.map(lambda leaf: leaf[0], data), jax.random.split(jax.random.key(0), 40)
+    state, info = jax.jit(lambda keys: jax.lax.map(lambda key: filter.init(key, first), keys))(keys)
+    draws, told = np.asarray(state.particles, float), np.mean(1 / np.asarray(info.ess, float))
+    differ = draws.mean(1).var(0, ddof=1).mean() / draws.var(1).mean()
+    assert low < 1 / told < high
+    # of 160 means: their variance errs by a tenth, the families of a run are few; and temperatures keep half of the weights
+    assert 0.5 < told / differ < 2.5

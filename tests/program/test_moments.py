@@ -12,6 +12,8 @@ from numpyro import handlers
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 from programs import initial, model
 
+from poseppl.program import StateSpaceModel
+
 FULL = [[1.0, 0.3], [0.3, 0.5]]
 X = jnp.array([0.4, -0.3, 1.1])
 
@@ -217,3 +219,21 @@ def test_sites_without_gaussian_moments_are_refused():
     refused("site 'level': not over the real line", positive)
     refused("site 'slope': GaussianRandomWalk does not give its covariance", walk)
     refused("site 'level': its distribution gives no mean and variance", shifted)
+
+
+@pytest.mark.parametrize("scale", [-0.5, 0.5])
+def test_a_negative_scale_has_no_moments(scale):
+    """Its square is a variance, by which a Kalman filter would go on where the density says that nothing is possible."""
+
+    def first(params, inputs):
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def walk(params, state, inputs):
+        numpyro.sample("x", dist.Normal(state["x"], inputs))
+
+    def seen(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], inputs))
+
+    compiled = StateSpaceModel(first, walk, seen).compile(1.0)
+    for found in (compiled.transition_moments, compiled.observation_moments):
+        assert np.isnan(jax.jit(found)(jnp.zeros(1), scale)[1]).all() == (scale < 0)

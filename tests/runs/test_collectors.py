@@ -177,6 +177,9 @@ def test_a_true_angle_is_one_in_any_turn() -> None:
     result = poseppl.infer(model, {"y": np.zeros(3)}, poseppl.particle_filter(model, 2000), KEY, truth=truth)
     inside = poseppl.diagnose(result)["diagnostics/inside"].sel(level=0.9).values
     assert inside[:, :2].tolist() == [[True, True], [True, True], [False, False]]
+    # those about 3.1 are 0.1 below and 0.08 above the truths, of deviations of about 0.3, so that neither is at an end
+    ranks = poseppl.diagnose(result)["diagnostics/probability_transform"].values
+    assert ((ranks[:2, :2] > 0.05) & (ranks[:2, :2] < 0.95)).all() and (np.abs(ranks[2, :2] - 0.5) > 0.49).all()
     error = figures_of_run(result)["error"].values
     np.testing.assert_allclose(error[:2, :2], [[0.08, 0.0], [0.1, 0.0]], atol=0.05)
     assert (error[2, :2] > 2.0).all()

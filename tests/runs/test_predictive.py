@@ -18,7 +18,7 @@ from scipy.stats import kstest
 from poseppl.filters import Filter, kalman_filter, particle_filter
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.predictive import _explained, predictive_checks
+from poseppl.runs.predictive import _explained, _stratified, predictive_checks
 from poseppl.runs.run import Run, run_filter
 
 FRAMES = 300
@@ -64,7 +64,7 @@ def overconfident(filter: Filter) -> Filter:
 
 
 def test_ranks_are_uniform_under_the_exact_filter() -> None:
-    prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
+    prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction.data
     assert prediction.transform.shape == (FRAMES, 2) and prediction.chi_square.shape == (FRAMES,)
     # innovations of a linear model are independent, and so are their ranks
     assert kstest(prediction.transform.ravel(), "uniform").pvalue > 0.01
@@ -98,7 +98,7 @@ def _settled() -> tuple[np.ndarray, np.ndarray]:
 
 def test_what_is_predicted_of_the_state_is_what_the_exact_filter_makes_of_it() -> None:
     """Its variance, how much of that the data take away, and its slope on the frame before."""
-    prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
+    data, prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
     predicted, filtered = _settled()
     settled = slice(50, None)
     # 250 estimates of 200 draws each: variances err by 0.6 %, shares by as much of what is left, slopes by 0.004
@@ -108,14 +108,14 @@ def test_what_is_predicted_of_the_state_is_what_the_exact_filter_makes_of_it() -
     before = 0.9 + 0.1 * np.diag(filtered, k=1) / np.diag(filtered)[:2]
     np.testing.assert_allclose(prediction.autoregression[settled].mean(0), [*before, 0.9], atol=0.02)
     np.testing.assert_allclose(prediction.predicted_error**2, prediction.predicted_variance / 200, rtol=1e-5)
-    moved = prediction.predicted_mean[settled, :2] + prediction.innovation[settled] - simulate(LINEAR, FRAMES, 0)["y"][settled]
+    moved = prediction.predicted_mean[settled, :2] + data.innovation[settled] - simulate(LINEAR, FRAMES, 0)["y"][settled]
     assert np.abs(moved).max() < 1e-4  # of a state that is seen as it is
 
 
 @pytest.mark.slow
 def test_ranks_of_an_overconfident_filter_heap_at_both_ends() -> None:
     filter = overconfident(KALMAN)
-    prediction = check(filter, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction
+    prediction = check(filter, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction.data
     outer = np.abs(prediction.transform - 0.5) > 0.45
     assert outer.mean() - 0.1 > 3 * np.sqrt(0.09 / outer.size)
     assert kstest(prediction.transform.ravel(), "uniform").pvalue < 0.05
@@ -137,7 +137,7 @@ def counts_model() -> StateSpaceModel:
 def test_ranks_of_counts_are_randomised_to_uniform() -> None:
     model = counts_model().compile()
     data = simulate(model, FRAMES, 3)
-    prediction = check(particle_filter(model, 500), model, data).prediction
+    prediction = check(particle_filter(model, 500), model, data).prediction.data
     ranks = prediction.transform.ravel()
     assert (data["count"] == 0).mean() > 0.2  # without chance all of these would share one rank
     assert kstest(ranks, "uniform").pvalue > 0.01 and len(np.unique(ranks)) > 0.95 * ranks.size
@@ -147,15 +147,15 @@ def test_ranks_of_counts_are_randomised_to_uniform() -> None:
 
 def test_what_was_not_seen_is_not_judged() -> None:
     data = simulate(LINEAR, 12, 5)
-    whole = check(KALMAN, LINEAR, data).prediction
+    whole = check(KALMAN, LINEAR, data).prediction.data
     data["y"][4, 1] = np.nan
     data["y"][7] = np.nan
-    prediction = check(KALMAN, LINEAR, data).prediction
+    prediction, state = check(KALMAN, LINEAR, data).prediction
     for name in ("transform", "innovation", "state_variance", "noise_variance"):
         values = getattr(prediction, name)
         assert np.isnan(values[4, 1]) and np.isnan(values[7]).all() and np.isnan(values).sum() == 3, name
-    np.testing.assert_array_equal(prediction.explained[7], 0.0)
-    assert abs(prediction.explained[4, 1]) < 0.1 < prediction.explained[4, 0]
+    np.testing.assert_array_equal(state.explained[7], 0.0)
+    assert abs(state.explained[4, 1]) < 0.1 < state.explained[4, 0]
     missing = np.isnan(prediction.chi_square)
     assert missing[7] and missing.sum() == 1 and np.isnan(prediction.chi_square_transform).sum() == 1
     np.testing.assert_array_equal(prediction.transform[:4], whole.transform[:4])
@@ -167,7 +167,7 @@ def test_the_first_frame_is_judged_by_the_initial_program() -> None:
     model = linear_gaussian(1, P=[[4.0]], m=[3.0], R=[[1.0]]).compile()
     first = np.random.default_rng(0).normal(3.0, np.sqrt(5.0), 200)
     for filter in (particle_filter(model, 50), kalman_filter(model, 50)):
-        runs = [check(filter, model, {"y": [[y]]}).prediction for y in (-20.0, 3.0, 26.0)]
+        runs = [check(filter, model, {"y": [[y]]}).prediction.data for y in (-20.0, 3.0, 26.0)]
         assert [bool(run.transform[0, 0] < 0.01) for run in runs] == [True, False, False]
         assert [bool(run.transform[0, 0] > 0.99) for run in runs] == [False, False, True]
         assert 3.0 < runs[1].state_variance[0, 0] < 5.2
@@ -176,7 +176,7 @@ def test_the_first_frame_is_judged_by_the_initial_program() -> None:
 
     def rank(key: jax.Array, y: jax.Array) -> jax.Array:
         seen = empty._replace(values={"y": y[None]}, mask={"y": jnp.ones(1, bool)})
-        return predict(key, state, True, seen, None).transform
+        return predict(key, state, True, seen, None).data.transform
 
     ranks = jax.vmap(rank)(jax.random.split(jax.random.key(0), 200), jnp.asarray(first))
     assert kstest(np.asarray(ranks).ravel(), "uniform").pvalue > 0.01
@@ -190,10 +190,9 @@ def test_checks_of_the_data_alone_are_the_same() -> None:
         ).prediction
         for told in (True, False)
     )
-    assert whole is not None and part is not None and whole.explained is not None
-    for one, other in zip(whole[:7], part[:7], strict=True):
+    assert whole is not None and part is not None and whole.state is not None and part.state is None
+    for one, other in zip(whole.data, part.data, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5)
-    assert all(leaf is None for leaf in part[7:])
 
 
 def test_a_filter_does_the_same_with_checks_as_without() -> None:
@@ -244,3 +243,15 @@ def test_more_coordinates_than_draws():
     gains = np.trace(covariance @ information @ np.linalg.inv(np.eye(30) + covariance @ information))
     np.testing.assert_allclose(found, 1 - np.diag(left) / np.diag(covariance) * 19 / (19 - gains), atol=1e-4)
     assert found[0] > 0.7 > np.abs(found[1:]).max()
+
+
+def test_weighted_draws_have_the_weighted_distribution() -> None:
+    """Of each coordinate on its own; no place in a stratum is preferred, so the share below any value is right on average."""
+    rng = np.random.default_rng(2)
+    states, weights = rng.normal(size=(30, 2)), rng.dirichlet(np.ones(30))
+    offsets = (np.arange(500) + 0.5) / 500
+    draw = jax.jit(jax.vmap(_stratified, (None, None, 0)))
+    found = np.asarray(draw(*(jnp.asarray(each, jnp.float32) for each in (states, weights, offsets))))
+    assert found.shape == (500, 20, 2) and (np.diff(found, axis=1) >= 0).all()
+    for value in (-0.8, 0.1, 1.3):
+        np.testing.assert_allclose((found < value).mean((0, 1)), weights @ (states < value), atol=1 / 500)

@@ -32,7 +32,11 @@ from poseppl.diagnostics.verdicts.residuals import point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
-from poseppl.diagnostics.verdicts.updates import check_updates as check_updates, updates
+from poseppl.diagnostics.verdicts.updates import (
+    check_intervals as check_intervals,
+    check_updates as check_updates,
+    updates,
+)
 from poseppl.diagnostics.verdicts.validity import failures, missing
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,

@@ -15,7 +15,7 @@ from poseppl.diagnostics.unreached import unreached_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, settings_among, statistic
 from poseppl.runs.contents import group_of, names_of
-from poseppl.runs.predictive import Prediction
+from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
 from poseppl.runs.results import provenance
 
 INFLATION_HIGH = 1.4
@@ -38,21 +38,27 @@ def prediction(tree: xr.DataTree) -> Findings:
     elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
         yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
     elif checks is not None and "smoother" not in known:
-        yield from check_predictions(checks, group_of(tree, "predictive")["frame"].values)
+        yield from check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
     elif checks is not None:
         # a smoother that is not bound to the filter's particles may be right where the filter is not
-        for each in check_predictions(checks, group_of(tree, "predictive")["frame"].values):
+        for each in check_predictions(checks.data, group_of(tree, "predictive")["frame"].values):
             yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
     """The predictive checks of a result, as many as it has; None where it has none."""
     data = group_of(tree, "predictive")
-    return Prediction(**{name: data[name].values for name in Prediction._fields if name in data}) if data else None
+    return Prediction.of({str(name): values.values for name, values in data.items()}) if data else None
 
 
-def check_predictions(prediction: Prediction, frames: ArrayLike | None = None) -> list[Verdict]:
-    """Judge the predictive checks of a run, `run.prediction` of :func:`poseppl.runs.run.run_filter`.
+def predicted_state_of(tree: xr.DataTree) -> StatePrediction | None:
+    """What a filter predicted of its state; None where that was not kept, and of a smoother, which knows more data."""
+    checks = prediction_of(tree)
+    return None if checks is None or "smoother" in provenance(tree) else checks.state
+
+
+def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = None) -> list[Verdict]:
+    """Judge the predictive checks of a run, `run.prediction.data` of :func:`poseppl.runs.run.run_filter`.
 
     Args:
         prediction: With a leading T.
@@ -92,7 +98,7 @@ def _words(figures: PredictiveFigures) -> str:
     )
 
 
-def _of_whole_frames(figures: PredictiveFigures, prediction: Prediction, frames: ArrayLike | None) -> str:
+def _of_whole_frames(figures: PredictiveFigures, prediction: DataPrediction, frames: ArrayLike | None) -> str:
     numbers = np.arange(len(prediction.chi_square)) if frames is None else np.asarray(frames)
     first, last = (numbers[at] for at in farthest_stretch(prediction))
     found, error, _ = figures.by_chi_square
@@ -105,9 +111,9 @@ def _of_whole_frames(figures: PredictiveFigures, prediction: Prediction, frames:
 
 def few_points(tree: xr.DataTree) -> Findings:
     """Errors that the number of points alone explains, of filters that tell it; none without predictive checks of the state."""
-    known, prediction = provenance(tree), prediction_of(tree)
+    known, prediction = provenance(tree), predicted_state_of(tree)
     points = known.get("points of the past")
-    if points is None or prediction is None or prediction.explained is None or "smoother" in known:
+    if points is None or prediction is None:
         return
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points)
     shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
@@ -122,15 +128,15 @@ def few_points(tree: xr.DataTree) -> Findings:
 
 def unreached(tree: xr.DataTree) -> Findings:
     """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
-    prediction, ess = prediction_of(tree), statistic(tree, "ess")
-    if prediction is None or prediction.explained is None or ess is None or "smoother" in provenance(tree):
-        return  # a smoother's posterior knows more than the prediction's data
+    prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
+    if prediction is None or ess is None:
+        return
     mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
     yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "dof"))
 
 
 def check_unreached(
-    prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, names: Sequence[str]
+    prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, names: Sequence[str]
 ) -> list[Verdict]:
     """Judge a filter where its data hardly reach.
 

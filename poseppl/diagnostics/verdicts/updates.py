@@ -9,28 +9,34 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from poseppl.diagnostics.predictive import implied_coverage
-from poseppl.diagnostics.updates import update_figures
+from poseppl.diagnostics.updates import update_coverage, update_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
-from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, prediction_of
+from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, predicted_state_of
 from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Verdict, statistic
-from poseppl.runs.predictive import Prediction
-from poseppl.runs.results import provenance
+from poseppl.runs.predictive import StatePrediction
 
 LEAST_FRAMES = 10
 """Frames that have to tell."""
+COVERAGE_LOW = 0.85
+"""Share of a frame's posterior in 90 % intervals, from which they are called too narrow."""
+_NOMINAL = 0.9
 
 
 def updates(tree: xr.DataTree) -> Findings:
     """Updates that importance sampling contradicts; nothing where the result has no predictive checks of its state."""
-    known, prediction, ess = provenance(tree), prediction_of(tree), statistic(tree, "ess")
-    if prediction is None or prediction.memory is None or ess is None or "smoother" in known:
-        return  # a smoother's posterior knows more than the prediction's data
-    mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
-    yield from check_updates(prediction, mean, deviation, ess, suited_filter(tree))
+    prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
+    if prediction is None or prediction.memory is None or ess is None:
+        return
+    summary, others = tree["summary"].dataset, suited_filter(tree)
+    found = check_updates(prediction, summary["state_mean"].values, summary["state_sd"].values, ess, others)
+    if not found and {0.05, 0.95} <= set(summary.get("quantile", xr.DataArray([])).values.tolist()):
+        low, high = (summary["state_quantile"].sel(quantile=level).values for level in (0.05, 0.95))
+        found = check_intervals(prediction, low, high, others)
+    yield from found
 
 
 def check_updates(
-    prediction: Prediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, others: Sequence[str] = ()
+    prediction: StatePrediction, mean: ArrayLike, standard_deviation: ArrayLike, ess: ArrayLike, others: Sequence[str] = ()
 ) -> list[Verdict]:
     """Judge a filter's posteriors by its own predictions, weighted by the data's likelihood.
 
@@ -51,12 +57,41 @@ def check_updates(
     if not (found > INFLATION_HIGH and figures.chance < CHANCE_LOW):
         return []
     covered = np.mean([implied_coverage(each) for each in figures.inflation[np.isfinite(figures.inflation)]])
-    advice = f"use another filter{''.join(f', such as {other}' for other in others)}, or linearise less often or otherwise"
     return [
         Verdict(
             ERROR,
-            "The filter's posteriors are not what its own predictions and the data make, by importance sampling: errors add up "
-            f"to {found:.2g} times the variance that it claims, and 90 % intervals cover about {100 * covered:.0f} % or less; "
-            f"{advice}.",
+            f"{_CONTRADICTED}: errors add up to {found:.2g} times the variance that it claims, and 90 % intervals cover about "
+            f"{100 * covered:.0f} % or less; {_advice(others)}, or linearise less often or otherwise.",
         )
     ]
+
+
+def check_intervals(prediction: StatePrediction, low: ArrayLike, high: ArrayLike, others: Sequence[str] = ()) -> list[Verdict]:
+    """Judge a filter's 90 % intervals by its own predictions, weighted by the data's likelihood.
+
+    Args:
+        prediction: With a leading T.
+        low: Their lower ends (T, d).
+        high: Their upper ends (T, d).
+        others: Filters to turn to.
+
+    Returns:
+        A finding; none where they agree, or where there are too few frames to tell.
+    """
+    frames, (covered, error, reach) = update_coverage(prediction, low, high)
+    if not (frames >= LEAST_FRAMES and covered < COVERAGE_LOW and covered + reach < _NOMINAL):
+        return []
+    return [
+        Verdict(
+            ERROR,
+            f"{_CONTRADICTED}: of that, 90 % intervals hold {100 * covered:.0f} ± {100 * error:.0f} %, as where it has several "
+            f"modes or is skewed; {_advice(others)}.",
+        )
+    ]
+
+
+_CONTRADICTED = "The filter's posteriors are not what its own predictions and the data make, by importance sampling"
+
+
+def _advice(others: Sequence[str]) -> str:
+    return f"use another filter{''.join(f', such as {other}' for other in others)}"
