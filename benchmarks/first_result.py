@@ -1,11 +1,12 @@
 """How long the first result of a one-dimensional model takes, and what of it is compilation.
 
-    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 3] [--levels]
+    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 3] [--levels] [--checks]
 
 A random walk that is drawn to its mean, seen with noise. Processor seconds of a new process without a compile cache, after the
 imports (those that xarray makes for its first dataset, too): the model, a filter of 1,000 particles or its default chains, and
 `infer`; `infer` with a second filter on the same model; and the first one's again, which compiles nothing. The median over
-turns. With --levels instead: a later run of 1,000 frames at each of LLVM's levels of optimisation.
+turns. With --checks all results have predictive checks. With --levels instead: a later run of 1,000 frames at each of LLVM's
+levels of optimisation.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from timing import arguments, show
 from poseppl import filters
 from poseppl.program import StateSpaceModel, compilation
 from poseppl.runs.infer import infer
+from poseppl.runs.predictive import predictive_checks
 
 CASES = (("particle", "kalman"), ("hmc", "kalman"), ("kalman", "particle"))
 LEVELS = (0, 1, 2, 3)
@@ -48,7 +50,7 @@ def built(name: str, model: Any) -> Any:
     return getattr(filters, f"{name}_filter")(model, **settings)
 
 
-def measure(first: str, second: str, frames: int) -> list[float]:
+def measure(first: str, second: str, frames: int, checks: bool) -> list[float]:
     """Processor seconds of the first result, of the second filter's, and of the first filter's again."""
     jax.config.update("jax_enable_compilation_cache", False)
     xr.Dataset({"y": ("frame", np.zeros(2))})
@@ -57,7 +59,8 @@ def measure(first: str, second: str, frames: int) -> list[float]:
     for name in (first, second, first):
         started = time.process_time()
         model = model or StateSpaceModel(initial, transition, observation).compile()
-        infer(model, data, built(name, model), jax.random.key(0))
+        predict = predictive_checks(model) if checks else None
+        infer(model, data, built(name, model), jax.random.key(0), predict=predict)
         seconds.append(time.process_time() - started)
     return seconds
 
@@ -87,13 +90,15 @@ def in_turns(turns: int, function: Any, *given: Any) -> list[str]:
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=50, turns=3, levels=False)
+    options = arguments(__doc__, frames=50, turns=3, levels=False, checks=False)
     turns, cases = (1, CASES[:1]) if options.quick else (options.turns, CASES)
     if options.levels:
         rows = [[first, *(in_turns(turns, measure_level, first, level, 1000)[0] for level in LEVELS)] for first, _ in cases]
         show("Processor seconds of 1,000 frames", ["filter", *(f"level {level}" for level in LEVELS)], rows)
         return
-    rows = [[first, second, *in_turns(turns, measure, first, second, options.frames)] for first, second in cases]
+    rows = [
+        [first, second, *in_turns(turns, measure, first, second, options.frames, options.checks)] for first, second in cases
+    ]
     show("Processor seconds", ["first filter", "second", "first result", "second filter", "first filter again"], rows)
 
 

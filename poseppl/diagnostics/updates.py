@@ -14,8 +14,9 @@ side, adds up,
 V_t being the covariance that D_t has by chance, with the effective numbers n_t of the weighted draws and N_t of the filter's
 own. Its errors have the variances diag(P_t + C_t + D_t D_t' - V_t) instead of diag P_t: the inflation of a coordinate is the
 ratio of their sums over frames, of which the mean over coordinates is told. How large it comes out by chance is simulated.
-Frames in which few draws carry the weight tell nothing, and nor do states of more than ten coordinates: innovations tell more
-there.
+A filter that makes less of its data than it could, and says so, is displaced by the data's chance, far in some frames and not in
+others; so there is an error by batches of frames, too. Frames in which few draws carry the weight tell nothing, and nor do states of
+more than ten coordinates: innovations tell more there.
 
 Of shapes moments tell little: between two modes lies the mean, and the variance is right, of a Gaussian that holds neither. So
 it is counted, too, how many of the weighted draws are in the filter's 90 % intervals, which an exact update makes 90 %.
@@ -29,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.batches import Interval, mean_interval
+from poseppl.diagnostics.batches import Interval, mean_interval, ratio_interval
 from poseppl.runs.predictive import StatePrediction
 
 LEAST_DRAWS = 10.0
@@ -43,11 +44,13 @@ class UpdateFigures(NamedTuple):
     Attributes:
         inflation: Variance of errors over the claimed one (d,); 1 is right.
         chance: Share of simulated sequences of right updates whose mean inflation is at least as large.
+        over_frames: Mean inflation over coordinates, with its error by batches of frames.
         frames: How many frames tell.
     """
 
     inflation: Floats
     chance: float
+    over_frames: Interval
     frames: int
 
 
@@ -75,7 +78,10 @@ def update_figures(
     noise = share[:, None, None] * weighted
     surer, apart = (weighted - claimed)[:, None], np.where(tells[:, None], centre - found, 0.0)[:, None]
     whole = np.where(deviation.any(0), np.square(deviation).sum(0), np.nan)
-    inflation: Floats = 1 + _excess(memory, surer, apart, noise)[0] / whole
+    excess = _excess(memory, surer, apart, noise)[:, 0] / whole
+    inflation: Floats = 1 + excess.sum(0)
+    over_frames = ratio_interval(excess, np.square(deviation) / whole)
+    over_frames = over_frames._replace(estimate=1 + over_frames.estimate)
 
     values, vectors = np.linalg.eigh(noise)
     root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
@@ -83,9 +89,9 @@ def update_figures(
     variance = np.sqrt(2 * share)[:, None] * rng.standard_normal((len(memory), _SIMULATIONS))
     surer = variance[:, :, None, None] * weighted[:, None]
     apart = rng.standard_normal((len(memory), _SIMULATIONS, memory.shape[1])) @ root.swapaxes(1, 2)
-    by_chance = _excess(memory, surer, apart, noise) / whole
+    by_chance = _excess(memory, surer, apart, noise).sum(0) / whole
     chance = np.mean(np.nanmean(by_chance, axis=1) >= np.nanmean(inflation) - 1)
-    return UpdateFigures(inflation, float(chance), int(tells.sum()))
+    return UpdateFigures(inflation, float(chance), over_frames, int(tells.sum()))
 
 
 def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike) -> tuple[int, Interval]:
@@ -105,12 +111,12 @@ def update_coverage(prediction: StatePrediction, low: ArrayLike, high: ArrayLike
 
 
 def _excess(memory: Floats, surer: Floats, apart: Floats, noise: Floats) -> Floats:
-    """Sums (S, d) over frames of diag(C_t + D_t D_t' - V_t), from what each frame adds to C (T, S, d, d), D (T, S, d) and V."""
-    total = np.zeros(apart.shape[1:])
+    """The diagonals of C_t + D_t D_t' - V_t (T, S, d), from what each frame adds to C (T, S, d, d), D (T, S, d) and V."""
+    told = np.empty(apart.shape)
     less, displacement, chance = np.zeros(surer.shape[1:]), np.zeros(apart.shape[1:]), np.zeros(noise.shape[1:])
     for t, kept in enumerate(memory):
         less = kept @ less @ kept.T + surer[t]
         displacement = displacement @ kept.T + apart[t]
         chance = kept @ chance @ kept.T + noise[t]
-        total += np.diagonal(less, axis1=1, axis2=2) + displacement**2 - np.diagonal(chance)
-    return total
+        told[t] = np.diagonal(less, axis1=1, axis2=2) + displacement**2 - np.diagonal(chance)
+    return told

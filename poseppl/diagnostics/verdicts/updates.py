@@ -54,7 +54,8 @@ def check_updates(
     if figures.frames < LEAST_FRAMES or not np.isfinite(figures.inflation).any():
         return []
     found = float(np.nanmean(figures.inflation))
-    if not (found > INFLATION_HIGH and figures.chance < CHANCE_LOW):
+    least = figures.over_frames.estimate - 2 * figures.over_frames.standard_error
+    if not (found > INFLATION_HIGH and figures.chance < CHANCE_LOW and least > 1):
         return []
     covered = np.mean([implied_coverage(each) for each in figures.inflation[np.isfinite(figures.inflation)]])
     return [
