@@ -14,9 +14,9 @@ side, adds up,
 V_t being the covariance that D_t has by chance, with the effective numbers n_t of the weighted draws and N_t of the filter's
 own. Its errors have the variances diag(P_t + C_t + D_t D_t' - V_t) instead of diag P_t: the inflation of a coordinate is the
 ratio of their sums over frames, of which the mean over coordinates is told. How large it comes out by chance is simulated.
-A filter that makes less of its data than it could, and says so, is displaced by the data's chance, far in some frames and not in
-others; so there is an error by batches of frames, too. Frames in which few draws carry the weight tell nothing, and nor do states of
-more than ten coordinates: innovations tell more there.
+A filter that makes less of its data than it could, and says so, is displaced by the data's chance, far in some frames and not
+in others; so there is an error by batches of frames, too. Frames in which few draws carry the weight tell nothing, and nor do
+states of more than ten coordinates: innovations tell more there.
 
 Of shapes moments tell little: between two modes lies the mean, and the variance is right, of a Gaussian that holds neither. So
 it is counted, too, how many of the weighted draws are in the filter's 90 % intervals, which an exact update makes 90 %.
