@@ -97,7 +97,7 @@ class PairShift(NamedTuple):
     Attributes:
         cameras: Indices of the two.
         frames: The shift.
-        influences: (G, ...) what each group of errors, keypoints (K,) and parts of the time, has moved it by.
+        influences: What errors have moved it by, by keypoint (K,) and by part of the time (G,).
     """
 
     cameras: tuple[int, int]

@@ -59,7 +59,7 @@ def test_an_offset_is_recovered(cameras: Cameras, people: list[DetectedPeople], 
     assert found is not None
     off = found.frames - np.where(np.arange(4) == camera, shift, 0.0)
     assert np.abs(off).max() < 0.2
-    assert np.all(np.abs(off) < 2 * found.deviation + 1e-9) and np.all(found.deviation < 0.3)
+    assert np.all(np.abs(off) < 2 * found.deviation + 1e-9) and np.all(found.deviation < 0.2)
 
 
 def test_an_offset_is_told_and_mended(cameras: Cameras, people: list[DetectedPeople]) -> None:
