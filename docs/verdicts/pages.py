@@ -87,6 +87,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "frame-samplers": sampling.frame_samplers,
         "ensembles": ensembles.ensembles,
         "simulated-motion": simulated_motion.simulated_motion,
+        "simulated-coordinates": simulated_motion.coordinates,
         "simulated-checks": predictions.lost,
         "modes-found": modes.modes_found,
         "trajectory": sampling.trajectory,

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from poseppl.experiments.experiment import FAILS, HOLDS
-from poseppl.experiments.measured import mean_interval
+from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.tables import Table, markdown
 
 Tables = Mapping[str, Table]
-_DEFAULT, _EXACT = "default", "nearly exact"
+_DEFAULT, _EXACT, _SMOOTHED, _NUTS = "default", "nearly exact", "default, then NUTS", "NUTS from the truth"
 _ERROR, _LOST, _RATE = 45.0, 100.0, 60.0
 """Goals: mean error and that of single sequences at most (mm), frames a second of processor time."""
 _INSIDE = {"in_90": (88.0, 92.0), "in_50": (48.0, 52.0)}
@@ -28,6 +28,36 @@ def simulated_motion(tables: Tables) -> str:
     told = [_difference(rows, name) for name in rows if name != _DEFAULT]
     table = markdown(header, [_row(name, own) for name, own in rows.items()])
     return f"{table}\n\n" + "\n".join(told + _goals(rows[_DEFAULT]) + _bound(rows[_EXACT]))
+
+
+def coordinates(tables: Tables) -> str:
+    """Which angles of the last frame have intervals that are too narrow, and how wide the posterior itself is."""
+    rows: dict[tuple[str, str], dict[int, Mapping[str, Any]]] = {}
+    for row in tables["simulated_coordinates"].records():
+        rows.setdefault((row["method"], row["part"]), {})[row["sequence"]] = row
+    header = ("", "part", "sequences", "90 % intervals hold", "deviation, rad", "error, rad")
+    told = [_narrower(rows, part) for method, part in rows if method == _DEFAULT]
+    return markdown(header, [_angles(*key, own) for key, own in rows.items()]) + "\n\n" + "\n".join(told)
+
+
+def _angles(method: str, part: str, rows: Mapping[int, Mapping[str, Any]]) -> list[str]:
+    deviation, error = (f"{np.sqrt(np.mean(_values(rows, each) ** 2)):.2f}" for each in ("deviation", "error"))
+    return [method, part, str(len(rows)), mean_interval(100 * _values(rows, "inside")).told(".1f") + " %", deviation, error]
+
+
+def _narrower(rows: Mapping[tuple[str, str], Mapping[int, Mapping[str, Any]]], part: str) -> str:
+    """How the default's deviations compare with those of NUTS on the same sequences, and its shares with those after NUTS."""
+    ratio = _paired(rows[_DEFAULT, part], rows[_NUTS, part], lambda own, other: own["deviation"] / other["deviation"])
+    gain = _paired(rows[_DEFAULT, part], rows[_SMOOTHED, part], lambda own, other: 100 * (other["inside"] - own["inside"]))
+    return (
+        f"- {part}: the default's deviations are {ratio.told('.2f')} times those of {_NUTS}; NUTS after it has "
+        f"{gain.told('.1f')} percentage points more in 90 % intervals."
+    )
+
+
+def _paired(own: Mapping[int, Any], other: Mapping[int, Any], compare: Callable[[Any, Any], float]) -> Interval:
+    """A mean over the sequences that both have."""
+    return mean_interval([compare(own[each], other[each]) for each in sorted(set(own) & set(other))])
 
 
 def _row(name: str, rows: Mapping[int, Mapping[str, Any]]) -> list[str]:

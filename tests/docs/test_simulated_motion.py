@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from verdicts.simulated_motion import simulated_motion
+from verdicts.simulated_motion import coordinates, simulated_motion
 
 from poseppl.experiments.tables import Table
 
@@ -49,3 +49,16 @@ def test_goals_that_are_not():
 def test_a_goal_that_the_posterior_itself_misses():
     last = told(ERRORS, ERRORS + 20)[-1]
     assert last.endswith("does not hold (61.0 (60.7 to 61.2), and its 90 % intervals hold 90.1 (90.1 to 90.1) %).")
+
+
+def test_angles_are_compared_sequence_by_sequence():
+    """Deviations half as wide as those of NUTS in each sequence that both have, and shares that it raises by a quarter."""
+    rows = [("default", sequence, "trunk", 0.5, 0.1 * (1 + sequence), 0.3) for sequence in range(12)]
+    rows += [("default, then NUTS", sequence, "trunk", 0.75, 0.1, 0.2) for sequence in range(12)]
+    rows += [("NUTS from the truth", sequence, "trunk", 0.9, 0.2 * (1 + sequence), 0.4) for sequence in range(2, 12)]
+    columns = ("method", "sequence", "part", "inside", "deviation", "error")
+    lines = coordinates({"simulated_coordinates": Table("simulated_coordinates", columns, rows)}).splitlines()
+    assert lines[2] == "| default | trunk | 12 | 50.0 (50.0 to 50.0) % | 0.74 | 0.30 |"
+    assert (
+        "0.50 (0.50 to 0.50) times those of NUTS from the truth; NUTS after it has 25.0 (25.0 to 25.0) percentage" in lines[-1]
+    )
