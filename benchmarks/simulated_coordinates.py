@@ -1,6 +1,6 @@
 """Which coordinates of simulated motion have intervals that are too narrow, and how wide is the posterior itself?
 
-    python benchmarks/simulated_coordinates.py [--quick] [--sequences 150] [--references 40] [--output simulated-coordinates]
+    python benchmarks/simulated_coordinates.py [--quick] [--sequences 150] [--references 30] [--output simulated-coordinates]
 
 The sequences of simulated_motion.py, one camera. What the default and the "nearly exact" filter say of the 25th frame stands
 beside NUTS on all frames at once, by four chains that start at the default's draws, or at the truth: of the last frame, filter
@@ -110,15 +110,16 @@ def study(method: str, sequence: int, count: int) -> list[tuple[Any, ...]]:
 
 def main() -> None:
     """Run all methods on the same sequences."""
-    options = arguments(__doc__, sequences=150, references=40, output="simulated-coordinates")
+    options = arguments(__doc__, sequences=150, references=30, output="simulated-coordinates")
     most, fewer, count = (1, 1, 4) if options.quick else (options.sequences, options.references, 25)
     table = Table("simulated_coordinates", COLUMNS, read_runs(options.output / "simulated_coordinates.csv"), _ABOUT)
     done = {tuple(row[:2]) for row in table.rows}
     for method, number in {DEFAULT: most, EXACT: fewer, SMOOTHED: fewer, NUTS: fewer}.items():
         for sequence in range(number):
             if (method, str(sequence)) not in done:
-                for row in study(method, sequence, count):
-                    keep_run(table, row, options.output)
+                *others, last = study(method, sequence, count)
+                table.rows.extend(others)
+                keep_run(table, last, options.output)
     shown = []
     for method, part in dict.fromkeys((row[0], row[2]) for row in table.rows):
         own = np.array([row[3:] for row in table.rows if (row[0], row[2]) == (method, part)], float)
