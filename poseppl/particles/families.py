@@ -26,7 +26,7 @@ def effective_of_families(particles: Array, families: Array) -> Array:
 
     Example:
         >>> alike = jnp.array([[0.0], [0.0], [1.0], [1.0], [2.0], [2.0], [3.0], [3.0]])
-        >>> effective_of_families(alike, jnp.array([0, 0, 1, 1, 2, 2, 3, 3])).round(3).tolist()
+        >>> round(float(effective_of_families(alike, jnp.array([0, 0, 1, 1, 2, 2, 3, 3]))), 3)
         3.0
     """
     count = particles.shape[0]
