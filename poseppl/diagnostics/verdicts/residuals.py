@@ -66,7 +66,7 @@ def _of_cameras(errors: ImageErrors) -> Findings:
             right, down = shift[i]
             said.append(f"off by ({right:+.3g}, {down:+.3g}) on average, {bias[i]:.1f} times their noise")
         severity = ERROR if high[i] and scales[i] > CAMERA_ERROR else WARNING
-        advice = "check its calibration (--camera), its synchrony and who is in its points"
+        advice = "check its calibration (--camera, --calibration), its synchrony and who is in its points"
         yield Verdict(severity, f"Points of camera {errors.cameras[i]} are {', and '.join(said)}: {advice}.")
 
 

@@ -11,8 +11,8 @@ The offsets are the least squares of the shifts of all pairs. Their covariance i
 share cameras: one in which all errors of a keypoint are taken for one, and one in which all of an eighth of the time are, each
 score over what is left of the curvature without it (the jackknife's, Bell and McCaffrey 2002, Survey Methodology 28). It is the
 sum of the two (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, take away what both have), with the variance of
-:data:`SYSTEMATIC`. Where to begin is found at whole frames: the shift at which the detections of two cameras pass nearest,
-whoever they are of.
+:data:`SYSTEMATIC` for each pair. Where to begin is found at whole frames: the shift at which the detections of two cameras pass
+nearest, whoever they are of.
 """
 
 from __future__ import annotations
@@ -47,9 +47,10 @@ _LEAST_CURVATURE = 0.2
 """In units of sum(w g'^2): where noise alone makes the slopes, nothing is known."""
 _PARTS, _LARGEST_SHARE = 8, 0.9
 """Parts of the time whose errors are taken for one; share of the curvature that one group has at most."""
-SYSTEMATIC = 0.003
-"""Seconds: standard deviation of what errors of calibration make of a pair's shift, as in the recording of four synchronised
-cameras that `tests/motion/tracking/test_clock_offsets.py` reads."""
+SYSTEMATIC, SECONDS = 0.003, 5 / 3
+"""Seconds: standard deviation of what errors of calibration make of a pair's shift, in a recording of so many seconds: that of
+four synchronised cameras which `tests/motion/tracking/test_clock_offsets.py` reads. In shorter parts of it it is the larger the
+shorter they are; in longer ones it is taken for no smaller, which nothing tells."""
 
 
 class Offsets(NamedTuple):
@@ -98,16 +99,22 @@ class PairShift(NamedTuple):
         cameras: Indices of the two.
         frames: The shift.
         influences: What errors have moved it by, by keypoint (K,) and by part of the time (G,).
+        together: Frames in which both see a point.
     """
 
     cameras: tuple[int, int]
     frames: float
     influences: tuple[Floats, Floats]
+    together: float
 
     @property
     def variance(self) -> float:
         """Of the shift, but for errors of the calibration."""
         return float(sum((each**2).sum() for each in self.influences))
+
+    def systematic(self, rate: float) -> float:
+        """Variance of what errors of the calibration make of the shift, at so many frames a second."""
+        return float((SYSTEMATIC * rate * max(1.0, SECONDS * rate / self.together)) ** 2)
 
 
 def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: float) -> Offsets | None:
@@ -130,11 +137,11 @@ def fine_offsets(cameras: Cameras, points: Floats, confidence: Floats, rate: flo
     design = design.reshape(-1, count)[:, 1:]
     if np.linalg.matrix_rank(design) < count - 1:
         return None
-    systematic = (SYSTEMATIC * rate) ** 2
+    systematic = np.array([shift.systematic(rate) for shift in found])
     weighted = design.T / (np.array([shift.variance for shift in found]) + systematic)
     inverse = np.linalg.solve(weighted @ design, weighted)
     moved = [inverse @ np.stack(each) for each in zip(*(shift.influences for shift in found), strict=True)]
-    variance = systematic * (inverse**2).sum(1) + sum((each**2).sum(1) for each in moved)
+    variance = inverse**2 @ systematic + sum((each**2).sum(1) for each in moved)
     return Offsets(np.append(0.0, inverse @ [shift.frames for shift in found]), np.append(0.0, np.sqrt(variance)))
 
 
@@ -165,9 +172,8 @@ def _pair_shift(centres: Floats, rays: Floats, a: int, b: int, trust: Floats) ->
         share = np.minimum(grouped(squares) / squares.sum(), _LARGEST_SHARE)
         return np.asarray(grouped(scores) / (1 - share) / curvature)
 
-    return PairShift(
-        (a, b), shift, (influence(lambda of: of.sum(0)), influence(lambda of: np.add.reduceat(of, parts, axis=0).sum(1)))
-    )
+    influences = influence(lambda of: of.sum(0)), influence(lambda of: np.add.reduceat(of, parts, axis=0).sum(1))
+    return PairShift((a, b), shift, influences, float(known.any(1).mean()) * len(rays))
 
 
 def _confident(points: Floats, confidence: Floats, least: float = _CONFIDENT) -> Floats:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import FilePath, InputError
@@ -44,6 +45,8 @@ LEAST_AGREEMENT = 0.5
 """A camera whose detections fit those of the others in a smaller share of the frames in which it sees someone is told of."""
 LARGEST_BIAS = 0.5
 """A camera whose points are off by more than this share of their noise in the same direction may be calibrated wrongly."""
+LEAST_ABSENCE = 5
+"""Frames in a row in which no camera sees the person that are told of."""
 LEAST_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
@@ -58,6 +61,19 @@ def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
         "(--keep-calibration takes it as it is)"
         for c in np.argsort(-turns)
         if turns[c] > TOLD_ANGLE or shifts[c] > TOLD_POSITION
+    ]
+
+
+def _absence_notes(seen: NDArray[np.bool_], numbers: Integers) -> list[str]:
+    """How many of the frames (T,) in stretches in which no camera sees the person, and from when to when the longest is."""
+    stretches = [rows for rows in np.split(np.arange(len(seen)), np.flatnonzero(np.diff(seen)) + 1) if not seen[rows[0]]]
+    stretches = [rows for rows in stretches if len(rows) >= LEAST_ABSENCE]
+    if not stretches:
+        return []
+    longest = numbers[max(stretches, key=len)]
+    return [
+        f"no camera sees the person in {sum(map(len, stretches))} of {len(seen)} frames, the longest time from frame "
+        f"{longest[0]} to {longest[-1]}: what is told of these is foretold"
     ]
 
 
@@ -115,6 +131,7 @@ class KeypointScene(NamedTuple):
         told = [f"keypoints are taken {known}", *self.told]
         if self.detector_errors is not None:
             told.append(f"the detector's errors are those of {self.detector_errors.source}")
+        told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
         for name, share in zip(self.scene.camera_names, self.agreement, strict=True):
             if share < LEAST_AGREEMENT:
                 told.append(

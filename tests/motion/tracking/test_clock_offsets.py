@@ -80,6 +80,15 @@ def test_the_cameras_as_they_are_have_no_offset(cameras: Cameras, people: list[D
         np.testing.assert_array_equal(found.points, read.points)
 
 
+@pytest.mark.parametrize("camera", range(4))
+def test_a_camera_that_ends_early_has_no_offset(cameras: Cameras, people: list[DetectedPeople], camera: int) -> None:
+    """In 40 frames errors of the calibration move the clock of one of these cameras by a frame."""
+    cut = list(people)
+    cut[camera] = cut[camera]._replace(**{name: getattr(cut[camera], name)[:40] for name in ("points", "confidence", "frames")})
+    _, notes = common_frames(NAMES, cameras, cut, Clocks(60.0), None)
+    assert [note.split(":")[1][:20] for note in notes] == [" it ends at frame 39"]
+
+
 def test_points_anywhere_in_the_picture_make_no_offset(cameras: Cameras, people: list[DetectedPeople]) -> None:
     """A point in twenty."""
     rng = np.random.default_rng(0)

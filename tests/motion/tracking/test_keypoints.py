@@ -180,6 +180,8 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
             (folder / name).write_text('{"people": []}' if gone else text)
     found = scene_of_keypoints(folders, records, rate=60, refine=False)
     assert any(note.startswith("cam_02: nobody was found in 76% of its 100 frames") for note in found.notes())
+    left = "no camera sees the person in 30 of 100 frames, the longest time from frame 70 to 99"
+    assert any(note.startswith(left) for note in found.notes())
     seen = np.isfinite(found.scene.data.points).all(-1).any(-1)
     assert len(found.scene.frames) == 100 and seen[:70, [0, 2, 3]].mean() > 0.98 and not seen[70:].any()
     assert seen[:70:3, 1].mean() > 0.9 and (found.agreement > 0.9).all()
