@@ -22,7 +22,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import xarray as xr
-from timing import arguments, show
+from timing import arguments, show, without_compile_cache
 
 from poseppl import filters
 from poseppl.program import StateSpaceModel, compilation
@@ -52,7 +52,7 @@ def built(name: str, model: Any) -> Any:
 
 def measure(first: str, second: str, frames: int, checks: bool) -> list[float]:
     """Processor seconds of the first result, of the second filter's, and of the first filter's again."""
-    jax.config.update("jax_enable_compilation_cache", False)
+    without_compile_cache()
     xr.Dataset({"y": ("frame", np.zeros(2))})
     data = {"y": np.random.default_rng(0).normal(size=frames)}
     seconds, model = [], None

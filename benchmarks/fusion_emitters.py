@@ -19,7 +19,7 @@ from typing import Any
 
 import jax
 from simulated import build_problem, draw_sequence
-from timing import arguments, show
+from timing import arguments, show, without_compile_cache
 
 from poseppl.program import compilation
 from poseppl.runs.algorithms import FILTERS
@@ -37,7 +37,7 @@ CASES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 def measure(name: str, settings: dict[str, Any], frames: int, limit: int) -> tuple[float, float]:
     """Processor seconds of compilation and of a run; programs of at most `limit` particles do without emitters."""
-    jax.config.update("jax_enable_compilation_cache", False)
+    without_compile_cache()
     compilation.MOST_PARTICLES = limit
     problem = build_problem()
     observations = draw_sequence(problem, 0, frames).observations

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-from timing import arguments, show
+from timing import arguments, show, without_compile_cache
 
 from poseppl.motion.tracking import make_problem, observe_motion, place_cameras, walking_subject
 from poseppl.motion.tracking.placing import camera_names
@@ -37,7 +37,7 @@ class Cost(NamedTuple):
 
 def main() -> None:
     options = arguments(__doc__, filters="assumed-density,kalman,particle", cameras=2, frames=60, runs=5)
-    jax.config.update("jax_enable_compilation_cache", False)
+    without_compile_cache()
     frames, repetitions = (4, 1) if options.quick else (options.frames, options.runs)
     walk = walking_subject(frames=f"0:{frames}")
     cameras = place_cameras(walk.markers[:, 0], 0.0, count=options.cameras)

@@ -14,7 +14,8 @@ import xarray as xr
 
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
-from poseppl.errors import InputError
+from poseppl.errors import InputError, UnsuitableModelError
+from poseppl.filters.suitability import suited_filters
 from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
@@ -66,6 +67,9 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     about: dict[str, Any] = {"frames": series.frames, "rate": options.get("rate"), "attrs": attrs}
     try:
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
+    except UnsuitableModelError as error:
+        others = [each for each in (*suited_filters(model), "particle") if each != algorithm.name]
+        raise InputError(str(error), field=f"--filter {algorithm.name}", expected=" or ".join(others)) from error
     except ValueError as error:
         raise InputError(str(error), file=path) from error
     if options["hindcast"]:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,7 +76,8 @@ def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str
         expected = " and ".join(part for hint in hints for part in hint) if "It got" in str(error) else ""
         raise InputError(str(error), field="MODEL", expected=expected or None) from error
     if model.unbound:
-        raise InputError("its programs have parameters", field="MODEL", expected="--param NAME=VALUE for each")
+        wanted = " ".join(f"--param {name}=NUMBER" for name in jax.eval_shape(model.sample_parameters, jax.random.key(0)))
+        raise InputError("its programs have parameters", field="MODEL", expected=wanted)
     return model
 
 

@@ -103,7 +103,8 @@ def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Data
     """Judge draws of static parameters, of `pmmh`, `particle_gibbs`, or NumPyro's NUTS on `log_likelihood`.
 
     Args:
-        params: Draws by name, (chain, draw, ...); `mcmc.get_samples(group_by_chain=True)` of NumPyro.
+        params: Draws by name, (chain, draw, ...), such as `mcmc.get_samples(group_by_chain=True)` of NumPyro; or ArviZ's
+            tree of them, whose posterior is judged.
         predictions: What :func:`predictions_under` found; mixing alone is judged without.
 
     Returns:
@@ -112,7 +113,8 @@ def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[Data
     Raises:
         InputError: Draws without the dimensions (chain, draw).
     """
-    found = [verdict for name, draws in params.items() for verdict in _mixing(name, np.asarray(draws, float))]
+    by_name = getattr(params, "posterior", params)
+    found = [verdict for name, draws in by_name.items() for verdict in _mixing(name, np.asarray(draws, float))]
     judged = [check_predictions(each) for each in predictions]
     wrong = [each.text for checks in judged for each in checks if each.severity == ERROR]
     if len(wrong) > len(judged) / 2:

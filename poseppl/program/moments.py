@@ -25,6 +25,7 @@ import numpyro.distributions as dist
 from jax import Array
 from jax.scipy.linalg import block_diag, solve_triangular
 
+from poseppl.errors import UnsuitableModelError
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import event_mask, is_masked, site_log_density, unwrap
@@ -90,7 +91,7 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
     """Mean (k,) and covariance (k, k) of the data of a frame, all sites in order.
 
     Raises:
-        ValueError: A site that is not Gaussian, is scaled or masked, or is a factor.
+        UnsuitableModelError: A site that is not Gaussian, is scaled or masked, or is a factor.
     """
     parts = []
     for name, site in trace.items():
@@ -98,12 +99,12 @@ def observation_moments(sites: Mapping[str, Any], trace: Mapping[str, Any]) -> t
             continue
         gaussian = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal)
         if name not in sites or not gaussian or site.get("scale") is not None:
-            raise ValueError(
+            raise UnsuitableModelError(
                 f"The observation program has no Gaussian moments: site {name!r} is no plain Normal or MultivariateNormal. Use "
                 "an algorithm that evaluates the likelihood (particle, tempered or HMC filters)."
             )
         if is_masked(site["fn"]):
-            raise ValueError(
+            raise UnsuitableModelError(
                 f"The observation program masks the site {name!r} itself, which its Gaussian moments do not tell. Leave the "
                 "mask out, with NaN for the data that it hides, or use an algorithm that evaluates the likelihood (particle, "
                 "tempered or HMC filters)."

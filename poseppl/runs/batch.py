@@ -69,7 +69,7 @@ def infer_batch(
         inputs: Inputs (S, T, ...), what is the same for all wrapped in :class:`~poseppl.runs.run.Constant`; or a list of S,
             each with a leading T_s; None where the model takes none.
         lengths: Frames (S,) of each series, where `data` are arrays that are padded; T for all if None.
-        chunk: Series at a time; more take more memory.
+        chunk: Series at a time, at most, in as many equal parts as that takes; more take more memory.
         collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 20 draws and summaries if None.
         names: Names of the series (S,); 0, 1, ... if None.
         attrs: Provenance: anything that JSON can hold.
@@ -96,12 +96,13 @@ def infer_batch(
     series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect)
     keys = jax.random.split(rng_key, number)
     parts = []
-    for start in range(0, number, chunk):
-        index = np.minimum(np.arange(start, start + chunk), number - 1)
+    size = -(-number // -(-number // chunk))
+    for start in range(0, number, size):
+        index = np.minimum(np.arange(start, start + size), number - 1)
         kept = series(keys[index], rows_of(observations, index), rows_of(rows, index))
         parts.append(rows_of(jax.tree.map(np.asarray, kept), slice(number - start)))
         if progress:
-            progress.advance(min(chunk, number - start))
+            progress.advance(min(size, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     _tell_failures(whole, ends, called, progress.note if progress else _LOGGER.warning)
     return _result(whole, model, stacked, ends, called, {**built.provenance, **(attrs or {}), **angles_of(model)})

@@ -35,6 +35,15 @@ def observation(params, state, inputs):
 def shifted():
     return StateSpaceModel(initial, transition, observation)
 
+def learned():
+    return StateSpaceModel(initial, transition, observation, lambda: numpyro.sample("noise", dist.HalfNormal(1.0)))
+
+def heavy(params, state, inputs):
+    numpyro.sample("y", dist.StudentT(3.0, state["level"].repeat(2), params["noise"]))
+
+def tailed():
+    return StateSpaceModel(initial, transition, heavy)
+
 model = StateSpaceModel(initial, transition, observation)
 number = 7
 """
@@ -123,6 +132,11 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
         ),
         (["model.py", "--data", "data.csv", "--param", "noise=1"], "expected --inputs NAME for each column that they read)"),
         (["model.py", "--data", "data.csv", "--inputs", "push"], "expected --param NAME=NUMBER)"),
+        (["model.py:learned", "--data", "data.csv", "--inputs", "push"], "expected --param noise=NUMBER)"),
+        (
+            ["model.py:tailed", "--data", "data.csv", "--inputs", "push", "--param", "noise=1", "--filter", "kalman"],
+            "--filter kalman: The observation program has no Gaussian moments",
+        ),
         (["model.py", "--data", "data.csv", "--filter", "kalmann"], "expected kalman"),
         (["model.py", "--data", "data.csv", "--settings", "code.toml"], "no option 'model' of a settings file"),
         (["model.py", "--data", "data.csv", "--settings", "wrong.toml"], "wrong.toml: no option 'filtre' of a settings file"),

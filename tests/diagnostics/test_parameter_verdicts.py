@@ -10,6 +10,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+import xarray as xr
 
 from poseppl import StateSpaceModel, kalman_filter, log_likelihood
 from poseppl.diagnostics.parameters import check_parameters, predictions_under
@@ -77,7 +78,9 @@ def test_chains_that_do_not_agree() -> None:
     rng = np.random.default_rng(3)
     draws = rng.standard_normal((4, 200, 2))
     assert check_parameters({"a": draws}) == []
-    (apart,) = check_parameters({"a": draws + np.arange(4)[:, None, None]})
+    shifted = {"a": draws + np.arange(4)[:, None, None]}
+    (apart,) = check_parameters(shifted)
+    assert check_parameters(xr.DataTree.from_dict({"posterior": xr.Dataset({"a": (("chain", "draw", "of_a"), shifted["a"])})})) == [apart]
     assert apart.severity == "error" and "do not agree" in apart.text
     slow = np.zeros((4, 400))
     for t in range(1, 400):

@@ -10,6 +10,7 @@ from oracles.kalman import kalman_filter, simulate
 
 import poseppl
 from poseppl.errors import InputError
+from poseppl.runs import batch as batch_module
 from poseppl.runs.results import load_result, save_result
 from poseppl.runs.run import Constant
 
@@ -52,6 +53,21 @@ def test_what_is_of_one_series_says_so(batch, what, tmp_path):
     call["compare"] = lambda tree: poseppl.compare({"one": tree, "two": tree})
     with pytest.raises(ValueError, match=r"one of many series. Take one of them, poseppl.one_series"):
         call.get(what, getattr(poseppl, what, None))(batch)
+
+
+def test_no_more_series_are_filtered_than_there_are(monkeypatch):
+    """Seven in parts of at most five are two parts of four, one of them with one series twice; three are one part."""
+    sizes, program = [], batch_module._series_program
+
+    def counted(*given):
+        return lambda keys, *rows: sizes.append(len(keys)) or program(*given)(keys, *rows)
+
+    monkeypatch.setattr(batch_module, "_series_program", counted)
+    kalman = poseppl.kalman_filter(POSED.model, num_particles=20)
+    for number, chunk in ((SERIES, 5), (3, 100)):
+        found = poseppl.infer_batch(POSED.model, {"y": DATA[:number]}, kalman, KEY, INPUTS[:number], chunk=chunk)
+        assert found["summary"].sizes["series"] == number
+    assert sizes == [4, 4, 3]
 
 
 def test_series_that_fail_are_told(caplog):
