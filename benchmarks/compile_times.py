@@ -17,17 +17,15 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from timing import arguments, peak_memory, show
+from timing import arguments, peak_memory, show, write_table
 
-from poseppl.experiments.jobs.versions import versions
-from poseppl.experiments.provenance import Kept, Provenance, read_folder, write_folder
+from poseppl.experiments.provenance import read_folder
 from poseppl.experiments.tables import Table
 from poseppl.motion.learned import PosedRecording, TrainingSettings, train_motion_model, write_motion_model
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, observe_motion, smooth, track, walking_subject
@@ -148,17 +146,10 @@ def main() -> None:
             rows[case.key] = (*case.key, *measured(case, 3 if options.quick else options.frames, Path(scratch)))
             print(*rows[case.key], flush=True)
             table = Table(NAME, _COLUMNS, [rows[each.key] for each in known if each.key in rows], _ABOUT)
-            write_folder(folder, {NAME: Kept(table, provenance())})
+            write_table(table, folder, "1", "built-in walk, two cameras")
     columns = ["", "", "settings", "compilation, processor s", "run, processor s", "memory, MiB"]
     shown = [[*row[:3], f"{row[3]:.1f}", f"{row[4]:.1f}", f"{row[5]:,.0f}"] for row in rows.values()]
     show("28-DOF body, two cameras", columns, shown)
-
-
-def provenance() -> Provenance:
-    """How the table is made today."""
-    known = ", ".join(f"{name} {version}" for name, version in versions().items())
-    today = datetime.now(UTC).date().isoformat()
-    return Provenance("1", "built-in walk, two cameras", today, known, f"python benchmarks/{Path(__file__).name}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """How long the first result of a one-dimensional model takes, and what of it is compilation.
 
-    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 3] [--levels] [--checks]
+    python benchmarks/first_result.py [--quick] [--frames 50] [--turns 5] [--levels] [--checks]
+        [--output first-results]
 
 A random walk that is drawn to its mean, seen with noise. Processor seconds of a new process without a compile cache, after the
 imports (those that xarray makes for its first dataset, too): the model, a filter of 1,000 particles or its default chains, and
@@ -22,15 +23,21 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import xarray as xr
-from timing import arguments, show, without_compile_cache
+from timing import arguments, show, without_compile_cache, write_table
 
 from poseppl import filters
+from poseppl.experiments.tables import Table
 from poseppl.program import StateSpaceModel, compilation
 from poseppl.runs.infer import infer
 from poseppl.runs.predictive import predictive_checks
 
 CASES = (("particle", "kalman"), ("hmc", "kalman"), ("kalman", "particle"))
 LEVELS = (0, 1, 2, 3)
+NAME = "first_results"
+_COLUMNS = ("first", "second", "first_result", "second_filter", "again")
+_ABOUT = (
+    "Processor seconds of the first result of a filter, of a second filter's on the same model, and of the first one's again."
+)
 
 
 def initial(params: Any, inputs: Any) -> None:
@@ -80,25 +87,28 @@ def measure_level(name: str, level: int, frames: int) -> list[float]:
     return [min(seconds[1:])]
 
 
-def in_turns(turns: int, function: Any, *given: Any) -> list[str]:
+def in_turns(turns: int, function: Any, *given: Any) -> list[float]:
     """Medians of what a function measures in new processes."""
     found = []
     for _ in range(turns):
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:
             found.append(pool.submit(function, *given).result())
-    return [f"{statistics.median(column):.2f}" for column in zip(*found, strict=True)]
+    return [statistics.median(column) for column in zip(*found, strict=True)]
 
 
 def main() -> None:
-    options = arguments(__doc__, frames=50, turns=3, levels=False, checks=False)
+    options = arguments(__doc__, frames=50, turns=5, levels=False, checks=False, output="first-results")
     turns, cases = (1, CASES[:1]) if options.quick else (options.turns, CASES)
     if options.levels:
-        rows = [[first, *(in_turns(turns, measure_level, first, level, 1000)[0] for level in LEVELS)] for first, _ in cases]
+        rows = [
+            [first, *(f"{in_turns(turns, measure_level, first, level, 1000)[0]:.2f}" for level in LEVELS)] for first, _ in cases
+        ]
         show("Processor seconds of 1,000 frames", ["filter", *(f"level {level}" for level in LEVELS)], rows)
         return
-    rows = [
-        [first, second, *in_turns(turns, measure, first, second, options.frames, options.checks)] for first, second in cases
-    ]
+    measured = [(*case, *in_turns(turns, measure, *case, options.frames, options.checks)) for case in cases]
+    if not options.checks:
+        write_table(Table(NAME, _COLUMNS, measured, _ABOUT), options.output, str(turns), "none", "the machine ran other work")
+    rows = [[*row[:2], *(f"{seconds:.2f}" for seconds in row[2:])] for row in measured]
     show("Processor seconds", ["first filter", "second", "first result", "second filter", "first filter again"], rows)
 
 

@@ -9,13 +9,18 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as ShownTable
+
+from poseppl.experiments.jobs.versions import versions
+from poseppl.experiments.provenance import Kept, Provenance, write_folder
+from poseppl.experiments.tables import Table
 
 DATA = Path(os.environ.get("POSEPPL_DATA", "../shared/data"))
 """The folder of the recordings."""
@@ -41,7 +46,7 @@ def interleave(rivals: Mapping[str, Callable[[], Any]], repetitions: int) -> dic
 
 def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table."""
-    table = Table(*columns, title=title, title_justify="left")
+    table = ShownTable(*columns, title=title, title_justify="left")
     for row in rows:
         table.add_row(*row)
     Console(width=120).print(table)
@@ -54,6 +59,14 @@ def peak_memory() -> float:
         return next(int(line.split()[1]) for line in status.read_text().splitlines() if line.startswith("VmHWM")) / 1024
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+
+
+def write_table(table: Table, folder: Path, runs: str, recordings: str, note: str = "") -> None:
+    """Write a table as it is kept in docs/tables, with the command that ran, today's date and the versions."""
+    known = ", ".join(f"{name} {version}" for name, version in versions().items())
+    command = f"python benchmarks/{Path(sys.argv[0]).name}"
+    made = Provenance(runs, recordings, datetime.now(UTC).date().isoformat(), known, command, note)
+    write_folder(folder, {table.name: Kept(table, made)})
 
 
 def without_compile_cache() -> None:

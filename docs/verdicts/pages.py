@@ -34,6 +34,7 @@ from verdicts import (
     simulated_motion,
     sminchisescu_triggs,
     smoothing,
+    toolkit_speed,
     walks,
 )
 
@@ -95,7 +96,9 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "speed-ups": of("choo-fleet-2001", choo_fleet.speed_ups),
         "contest": of("choo-fleet-2001", choo_fleet.contest),
         "covariance-scaled": of("sminchisescu-triggs-2001", sminchisescu_triggs.verdicts),
+        "toolkit-speed": toolkit_speed.beside_rivals,
         "compile-times": compile_times.compile_times,
+        "first-results": toolkit_speed.first_results,
     },
     "points.md": {"named-points-fly": named_points.fly, "named-points-board": named_points.board},
     "verdicts.md": {"predictive-checks": predictions.checks},

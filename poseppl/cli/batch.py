@@ -39,7 +39,11 @@ _KINDS = (".csv", ".parquet", ".pq", ".nc")
 @model_options
 @click.option("--output", "-o", metavar="DIR", default="batch", show_default=True, help="Where everything goes.")
 @click.option("--workers", metavar="N", type=click.IntRange(1), help="Processes; 1 is this one. [default: one a core]")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of processes.")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Dask scheduler, such as tcp://host:8786, instead of processes; its workers read and write these folders.",
+)
 @common_options
 def batch(folder: str, model: str, **options: Any) -> None:
     """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""

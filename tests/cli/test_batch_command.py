@@ -62,28 +62,25 @@ def test_a_folder_without_tables_is_said(folder, capsys):  # noqa: F811
     assert "there is no table in it" in capsys.readouterr().err
 
 
+@pytest.fixture
+def scheduler():
+    """The address of a Dask scheduler with two workers."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: poseppl[experiments]")
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
 @pytest.mark.slow
-def test_a_killed_batch_goes_on_where_it_was(folder):  # noqa: F811
-    """Killed when the first of four tables is done, the same command does the others, and that one not again."""
-    tables, out = folder / "trials", folder / "out"
+@pytest.mark.parametrize("where", ["workers", "scheduler"])
+def test_a_killed_batch_goes_on_where_it_was(folder, where, request):  # noqa: F811
+    """Killed when the first of eight tables is done, the same command does the others, and that one not again."""
+    tables, out, names = folder / "trials", folder / "out", "abcdefgh"
     tables.mkdir()
-    for name in "abcd":
+    for name in names:
         shutil.copy("data.csv", tables / f"{name}.csv")
     command = [sys.executable, "-c", "from poseppl.cli import main; raise SystemExit(main())", "batch", "trials", "--quiet"]
-    command += [
-        "--model",
-        "model.py",
-        "--inputs",
-        "push",
-        "--param",
-        "noise=0.3",
-        "--filter",
-        "kalman",
-        "--workers",
-        "1",
-        "-o",
-        "out",
-    ]
+    command += ["--model", "model.py", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman", "-o", "out"]
+    command += [f"--{where}", "1" if where == "workers" else request.getfixturevalue("scheduler")]
     batch = subprocess.Popen(command)
     until = time.monotonic() + 300
     while not list(out.glob("jobs/[!.]*.npz")) and time.monotonic() < until and batch.poll() is None:
@@ -91,11 +88,11 @@ def test_a_killed_batch_goes_on_where_it_was(folder):  # noqa: F811
     batch.kill()
     batch.wait()
     done = {path: path.stat().st_mtime_ns for path in out.glob("jobs/[!.]*.npz")}
-    assert 1 <= len(done) < 4 and not (out / "table.csv").exists()
+    assert 1 <= len(done) < len(names) and not (out / "table.csv").exists()
     subprocess.run(command, check=True, timeout=300)
     assert {path: path.stat().st_mtime_ns for path in done} == done
     first = min(done).name[0]
     assert (out / f"{first}.nc").stat().st_mtime_ns < min(done.values())
     rows = list(csv.DictReader((out / "table.csv").read_text().splitlines()))
-    assert [row["input"] for row in rows] == ["a.csv", "b.csv", "c.csv", "d.csv"]
+    assert [row["input"] for row in rows] == [f"{name}.csv" for name in names]
     assert all(abs(float(row["log evidence"]) - exact_evidence()) < 1e-3 for row in rows)

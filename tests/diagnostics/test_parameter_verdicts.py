@@ -80,7 +80,9 @@ def test_chains_that_do_not_agree() -> None:
     assert check_parameters({"a": draws}) == []
     shifted = {"a": draws + np.arange(4)[:, None, None]}
     (apart,) = check_parameters(shifted)
-    assert check_parameters(xr.DataTree.from_dict({"posterior": xr.Dataset({"a": (("chain", "draw", "of_a"), shifted["a"])})})) == [apart]
+    assert check_parameters(
+        xr.DataTree.from_dict({"posterior": xr.Dataset({"a": (("chain", "draw", "of_a"), shifted["a"])})})
+    ) == [apart]
     assert apart.severity == "error" and "do not agree" in apart.text
     slow = np.zeros((4, 400))
     for t in range(1, 400):

@@ -42,6 +42,16 @@ def test_a_model_that_does_not_hold_is_noticed(kalman, wrong):
     assert found.chance < 1e-3 and "not calibrated" in str(found)
 
 
+@pytest.mark.parametrize(("num_particles", "right"), [(1000, True), (5, False)])
+def test_too_few_particles_are_noticed(num_particles, right):
+    """The posterior of five is too narrow in both coordinates; nothing speaks against that of a thousand."""
+    filter = poseppl.particle_filter(MODEL, num_particles)
+    found = poseppl.calibrate(MODEL, filter, KEY, num_frames=FRAMES, num_simulations=60)
+    assert (found.chance > 0.01) == right
+    assert ("not calibrated" in str(found)) != right
+    assert right or (found.excess > 4 * found.excess_error).all()
+
+
 def test_chance_is_uniform_where_ranks_are():
     """Of two hundred tests of ranks that are alike within each simulation, one in ten is below a tenth, or fewer."""
     rng = np.random.default_rng(0)
