@@ -17,6 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
@@ -99,7 +100,9 @@ def _predictions(model: CompiledModel, filter: Any, rng_key: Array, params: Any,
     return whole
 
 
-def check_parameters(params: Mapping[str, ArrayLike], predictions: Sequence[DataPrediction] = ()) -> list[Verdict]:
+def check_parameters(
+    params: Mapping[str, ArrayLike] | xr.DataTree, predictions: Sequence[DataPrediction] = ()
+) -> list[Verdict]:
     """Judge draws of static parameters, of `pmmh`, `particle_gibbs`, or NumPyro's NUTS on `log_likelihood`.
 
     Args:
