@@ -4,7 +4,7 @@ It prints the lines of the library's file, the processor seconds of the first ru
 milliseconds of later ones, and the error of the means in exact standard deviations (of the chaotic job: from the truth).
 Processor time is that of all the process's threads; other work on the machine disturbs it less than the clock's. Libraries need
 not agree on what they build on, so each has an environment of its own; without a name, the libraries are listed. Names without
-a job are those of the drifting level; NAME_linear and NAME_lorenz are the other two.
+a job are those of the drifting level; NAME_linear, NAME_lorenz and NAME_markov are the others.
 """
 
 from __future__ import annotations
