@@ -2,7 +2,7 @@
 
     python benchmarks/fusion_emitters.py [--quick] [--frames 64] [--turns 3]
 
-Programs of at most 1,000 particles are compiled without them (`poseppl.program.compilation`). A camera sees the 28-DOF body; a
+Programs of at most 10,000 particles are compiled without them (`poseppl.program.compilation`). A camera sees the 28-DOF body; a
 filter runs in a process of its own, without a compile cache, with and without the emitters in turns. Seconds are of the
 processor: those by which a first run takes longer than the fastest of five later ones, and those of this one; the median over
 turns.
@@ -30,7 +30,7 @@ CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("kalman", {}),
     ("assumed-density", {}),
     ("hmc", {}),
-    ("particle", {"num_particles": 1000}),
+    ("particle", {"num_particles": 10_000}),
     ("particle", {"num_particles": 100_000}),
 )
 

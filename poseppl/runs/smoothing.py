@@ -25,7 +25,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
-from poseppl.program.compilation import compile_lowered
+from poseppl.program.compilation import compile_smoother
 from poseppl.runs.compiled_scan import is_finite, kind_of
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
@@ -126,7 +126,7 @@ def _compiled(smoother: Smoother, *given: Any) -> Any:
     smooth, made = _smoothing(smoother)
     kind = kind_of(given)
     if kind not in made:
-        made[kind] = compile_lowered(smooth.lower(*given), given[1].particles.shape[1])
+        made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1])
     return made[kind]
 
 

@@ -26,15 +26,15 @@ EMITTERS, LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level
 @pytest.mark.parametrize(
     ("known", "numbers", "options"),
     [
-        ((EMITTERS,), (1000, None), {EMITTERS: False}),
-        ((EMITTERS,), (1001, None), {}),
+        ((EMITTERS,), (10_000, 10_000), {EMITTERS: False}),
+        ((EMITTERS,), (10_001, 10_001), {}),
         ((EMITTERS, LEVEL), (1000, 1000), {EMITTERS: False, LEVEL: 1}),
         ((EMITTERS, LEVEL), (1000, 1001), {EMITTERS: False}),
         ((), (1000, 1000), {}),
     ],
 )
 def test_few_particles_leave_the_emitters_out_and_few_numbers_optimisation(
-    known: tuple[str, ...], numbers: tuple[int, int | None], options: dict[str, int]
+    known: tuple[str, ...], numbers: tuple[int, int], options: dict[str, int]
 ) -> None:
     lowered = Lowered(*known)
     assert compilation.compile_lowered(lowered, *numbers) == "compiled"
@@ -46,10 +46,17 @@ def test_few_particles_leave_the_emitters_out_and_few_numbers_optimisation(
     [
         ((1000, 1000), {EMITTERS: False, LEVEL: 0}),
         ((1000, 1001), {EMITTERS: False, LEVEL: 1}),
-        ((1001, 1001), {LEVEL: 1}),
+        ((10_001, 10_001), {LEVEL: 1}),
     ],
 )
 def test_what_runs_once_is_hardly_optimised(numbers: tuple[int, int], options: dict[str, int]) -> None:
     lowered = Lowered(EMITTERS, LEVEL)
     assert compilation.compile_to_run_once(lowered, *numbers) == "compiled"
+    assert lowered.options == options
+
+
+@pytest.mark.parametrize(("num_particles", "options"), [(1000, {EMITTERS: False}), (1001, {})])
+def test_smoothers_of_more_than_a_thousand_keep_the_emitters(num_particles: int, options: dict[str, int]) -> None:
+    lowered = Lowered(EMITTERS)
+    assert compilation.compile_smoother(lowered, num_particles) == "compiled"
     assert lowered.options == options
