@@ -1,6 +1,6 @@
 """Processor seconds of what the toolkit is measured by, each beside a rival in the same run.
 
-    python benchmarks/toolkit_speed.py [--quick] [--repetitions 5] [--output toolkit-speed]
+    python benchmarks/toolkit_speed.py [--quick] [--repetitions 3] [--output toolkit-speed]
 
 * 1,000 series of 200 frames in one call of `infer_batch`, beside a loop of `infer` over 20 of them (seconds a series): a level
   in one dimension, seen with noise.
@@ -137,7 +137,7 @@ def measure(pair: Pair, repetitions: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    options = arguments(__doc__, repetitions=5, output="toolkit-speed")
+    options = arguments(__doc__, repetitions=3, output="toolkit-speed")
     pairs = [*batches(options.quick), *growth_pairs(options.quick)]
     rows = [(pair.job, pair.rival, *measure(pair, 1 if options.quick else options.repetitions), pair.goal) for pair in pairs]
     note = "the machine ran other work"
