@@ -139,18 +139,18 @@ def _draws(body: DetectedBody, model: CompiledModel, key: Any, start: Any, obser
     none = jnp.zeros((FRAMES, 1))
     history = History(jnp.concatenate([start, beside], 1)[:, None], none, none.astype(int), none[:, 0] > 0)
     found = smoother.smooth(key, history, observations, inputs).particles
-    return tuple(jnp.swapaxes(each, 0, 1) for each in jax.vmap(jax.vmap(partial(_parts, body), (0, None)))(found, inputs.tree))
+    return tuple(jnp.swapaxes(each, 0, 1) for each in jax.vmap(jax.vmap(partial(_parts, body), (0, None)))(found, inputs))
 
 
-def _parts(body: DetectedBody, x: Any, tree: Any) -> tuple[Any, Any]:
-    return body.pose(x), body.markers(x, tree).ravel()
+def _parts(body: DetectedBody, x: Any, inputs: Any) -> tuple[Any, Any]:
+    return body.pose(x), body.markers(x, inputs).ravel()
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _truth(body: DetectedBody, model: CompiledModel, key: Any, inputs: Any) -> tuple[tuple[Any, Any], Any]:
     """Poses and markers of a draw, and its points."""
     states, data = draw_sequence(model, jax.random.split(key, (FRAMES, 2)), inputs)
-    return jax.vmap(partial(_parts, body))(states, inputs.tree), data["points"]
+    return jax.vmap(partial(_parts, body))(states, inputs), data["points"]
 
 
 @partial(jax.jit, static_argnums=0)

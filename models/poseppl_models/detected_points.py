@@ -5,14 +5,16 @@ Pose p_t and what is beside it:
     p_t ~ N(p_(t-1), step_scale^2)                                 the body's random walk
     s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
     e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
+    l_t = l_0 ~ N(0, length_scale^2)                 (L,) mm       errors of the segment lengths
     c_t = c_0 ~ N(0, R R^T)                          (C, 6)       errors of the cameras' poses, radians and mm
-    y_t = project(markers(p_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
+    y_t = project(markers(p_t; l_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
 
 Joints of people are no hinges, and a detector's idea of a hip is not the anatomist's: with s they may be some centimetres from
 where a skeleton of fixed lengths has them. A detector errs in the same way in successive frames, as long as the picture stays
 much the same; taken for independent, such errors make intervals far too narrow. Variances r^2 noise^2 and (1 - r^2) noise^2 are
-stationary, so that intervals do not depend on the frame rate. Cameras are turned about their own axes and moved by c, which is
-left out where they are taken for exact.
+stationary, so that intervals do not depend on the frame rate. Lengths that were measured in the same points have the errors l:
+in two seconds places that are 20 mm beside their joints are beside them by much the same. Cameras are turned about their own
+axes and moved by c. Both are left out where lengths or cameras are taken for exact.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl_models.random_walk import joint_sites, random_walk
 
 _DRIFT = 1e-3
-"""Step of the cameras' errors, radians and mm: as good as none."""
+"""Step of what does not change, radians and mm: as good as none."""
 FREEDOM = 4.0
 """Degrees of freedom of the errors that do not last; ours."""
 
@@ -51,6 +53,8 @@ class DetectedInputs(NamedTuple):
         shift_kept: a, what is left of it () from the frame before.
         error_share: r^2 (), share of the errors that last in the variance.
         error_kept: b, what is left of them () from the frame before.
+        length_scale: Standard deviation () of the lengths' errors, mm.
+        per_length: How the tree's offsets change with each of L lengths, these with a leading L; None for exact lengths.
         camera_root: R, lower triangular (6 C, 6 C): turns, radians, and shift of the centre, mm, of one camera after the other.
     """
 
@@ -64,6 +68,8 @@ class DetectedInputs(NamedTuple):
     shift_kept: Array
     error_share: Array
     error_kept: Array
+    length_scale: Array
+    per_length: Any
     camera_root: Array
 
 
@@ -73,30 +79,39 @@ class DetectedBody(NamedTuple):
     Attributes:
         program: The programs; their data site is ``points`` (C, K, 2).
         dimension: d; the first coordinates of a flat state are the pose, in the tree's order.
-        num_static: How many of the last coordinates are the cameras' errors, which do not change.
+        num_lengths: L.
+        num_static: How many of the last coordinates do not change: errors of segment lengths, then those of the cameras.
     """
 
     program: StateSpaceModel
     dimension: int
+    num_lengths: int = 0
     num_static: int = 0
 
     def pose(self, x: Array) -> Array:
         """Pose (d,) of a flat state."""
         return x[: self.dimension]
 
-    def markers(self, x: Array, tree: KinematicTree) -> Array:
+    def markers(self, x: Array, inputs: DetectedInputs) -> Array:
         """Markers (K, 3) of a flat state, mm."""
+        static = x[len(x) - self.num_static :]
+        tree = _resized(inputs, static[: self.num_lengths]) if self.num_lengths else inputs.tree
         joints = marker_positions(tree, self.pose(x))
         return joints + x[self.dimension : self.dimension + joints.size].reshape(joints.shape)
 
     def cameras(self, x: Array, inputs: DetectedInputs) -> Cameras:
         """The cameras of a flat state."""
-        return _erring(inputs.cameras, x[len(x) - self.num_static :]) if self.num_static else inputs.cameras
+        errors = x[len(x) - self.num_static + self.num_lengths :]
+        return _erring(inputs.cameras, errors) if self.num_static > self.num_lengths else inputs.cameras
 
 
 @lru_cache(maxsize=8)
 def seen_by_detector(
-    coordinates: tuple[tuple[str, str], ...], num_markers: int, num_cameras: int, erring_cameras: bool = False
+    coordinates: tuple[tuple[str, str], ...],
+    num_markers: int,
+    num_cameras: int,
+    erring_cameras: bool = False,
+    num_lengths: int = 0,
 ) -> DetectedBody:
     """Write the programs.
 
@@ -105,6 +120,7 @@ def seen_by_detector(
         num_markers: K.
         num_cameras: C.
         erring_cameras: Whether the cameras' poses have errors.
+        num_lengths: L, how many segment lengths have errors.
     """
     spans = joint_sites(coordinates)
     first_pose, next_pose = random_walk(spans)
@@ -114,6 +130,8 @@ def seen_by_detector(
         first_pose(params, inputs)
         numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.shift_scale))
         numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
+        if num_lengths:
+            numpyro.sample("length", dist.Normal(jnp.zeros(num_lengths), inputs.length_scale))
         if erring_cameras:
             numpyro.sample("camera_error", dist.MultivariateNormal(jnp.zeros(6 * num_cameras), scale_tril=inputs.camera_root))
 
@@ -121,12 +139,15 @@ def seen_by_detector(
         next_pose(params, state, inputs)
         numpyro.sample("shift", _stationary(state["shift"], inputs.shift_kept, inputs.shift_scale))
         numpyro.sample("error", _stationary(state["error"], inputs.error_kept, 1.0))
+        if num_lengths:
+            numpyro.sample("length", dist.Normal(state["length"], _DRIFT))
         if erring_cameras:
             numpyro.sample("camera_error", dist.Normal(state["camera_error"], _DRIFT))
 
     def observation(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
-        markers = marker_positions(inputs.tree, pose) + state["shift"]
+        tree = _resized(inputs, state["length"]) if num_lengths else inputs.tree
+        markers = marker_positions(tree, pose) + state["shift"]
         lasting, other = (jnp.sqrt(share) * inputs.noise[..., None] for share in (inputs.error_share, 1 - inputs.error_share))
         cameras = _erring(inputs.cameras, state["camera_error"]) if erring_cameras else inputs.cameras
         seen = project(cameras, markers) + lasting * state["error"]
@@ -135,8 +156,17 @@ def seen_by_detector(
         numpyro.sample("points", Lorentzian(dist.Normal(seen, scale).to_event(1), FREEDOM + 2))
         numpyro.deterministic("markers", markers)
 
-    num_static = 6 * num_cameras if erring_cameras else 0
-    return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates), num_static)
+    num_static = num_lengths + (6 * num_cameras if erring_cameras else 0)
+    return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates), num_lengths, num_static)
+
+
+def _resized(inputs: DetectedInputs, errors: Array) -> KinematicTree:
+    """The person's tree with errors (L,) of its lengths."""
+    tree, each = inputs.tree, inputs.per_length
+    return tree.with_offsets(
+        tree.offsets + jnp.tensordot(errors, each.offsets, 1),
+        tree.marker_offsets + jnp.tensordot(errors, each.marker_offsets, 1),
+    )
 
 
 def _erring(cameras: Cameras, errors: Array) -> Cameras:

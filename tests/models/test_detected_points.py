@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from limbs_backwards import backwards
+from poseppl_models.choo_fleet import full_body
 from poseppl_models.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
@@ -24,13 +25,16 @@ from poseppl.motion.tracking.lasting_errors import (
     ERRORS_LAST,
     SHIFT,
     SHIFTS_LAST,
+    length_deviation,
     with_lasting_errors,
     with_no_errors,
 )
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.problem import make_problem
+from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.subjects import walking_subject
+from poseppl.runs.run import frame_inputs
 from poseppl.smoothers.base import History
 
 RATE, FRAMES, NOISE = 30.0, 40, 0.004
@@ -126,6 +130,39 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
         with_lasting_errors(problem, scene.frames, scene.rate)
     with pytest.raises(InputError, match="--errors"):
         smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]
+
+
+def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData], filtered: xr.DataTree) -> None:
+    per_length, lengths = offsets_per_length(filtered), dict(scene.body.lengths)
+    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, per_length=per_length)
+    assert problem.num_static == len(lengths) and problem.markers is not None
+    assert scene.states is not None
+    errors = np.random.default_rng(0).normal(size=len(lengths)) * SHIFT
+    longer = full_body({name: value + error for (name, value), error in zip(lengths.items(), errors, strict=True)})
+    state = np.zeros(problem.model.dimension)
+    state[: scene.body.tree.dimension], state[-len(lengths) :] = scene.states[7], errors
+    found = problem.markers(jnp.asarray(state, float), frame_inputs(problem.inputs, 7))
+    np.testing.assert_allclose(found, longer.places(scene.states[7:8])[0], atol=0.02)
+
+
+def test_lengths_of_a_long_recording_are_known_better() -> None:
+    """The variance of the mean of a stationary sequence, against that of many of them."""
+    rng = np.random.default_rng(0)
+    means = SHIFT * np.stack([stationary(rng, (2000,), SHIFTS_LAST).mean(0) for _ in range(5)])
+    told = length_deviation(np.full(FRAMES, 1 / RATE))
+    assert abs(means.std() / told - 1) < 4 / np.sqrt(2 * means.size) + 1 / FRAMES
+    assert length_deviation(np.full(1, 1 / RATE)) == SHIFT
+
+
+def test_what_was_measured_is_not_exact(scene: Scene[PointData]) -> None:
+    """Angles are known less well, by some degrees where a length alone tells them; places nearly as well."""
+    told = scene._replace(data=scene.data._replace(found={"lengths measured": True}))
+    spreads = {}
+    for measured, seen in ((False, scene), (True, told)):
+        tree = smooth(track(seen, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
+        spreads[measured] = [tree[f"summary/{name}_sd"].to_numpy() for name in ("state", "markers")]
+    angles, places = (np.median(with_lengths / exact) for exact, with_lengths in zip(*spreads.values(), strict=True))
+    assert 1.02 < angles < 1.5 and 0.99 < places < 1.05, (angles, places)
 
 
 @pytest.mark.slow

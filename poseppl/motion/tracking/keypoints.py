@@ -93,6 +93,7 @@ class KeypointScene(NamedTuple):
         detector_errors: What was known of the detector's errors; None where the noise is measured.
         chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
         num_leaps: Points that leap and count as not seen.
+        measured: Whether segment lengths were measured in the points.
     """
 
     scene: Scene[PointData]
@@ -107,6 +108,7 @@ class KeypointScene(NamedTuple):
     detector_errors: DetectorErrors | None = None
     chosen: Integers | None = None
     num_leaps: int = 0
+    measured: bool = False
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -123,7 +125,8 @@ class KeypointScene(NamedTuple):
         pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
         left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
         known = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
-        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known}
+        measured = {"lengths measured": True} if self.measured else {}
+        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **measured}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
@@ -228,7 +231,7 @@ def scene_of_keypoints(
     seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes))
     found = KeypointScene(
         scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps
-    )
+    )._replace(measured=bool(measured))
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
 
 

@@ -45,11 +45,17 @@ class DetectedInputs(NamedTuple):
     shift_kept: Array
     error_share: Any
     error_kept: Array
+    length_scale: Any
+    per_length: Any
     camera_root: Any
 
 
 def with_lasting_errors(
-    problem: Problem, frames: Integers, rate: float | None, camera_covariance: Floats | None = None
+    problem: Problem,
+    frames: Integers,
+    rate: float | None,
+    camera_covariance: Floats | None = None,
+    per_length: KinematicTree | None = None,
 ) -> Problem:
     """Give a problem of points errors that last, and markers that may be beside their joints.
 
@@ -59,6 +65,8 @@ def with_lasting_errors(
         rate: Frames a second; 30 if None.
         camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
             taken for exact.
+        per_length: How the offsets of the body's tree change with each of its lengths, these with a leading axis, where they
+            were measured in the same points; None if they are exact.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
@@ -81,16 +89,29 @@ def with_lasting_errors(
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
         error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
         error_kept=jnp.asarray(np.exp(-seconds / ERRORS_LAST), float),
+        length_scale=Constant(jnp.asarray(length_deviation(seconds), float)),
+        per_length=None if per_length is None else Constant(per_length),
         camera_root=Constant(jnp.asarray(root, float)),
     )
+    num_lengths = 0 if per_length is None else len(per_length.offsets)
     seen: Any = load_builder(PROGRAMS)(
-        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None
+        tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
     )
     model = compile_once(seen.program, frame_inputs(inputs, 0))
     pose, markers, cameras = _of_states(seen)
     return Problem(
         problem.body, model, problem.observations, inputs, pose, markers=markers, cameras=cameras, num_static=seen.num_static
     )
+
+
+def length_deviation(seconds: Floats) -> float:
+    """Standard deviation, mm, of a length that was measured in frames so many seconds (T,) after those before them.
+
+    It is a mean over the recording of how far two places are from each other, on both sides of the body: its variance is that
+    of the mean of one place. Over a time t, of what lasts for s, that is 2 (s / t)^2 (t / s - 1 + exp(-t / s)) of a frame's.
+    """
+    lasts = float(seconds[1:].sum()) / SHIFTS_LAST
+    return float(SHIFT * np.sqrt(2 * (lasts + np.expm1(-lasts)) / lasts**2)) if lasts > 1e-3 else SHIFT
 
 
 def with_no_errors(history: History, problem: Problem) -> History:
@@ -106,4 +127,4 @@ def with_no_errors(history: History, problem: Problem) -> History:
 
 @built_once
 def _of_states(seen: Any) -> tuple[Callable[[Array, Any], Any], ...]:
-    return lambda x, inputs: seen.pose(x), lambda x, inputs: seen.markers(x, inputs.tree), seen.cameras
+    return lambda x, inputs: seen.pose(x), seen.markers, seen.cameras

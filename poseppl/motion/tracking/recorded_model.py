@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from poseppl.errors import InputError, Location
 from poseppl.motion.bodies.body import Body, body_builder, installed_builder, source_of_model
+from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.io.text_parsing import finite_numbers
 from poseppl.runs.contents import names_of, variable
 from poseppl.runs.results import provenance
@@ -58,6 +61,23 @@ def recorded_model(tree: xr.DataTree, model: str | None = None) -> RecordedModel
     params = {**body.params, **finite_numbers(asked, body.params, Location(field="settings"))}
     _check_coordinates(tree, body)
     return RecordedModel(chosen, _with_markers(tree, body), params)
+
+
+def offsets_per_length(tree: xr.DataTree, model: str | None = None) -> KinematicTree:
+    """How the offsets of the body of a result change with each of its lengths, these with a leading axis.
+
+    Args:
+        tree: The result.
+        model: As of :func:`recorded_model`.
+
+    Raises:
+        InputError: As :func:`recorded_model`.
+    """
+    name, body, _ = recorded_model(tree, model)
+    build = installed_builder(name) if model is None else body_builder(model)
+    longer = [build({**body.lengths, length: value + 1.0}).tree for length, value in body.lengths.items()]
+    changed: KinematicTree = jax.tree.map(lambda own, *each: jnp.stack(each) - own, build(body.lengths).tree, *longer)
+    return changed
 
 
 def _with_markers(tree: xr.DataTree, body: Body) -> Body:

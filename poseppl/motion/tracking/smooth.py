@@ -16,6 +16,7 @@ from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
 from poseppl.motion.tracking.problem import Problem, problem_of_result
+from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.track import affordable_draws, versions
@@ -78,8 +79,10 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     data = None if scene is None else _seen(scene, tree)
     lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model, data)
     if lasting:
-        cameras = _camera_covariance(known, problem) if settings.method == "laplace" else None
-        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras)
+        cut, measured = settings.method == "laplace", known.get("lengths measured") is True
+        cameras = _camera_covariance(known, problem) if cut else None
+        lengths = offsets_per_length(tree, settings.model) if cut and measured else None
+        problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras, lengths)
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     if problem.num_static:
         smoother = cut_laplace_smoother(problem.model, problem.num_static, **options)
