@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ from poseppl.motion.bodies.body import compile_once, load_builder
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.tracking.named_points import PROGRAMS, PointProblem, places_of
-from poseppl.motion.tracking.point_fit import OF_A_POINT
+from poseppl.motion.tracking.point_fit import NEAR_STEPS, OF_A_POINT, PointParams, under_draws
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
 
@@ -49,19 +49,19 @@ class LinkedDraws(NamedTuple):
 
 
 def linked_draws(
-    problem: PointProblem, params: dict[str, Any], mode: Array, skeleton: Skeleton, num_draws: int, seed: int
+    problem: PointProblem, found: PointParams, mode: Array, skeleton: Skeleton, num_draws: int, seed: int
 ) -> list[LinkedDraws]:
     """Smooth what hangs together; to be called in double precision.
 
     Args:
         problem: The problem of the points by themselves.
-        params: Their params.
-        mode: Their states (K, T, d).
+        found: Their params, the likeliest and D draws.
+        mode: Their states (K, T, d) under the likeliest.
         skeleton: The links.
-        num_draws: S.
+        num_draws: S; draw s is under the draw of the params that :func:`~poseppl.motion.tracking.point_fit.under_draws` tells.
         seed: Of the draws.
     """
-    found = []
+    groups = []
     for number, members in enumerate(components(len(skeleton.points), skeleton.links)):
         chosen = [index for index, link in enumerate(skeleton.links) if link.ends[0] in members]
         links = [skeleton.links[index] for index in chosen]
@@ -71,13 +71,22 @@ def linked_draws(
         model = compile_once(
             load_builder(PROGRAMS)(len(members), num_cameras, ends), jax.tree.map(lambda leaf: leaf[0], inputs)
         )
-        index = np.asarray(members)
-        own = {name: value[index] if name in OF_A_POINT else value for name, value in params.items()}
-        start = jax.vmap(model.to_flat)(states)
+        likeliest, spread = ({name: _own(name, value, members) for name, value in each.items()} for each in found)
         key = jax.random.fold_in(jax.random.key(seed), number)
-        middle, drawn, lengths = _draws(model, num_draws, key, own, start, data, inputs)
-        found.append(LinkedDraws(members, tuple(chosen), np.asarray(middle), np.asarray(drawn), np.asarray(lengths)))
-    return found
+        states = _mode(model, likeliest, jax.vmap(model.to_flat)(states), data, inputs, _STEPS)
+        middle, drawn = np.asarray(places_of(model, states)), []
+        for rows in under_draws(spread, num_draws):
+            own = {name: value[rows[0]] for name, value in spread.items()}
+            there = _mode(model, own, states, data, inputs, NEAR_STEPS)
+            drawn.append(_draws(model, len(rows), jax.random.fold_in(key, rows[0]), own, there, data, inputs))
+        places, lengths = (np.concatenate(each) for each in zip(*drawn, strict=True))
+        groups.append(LinkedDraws(members, tuple(chosen), middle, places, lengths))
+    return groups
+
+
+def _own(name: str, value: Array, members: tuple[int, ...]) -> Array:
+    """Params (..., K) of the members alone, where each point has its own."""
+    return value[..., np.asarray(members)] if name in OF_A_POINT else value
 
 
 def components(num_points: int, links: Sequence[Link]) -> list[tuple[int, ...]]:
@@ -119,24 +128,29 @@ def _together(
     return inputs, Observation(values, mask), states
 
 
+@partial(jax.jit, static_argnums=(0, 5))
+def _mode(
+    model: CompiledModel, params: dict[str, Array], start: Array, data: Observation, inputs: PointInputs, num_steps: int
+) -> Array:
+    return climb(model.with_params(params), start, data, inputs, num_steps, majorised=True)
+
+
 @partial(jax.jit, static_argnums=(0, 1))
 def _draws(
     model: CompiledModel,
     num_draws: int,
     rng_key: Array,
     params: dict[str, Array],
-    start: Array,
+    mode: Array,
     observations: Observation,
     inputs: PointInputs,
-) -> tuple[Array, Array, Array]:
-    """Mode (T, k, 3) and draws (S, T, k, 3) of positions, and (S, L) of lengths."""
-    bound = model.with_params(params)
-    mode = climb(bound, start, observations, inputs, _STEPS, majorised=True)
-    factor = safe_cholesky(trajectory_precision(bound, mode, observations, inputs))
+) -> tuple[Array, Array]:
+    """Draws (S, T, k, 3) of positions, and (S, L) of lengths, around a mode (T, d)."""
+    factor = safe_cholesky(trajectory_precision(model.with_params(params), mode, observations, inputs))
 
     def draw(key: Array) -> tuple[Array, Array]:
         drawn = mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype))
         return places_of(model, drawn), jnp.mean(jax.vmap(model.to_sites)(drawn)["length"], 0)
 
     places, lengths = jax.lax.map(draw, jax.random.split(rng_key, num_draws))
-    return places_of(model, mode), places, lengths
+    return places, lengths

@@ -21,7 +21,7 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, Integers
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.tracking.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
@@ -33,8 +33,10 @@ OF_A_POINT = ("log_scale", "log_speed")
 """Params of which each point has its own."""
 OF_MOTION = ("log_speed", "log_speed_lasts")
 """Params of the points' motion; the others are the detector's."""
-NUM_ROUNDS, NUM_STEPS, MODE_STEPS = 2, 15, 5
-"""Rounds of an ascent, its steps in each, and steps to the mode under new params."""
+NUM_ROUNDS, NUM_STEPS = 2, 15
+"""Rounds of an ascent, and its steps in each."""
+FAR_STEPS, NEAR_STEPS = 5, 2
+"""Steps to a mode from anywhere, and from that under params that differ a little."""
 NUM_DRAWS = 20
 """Draws of the detector's params."""
 _DIFFERENCE = 0.03
@@ -160,14 +162,23 @@ def points_mode(problem: PointProblem, params: Mapping[str, Array], states: Arra
     Without states (K, T, d) to climb from, the way is by errors that are nearly Gaussian and Student-t ones without clutter:
     where all of a point's data are taken for clutter is a mode, too, which is not to be climbed from far away.
     """
+    model, observations, inputs = problem.model, problem.observations, problem.inputs
     if states is not None:
-        mode: Array = _modes(problem.model, dict(params), states, problem.observations, problem.inputs)
+        mode: Array = _modes(model, NEAR_STEPS, dict(params), states, observations, inputs)
         return mode
-    states, inputs = problem.start, problem.inputs
     tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], _NO_CLUTTER)}
-    for freedom in (_GAUSSIAN * jnp.ones_like(inputs.freedom), inputs.freedom):
-        states = _modes(problem.model, tame, states, problem.observations, inputs._replace(freedom=freedom))
-    return points_mode(problem, params, states)
+    nearly = inputs._replace(freedom=_GAUSSIAN * jnp.ones_like(inputs.freedom))
+    states = problem.start
+    for told, each in ((tame, nearly), (tame, inputs), (dict(params), inputs)):
+        states = _modes(model, FAR_STEPS, told, states, observations, each)
+    return states
+
+
+def under_draws(draws: Mapping[str, Array], num_draws: int) -> list[Integers]:
+    """For each of D draws of params, which is wanted once or more, its number for each draw of places under it: S in all."""
+    count = len(next(iter(draws.values())))
+    rows = np.arange(num_draws) // -(-num_draws // count)
+    return np.split(rows, np.flatnonzero(np.diff(rows)) + 1)
 
 
 def params_by_point(params: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -176,14 +187,19 @@ def params_by_point(params: Mapping[str, Array]) -> tuple[dict[str, Array], dict
     return split, {name: 0 if name in OF_A_POINT else None for name in params}
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 1))
 def _modes(
-    model: CompiledModel, params: dict[str, Array], states: Array, observations: Observation, inputs: PointInputs
+    model: CompiledModel,
+    num_steps: int,
+    params: dict[str, Array],
+    states: Array,
+    observations: Observation,
+    inputs: PointInputs,
 ) -> Array:
     split, axes = params_by_point(params)
 
     def one(params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-        return climb(model.with_params(params), xs, observations, inputs, MODE_STEPS, majorised=True)
+        return climb(model.with_params(params), xs, observations, inputs, num_steps, majorised=True)
 
     return jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, states, observations, inputs)
 

@@ -23,7 +23,7 @@ from poseppl.motion.tracking.named_points import (
     make_point_problem,
     places_of,
 )
-from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode
+from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode, under_draws
 from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swap_probabilities
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
@@ -80,7 +80,7 @@ def smooth_points(
         problem = make_point_problem(recording)
         part = best_seen(recording.points, MOST_FITTED, RUNS_FITTED)
         fitted = problem if part is None else make_point_problem(recording.of_frames(part))
-        params, spread = fit_points(fitted, known, seed=seed)
+        params, spread = found = fit_points(fitted, known, seed=seed)
         mode = points_mode(problem, params)
         pairs = () if skeleton is None else skeleton.pairs
         swaps = _swaps(problem, params, mode, recording, pairs)
@@ -90,7 +90,7 @@ def smooth_points(
             mode = points_mode(problem, params)
             swaps = _swaps(problem, params, mode, recording, pairs)
         drawn, rows = _all_draws(problem, spread, mode, num_draws, seed)
-        linked = [] if skeleton is None else linked_draws(problem, params, mode, skeleton, num_draws, seed)
+        linked = [] if skeleton is None else linked_draws(problem, found, mode, skeleton, num_draws, seed)
         places, middle = (
             np.moveaxis(np.asarray(drawn), 0, 2).copy(),
             np.moveaxis(np.asarray(places_of(problem.model, mode))[:, :, 0], 0, 1).copy(),
@@ -148,15 +148,13 @@ def _all_draws(
     problem: PointProblem, spread: Mapping[str, Array], mode: Array, num_draws: int, seed: int
 ) -> tuple[Floats, Integers]:
     """Draws (K, S, T, 3) of places, and which of the draws of params (S,) each of them is under."""
-    count = len(next(iter(spread.values())))
-    each = -(-num_draws // count)
     drawn = []
-    for number in range(-(-num_draws // each)):
-        params = {name: value[number] for name, value in spread.items()}
+    for rows in (groups := under_draws(spread, num_draws)):
+        params = {name: value[rows[0]] for name, value in spread.items()}
         there = points_mode(problem, params, mode)
-        key = jax.random.fold_in(jax.random.key(seed), number)
-        drawn.append(np.asarray(_draws(problem.model, each, key, params, there, problem.observations, problem.inputs)))
-    return np.concatenate(drawn, 1)[:, :num_draws], np.arange(num_draws) // each
+        key = jax.random.fold_in(jax.random.key(seed), rows[0])
+        drawn.append(np.asarray(_draws(problem.model, len(rows), key, params, there, problem.observations, problem.inputs)))
+    return np.concatenate(drawn, 1), np.concatenate(groups)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -11,8 +11,11 @@ from poseppl_models.named_points import CAMERA_SCALE
 
 from poseppl.arrays import double_precision
 from poseppl.motion.geometry import join_cameras, look_at, project
+from poseppl.motion.io.skeleton_files import Link, Skeleton
+from poseppl.motion.tracking.linked_points import linked_draws
 from poseppl.motion.tracking.named_points import FREEDOM, PointRecording, make_point_problem
-from poseppl.motion.tracking.point_fit import PointParams, fit_points
+from poseppl.motion.tracking.point_fit import PointParams, fit_points, points_mode, prior_moments
+from poseppl.program.parameters import parameter_bijector
 
 NUM_FRAMES, NUM_POINTS = 80, 4
 ERROR, STEP = 1.0, 4.0
@@ -77,6 +80,24 @@ def test_draws_know_what_two_cameras_tell(fitted: PointParams) -> None:
     assert 0.5 < told < 4
     for name in ("log_speed", "log_speed_lasts"):
         assert np.allclose(draws[name], fitted.params[name])
+
+
+@pytest.mark.slow
+def test_linked_points_are_under_the_draws_of_params() -> None:
+    """Of two draws one says that errors are ten times as large: places and lengths under it are known less well."""
+    few = rough_walk(0).of_frames(slice(0, 12))
+    with double_precision():
+        problem = make_point_problem(few)
+        names = parameter_bijector(problem.whole)
+        likeliest = names.to_params(jnp.asarray(prior_moments(problem.whole, names)[0]))
+        draws = {name: jnp.stack([value, value]) for name, value in likeliest.items()}
+        draws["log_size"] = draws["log_size"] + jnp.array([0.0, np.log(10)])
+        skeleton = Skeleton(few.names, (Link((0, 2), None, None, 0.05),), ())
+        found = PointParams(likeliest, draws)
+        (group,) = linked_draws(problem, found, points_mode(problem, likeliest), skeleton, 100, 0)
+    assert group.places.shape == (100, 12, 2, 3) and group.lengths.shape == (100, 1)
+    spread = [(half.std(0)).mean() for half in np.split(group.places, 2)]
+    assert spread[1] > 2 * spread[0], spread
 
 
 @pytest.mark.slow
