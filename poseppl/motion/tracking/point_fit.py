@@ -35,8 +35,8 @@ OF_MOTION = ("log_speed", "log_speed_lasts")
 """Params of the points' motion; the others are the detector's."""
 NUM_ROUNDS, NUM_STEPS = 2, 15
 """Rounds of an ascent, and its steps in each."""
-FAR_STEPS, NEAR_STEPS = 5, 2
-"""Steps to a mode from anywhere, and from that under params that differ a little."""
+MODE_STEPS, NEAR_STEPS = 5, 2
+"""Steps to the mode under new params, and under draws of the posterior about those that it was found under."""
 NUM_DRAWS = 20
 """Draws of the detector's params."""
 _DIFFERENCE = 0.03
@@ -156,7 +156,9 @@ def prior_moments(whole: CompiledModel, names: ParameterBijector) -> tuple[Float
     return np.asarray(-gradient / curvature), np.asarray(1 / jnp.sqrt(-curvature))
 
 
-def points_mode(problem: PointProblem, params: Mapping[str, Array], states: Array | None = None) -> Array:
+def points_mode(
+    problem: PointProblem, params: Mapping[str, Array], states: Array | None = None, num_steps: int = MODE_STEPS
+) -> Array:
     """Climb to the mode (K, T, d) of each point.
 
     Without states (K, T, d) to climb from, the way is by errors that are nearly Gaussian and Student-t ones without clutter:
@@ -164,13 +166,13 @@ def points_mode(problem: PointProblem, params: Mapping[str, Array], states: Arra
     """
     model, observations, inputs = problem.model, problem.observations, problem.inputs
     if states is not None:
-        mode: Array = _modes(model, NEAR_STEPS, dict(params), states, observations, inputs)
+        mode: Array = _modes(model, num_steps, dict(params), states, observations, inputs)
         return mode
     tame = dict(params) | {"clutter": jnp.full_like(params["clutter"], _NO_CLUTTER)}
     nearly = inputs._replace(freedom=_GAUSSIAN * jnp.ones_like(inputs.freedom))
     states = problem.start
     for told, each in ((tame, nearly), (tame, inputs), (dict(params), inputs)):
-        states = _modes(model, FAR_STEPS, told, states, observations, each)
+        states = _modes(model, num_steps, told, states, observations, each)
     return states
 
 

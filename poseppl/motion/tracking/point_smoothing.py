@@ -23,7 +23,7 @@ from poseppl.motion.tracking.named_points import (
     make_point_problem,
     places_of,
 )
-from poseppl.motion.tracking.point_fit import fit_points, params_by_point, points_mode, under_draws
+from poseppl.motion.tracking.point_fit import NEAR_STEPS, fit_points, params_by_point, points_mode, under_draws
 from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swap_probabilities
 from poseppl.program import CompiledModel, Observation
 from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
@@ -151,7 +151,7 @@ def _all_draws(
     drawn = []
     for rows in (groups := under_draws(spread, num_draws)):
         params = {name: value[rows[0]] for name, value in spread.items()}
-        there = points_mode(problem, params, mode)
+        there = points_mode(problem, params, mode, NEAR_STEPS)
         key = jax.random.fold_in(jax.random.key(seed), rows[0])
         drawn.append(np.asarray(_draws(problem.model, len(rows), key, params, there, problem.observations, problem.inputs)))
     return np.concatenate(drawn, 1), np.concatenate(groups)
