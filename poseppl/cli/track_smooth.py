@@ -47,6 +47,8 @@ def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:
 def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> Any:
     """A result smoothed, of keypoints with a detector's lasting errors; None where they could not be, which is told.
 
+    One camera does not tell errors that last from how far away the person is: there they are independent.
+
     Raises:
         PosepplError: The result, which is written, cannot be smoothed by the method that was asked for.
     """
@@ -56,7 +58,7 @@ def smoothed(tree: Any, scene: Any, options: dict[str, Any], progress: Any) -> A
     progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
     settings = SmoothSettings(
         str(smoothing_method(options)),
-        errors="lasting" if options["keypoints"] else "independent",
+        errors="lasting" if options["keypoints"] and len(scene.camera_names) > 1 else "independent",
         **chosen(options, "seed", "max_draws", "model"),
     )
     try:

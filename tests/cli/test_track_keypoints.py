@@ -50,6 +50,14 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
         assert all(0 < camera["noise"] < 30 and camera["agreement"] == 1.0 for camera in found.values())
 
 
+def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One camera does not tell them from how far away the person is: smoothed so, whole bodies are far off."""
+    small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--no-export", "-o", "out.nc"]
+    assert main(["track", *words(data_dir, 1), *small]) == 0
+    assert "taken to be 1.75 m tall" in capsys.readouterr().err
+    assert provenance(load_result("out-laplace.nc"))["errors"] == "independent"
+
+
 def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("out.nc").touch()
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]

@@ -130,6 +130,11 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
         with_lasting_errors(problem, scene.frames, scene.rate)
     with pytest.raises(InputError, match="--errors"):
         smooth(filtered, SmoothSettings(errors="correlated"))  # type: ignore[arg-type]
+    cameras = jax.tree.map(lambda leaf: leaf[:1], scene.cameras)
+    data = scene.data._replace(points=scene.data.points[:, :1], noise=np.asarray(scene.data.noise)[:1])
+    alone = scene._replace(cameras=cameras, camera_names=scene.camera_names[:1], data=data)
+    with pytest.raises(InputError, match="how far away"):
+        smooth(track(alone, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
 
 
 def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData], filtered: xr.DataTree) -> None:

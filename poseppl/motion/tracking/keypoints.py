@@ -49,6 +49,10 @@ LEAST_ABSENCE = 5
 """Frames in a row in which no camera sees the person that are told of."""
 LEAST_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
+_ASSUMED = (
+    "the person is taken to be 1.75 m tall, as these cameras do not tell (--stature, --lengths): one who is taller by a "
+    "hundredth is farther away by a hundredth, too, which intervals do not have in them"
+)
 _MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
 """Markers that are between two others where the detector has none."""
 
@@ -228,7 +232,8 @@ def scene_of_keypoints(
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
     wrong = calibration_notes(places, body.tree.marker_names)
-    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes))
+    assumed = () if measured or stature is not None or lengths is not None else (_ASSUMED,)
+    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes, *assumed))
     found = KeypointScene(
         scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps
     )._replace(measured=bool(measured))

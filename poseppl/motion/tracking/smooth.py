@@ -78,6 +78,12 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         raise InputError(f"{settings.errors!r}", field="--errors", expected="independent or lasting")
     data = None if scene is None else _seen(scene, tree)
     lasting, problem = settings.errors == "lasting", problem_of_result(tree, settings.model, data)
+    if lasting and problem.num_cameras < 2:
+        raise InputError(
+            "one camera does not tell errors that last from how far away the person is",
+            field="--errors",
+            expected="independent, or a result of two cameras or more",
+        )
     if lasting:
         cut, measured = settings.method == "laplace", known.get("lengths measured") is True
         cameras = _camera_covariance(known, problem) if cut else None

@@ -96,6 +96,15 @@ def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[Cam
     assert np.nanmax(off[chosen >= 0]) < 0.01
 
 
+def test_a_stature_that_one_camera_takes_for_granted_is_told(
+    records: tuple[CameraRecord, ...], folders: dict[str, Path]
+) -> None:
+    one = {"cam_01": folders["cam_01"]}
+    told, given = (scene_of_keypoints(one, records, rate=60, stature=stature).notes() for stature in (None, 1800.0))
+    assert "taken to be 1.75 m tall" in " ".join(told) and "tall" not in " ".join(given)
+    assert "tall" not in " ".join(scene_of_keypoints(folders, records, rate=60, refine=False).notes())
+
+
 def test_the_person_and_the_cameras_errors_are_found(
     data_dir: Path, records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
