@@ -32,7 +32,7 @@ _COLUMNS = {
 def keypoints(tables: Tables) -> str:
     """Errors and coverage by cameras and method, and which of the goals the default answer reaches with two cameras."""
     rows = tables["keypoints"].records()
-    cells = [[row["cameras"].replace("-", ", "), row["method"], *(_shown(row, name) for name in _COLUMNS)] for row in rows]
+    cells = [[str(row["cameras"]).replace("-", ", "), row["method"], *(_shown(row, name) for name in _COLUMNS)] for row in rows]
     default = [row for pair in _PAIRS for row in rows if (row["cameras"], row["method"]) == (pair, DEFAULT)]
     table = markdown(("cameras", "method", *(title for title, _ in _COLUMNS.values())), cells)
     return "\n".join(
