@@ -26,7 +26,7 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions
 from poseppl_models.anthropometry import LENGTH_SHARES
@@ -113,7 +113,7 @@ def _solver(body: ConeBody, index: NDArray[np.int_]) -> Callable[[Floats, Floats
         to_before, to_rest = (jnp.where(free, 0.0, change) for change in (x - before, x - body.rest))
         return jnp.concatenate([apart.ravel(), _PULLS[0] * to_before, _PULLS[1] * to_rest])
 
-    value, jacobian = jax.jit(residuals), jax.jit(jax.jacrev(residuals))
+    value, jacobian = jit(residuals), jit(jax.jacrev(residuals))
 
     def solve(target: Floats, guess: Floats, before: Floats) -> tuple[Floats, float]:
         found = least_squares(

@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from poseppl.arrays import jit
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.contour_tracing import polygon_descriptors, trace_contours
 from poseppl.motion.geometry.flesh import parts_of
@@ -67,7 +68,7 @@ def du_guan_evidence(
     """
     there = np.asarray(known, bool)
     shown, seen = pack_mask(foreground, stride), pack_mask(there, stride)
-    found = np.asarray(jax.jit(grid_descriptors)((shown & seen)[..., None]))[..., 0]
+    found = np.asarray(jit(grid_descriptors)((shown & seen)[..., None]))[..., 0]
     descriptors = np.where(np.any(np.asarray(shown & seen), axis=(1, 2))[:, None], found, np.nan)
     floats = (jnp.asarray(values, float) for values in (colours, part_weights, descriptors))
     return DuGuanEvidence(shown, seen, pad_bins(bins, there), *floats)

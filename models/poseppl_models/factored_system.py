@@ -15,7 +15,7 @@ import numpy as np
 import numpyro
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
@@ -92,7 +92,7 @@ def peursum_factored_system(
         return FactoredInputs(*plain, motion)
 
     program = factored_motion(body.tree.coordinates, observe)
-    poses = jax.jit(jax.vmap(pose_of_flat(body), (0, None)))
+    poses = jit(jax.vmap(pose_of_flat(body), (0, None)))
     learned = LearnedMotion(lambda states, inputs: poses(states, inputs.motion))
     return ImageSystem(body.tree, program, {"lambda": exponent}, inputs_of, fitted, limbs_of(body), learned)
 

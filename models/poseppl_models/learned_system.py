@@ -16,6 +16,7 @@ import numpy as np
 import numpyro
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras
@@ -129,7 +130,7 @@ def _guided(model: MotionModel, taught: Any) -> LearnedMotion:
     def pose(state: Array, activity: Activity) -> Array:
         return jnp.concatenate([state[count:], activity.angles(state[1:count])])[order]
 
-    poses = jax.jit(jax.vmap(pose, (0, None)))
+    poses = jit(jax.vmap(pose, (0, None)))
     return LearnedMotion(lambda states, inputs: poses(states, inputs.activity), taught, first)
 
 

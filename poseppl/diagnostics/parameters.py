@@ -21,6 +21,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
 from poseppl.diagnostics.inefficiency import mixing
 from poseppl.diagnostics.verdicts.predictive import check_predictions
@@ -76,7 +77,7 @@ def predictions_under(
     return [jax.tree.map(lambda leaf, index=index: leaf[index], found) for index in range(num_draws)]
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def _under_all(model: CompiledModel, filter: Any, keys: Array, drawn: Any, rows: Any) -> DataPrediction:
     found: DataPrediction = jax.lax.map(lambda row: _predictions(model, filter, row[0], row[1], rows), (keys, drawn))
     return found

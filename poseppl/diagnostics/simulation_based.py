@@ -28,7 +28,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.checks import check_at_least, check_key
 from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.errors import InputError
@@ -110,7 +110,7 @@ def calibrate(
     check_key(rng_key)
     key_draw, key_infer, key_ties = jax.random.split(rng_key, 3)
     source, rows = model if truth is None else truth, stacked_inputs(inputs, num_frames)
-    draw = jax.jit(jax.vmap(lambda keys: draw_sequence(source, keys, rows)))
+    draw = jit(jax.vmap(lambda keys: draw_sequence(source, keys, rows)))
     states, data = draw(jax.random.split(key_draw, (num_simulations, num_frames, 2)))
     repeated = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (num_simulations, *leaf.shape)), rows)
     collect = collect_draws(model, max_draws=num_draws, extras=_no_extras)
@@ -155,7 +155,7 @@ def calibrate_parameters(
     rows = stacked_inputs(inputs, num_frames)
     key_draw, key_infer, key_ties = jax.random.split(rng_key, 3)
 
-    @jax.jit
+    @jit
     @jax.vmap
     def draw(key: Array) -> Any:
         key_parameters, key_data = jax.random.split(key)

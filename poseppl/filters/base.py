@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.arrays import with_full_precision
 from poseppl.program import CompiledModel
 
 
@@ -129,6 +130,10 @@ class Filter:
     genealogy: bool = False
     differentiable: bool = True
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("init", "step"):
+            object.__setattr__(self, name, with_full_precision(getattr(self, name)))
 
     @property
     def seeks_mode(self) -> bool:

@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
@@ -101,7 +102,7 @@ def switching_filter(model: CompiledModel, num_particles: int = 1000, *, num_ite
         marginals = switch.marginals(masses, _Gaussians(means, scales))
         return SwitchingState(particles, uniform, masses, means, scales, marginals, jnp.asarray(started))
 
-    @jax.jit  # one program instead of one for each of its operations
+    @jit  # one program instead of one for each of its operations
     def initial_state(observation: Observation, inputs: Any = None) -> SwitchingState:
         blank = jnp.zeros((len(switch.values), model.dimension))
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpyro.distributions as dist
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import sample_sites, unwrap
 from poseppl.program.observation import Observation
@@ -45,7 +46,7 @@ def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, 
     fixed = [index for index, labels in enumerate(reached) if not labels]
     if not fixed:
         return {}
-    values = jax.jit(lambda x, inputs: [deviations(x, inputs)[index] for index in fixed])(x, zeros)
+    values = jit(lambda x, inputs: [deviations(x, inputs)[index] for index in fixed])(x, zeros)
     if any(isinstance(value, jax.core.Tracer) for value in values):  # a model compiled inside jit: nothing is known yet
         return {}
     return {names[index]: np.asarray(value) for index, value in zip(fixed, values, strict=True)}

@@ -17,6 +17,7 @@ import numpyro
 from jax import Array
 from numpyro.distributions import constraints
 
+from poseppl.arrays import jit
 from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program
@@ -116,7 +117,7 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
         return {name: jax.tree.unflatten(tree, []) for name, tree in trees.items()}
     zeros = [np.zeros(np.shape(a), getattr(a, "dtype", float)) for a in arrays]
     with jax.ensure_compile_time_eval(), numpyro.validation_enabled(False):  # zeros need be no scales or probabilities
-        bounds = jax.jit(lambda: run(jax.random.key(0), zeros))()
+        bounds = jit(lambda: run(jax.random.key(0), zeros))()
     return {
         name: jax.tree.unflatten(tree, [np.asarray(b) for b in bounds[name]]) if fixed[name] else None
         for name, tree in trees.items()

@@ -21,6 +21,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
 from poseppl.errors import InputError
 from poseppl.files.store import Note
@@ -144,7 +145,7 @@ def _series_program(filter: Filter, collect: Collect) -> Any:
         _, rest = jax.lax.scan(step, state, later)
         return jax.tree.map(lambda one, others: jnp.concatenate([one[None], others]), kept, rest)
 
-    return jax.jit(jax.vmap(of_series))
+    return jit(jax.vmap(of_series))
 
 
 def _stacked(data: Any, lengths: ArrayLike | None) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
@@ -105,7 +106,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
     def init(rng_key: Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Info]:
         return filter.init(frame_keys(rng_key, 0)[0], observation, layout.join(varying, constant))
 
-    @jax.jit  # so that it is traced once, whether for shapes or to be compiled
+    @jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(
         rng_key: Array,
         frame: Any,
@@ -155,7 +156,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         return jax.lax.scan(body, state, (frames, active, observations, varying))
 
-    return Programs(jax.jit(before), jax.jit(init), one_frame, jax.jit(scan_frames), {})
+    return Programs(jit(before), jit(init), one_frame, jit(scan_frames), {})
 
 
 class Calls:

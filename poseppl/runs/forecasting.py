@@ -23,6 +23,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
@@ -132,7 +133,7 @@ def hindcast(
     return xr.Dataset(variables, {"start": numbers[:starts], "lead": np.arange(1, horizon + 1)})
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _from_all(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> dict[str, Array]:
     """Data (starts, H, N, ...) after states (starts, N, d)."""
     found: dict[str, Array] = jax.lax.map(lambda row: _go_on(model, *row)[1], (keys, draws, inputs))
@@ -156,7 +157,7 @@ def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None
     return int(found[0])
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _go_on(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> tuple[dict[str, Array], dict[str, Array]]:
     """Sites with extras, and data, each (H, N, ...), after states (N, d)."""
     number = draws.shape[0]

@@ -16,6 +16,7 @@ import jax
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.arrays import jit
 from poseppl.filters.base import Filter, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
@@ -100,4 +101,4 @@ def _programs(filter: Filter) -> tuple[Any, Any]:
         new, info = filter.step(rng_key, state, observation, inputs)
         return new, info, is_finite(new)
 
-    return jax.jit(init), jax.jit(step)
+    return jit(init), jit(step)

@@ -24,6 +24,7 @@ import numpy as np
 import xarray as xr
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
@@ -102,7 +103,7 @@ def check_posterior(
     return checked
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _data(model: CompiledModel, keys: Array, draws: Array, observations: Observation, inputs: Any) -> tuple[Array, Array]:
     """Mean squared standardised residual, and the number of entries that count (T,), of draws (T, S, d)."""
 
@@ -120,7 +121,7 @@ def _data(model: CompiledModel, keys: Array, draws: Array, observations: Observa
     return found
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _steps(model: CompiledModel, keys: Array, draws: Array, previous: Array, inputs: Any) -> tuple[Array, Array]:
     """Mean squared distances (T - 1, d) of draws, and of other draws of the transition, from one of the transition."""
 

@@ -19,6 +19,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
+from poseppl.arrays import jit
 from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel, Observation
@@ -63,7 +64,7 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
     return result.assign(groups)
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _of_frames(
     model: CompiledModel, keys: Array, draws: Array, observations: Observation, inputs: Any
 ) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
@@ -43,7 +44,7 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
     check_at_least(1, num_frames=num_frames)
     check_key(rng_key)
     keys = jax.random.split(rng_key, (num_frames, 2))
-    states, values = jax.jit(draw_sequence, static_argnums=0)(model, keys, stacked_inputs(inputs, num_frames))
+    states, values = _draw_sequence(model, keys, stacked_inputs(inputs, num_frames))
     return Simulation(states, values)
 
 
@@ -60,3 +61,6 @@ def draw_sequence(model: CompiledModel, keys: Array, inputs: Any) -> tuple[Array
     _, rest = jax.lax.scan(advance, first, (keys[1:, 0], later))
     states = jnp.concatenate([first[None], rest])
     return states, jax.vmap(model.sample_observation)(keys[:, 1], states, inputs)
+
+
+_draw_sequence = jit(draw_sequence, static_argnums=0)

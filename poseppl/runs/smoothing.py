@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Booleans
+from poseppl.arrays import Booleans, jit
 from poseppl.checks import check_key
 from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
@@ -137,7 +137,7 @@ def _smoothing(smoother: Smoother) -> tuple[Any, dict[Any, Any]]:
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any) -> Smoothed:
         return smoother.smooth(jax.random.split(rng_key)[0], history, observations, inputs)
 
-    return jax.jit(smooth), {}
+    return jit(smooth), {}
 
 
 @built_once
@@ -160,4 +160,4 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
         outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
         return is_finite(smoothed), outputs
 
-    return jax.jit(collected)
+    return jit(collected)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.arrays import with_full_precision
 from poseppl.filters.base import Info
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
@@ -90,6 +91,9 @@ class Smoother:
     follows_ancestors: bool = False
     closed_form: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "smooth", with_full_precision(self.smooth))
 
     @property
     def provenance(self) -> dict[str, Any]:

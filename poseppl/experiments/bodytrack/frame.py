@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from poseppl.arrays import jit
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.images.systems import LIMBS, Method
 from poseppl.experiments.jobs import Job
@@ -69,7 +70,7 @@ def score_poses(job: PoseScores) -> dict[str, Any]:
         The scores of each known pose by its name, and ``every`` and ``few`` (pose,).
     """
     system = _system(job.recording)
-    every, few = (jax.jit(jax.vmap(system.scores[name])) for name in ("every", "few"))
+    every, few = (jit(jax.vmap(system.scores[name])) for name in ("every", "few"))
     noise = np.random.default_rng(0).normal(size=(job.num_poses, len(system.step_scale)))
     states = jnp.asarray(system.poses["initial"] + system.step_scale * noise, float)
     known = {name: every(jnp.asarray(pose, float)[None])[0] for name, pose in system.poses.items()}
@@ -86,8 +87,8 @@ def estimate_frame(job: FrameEstimates) -> dict[str, Any]:
     system = _system(job.recording)
     model = system.program.compile(params=system.params, inputs=system.inputs)
     settings = {name: system.limbs if value == LIMBS else value for name, value in job.method.settings}
-    init: Any = jax.jit(FILTERS[job.method.filter].builder(model, **settings).init)
-    score = jax.jit(jax.vmap(system.scores["every"]))
+    init: Any = jit(FILTERS[job.method.filter].builder(model, **settings).init)
+    score = jit(jax.vmap(system.scores["every"]))
     rows = []
     for run in job.runs:
         state, info = init(jax.random.key(run), _NOTHING, system.inputs)

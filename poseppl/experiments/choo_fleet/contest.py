@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.experiments.choo_fleet.sequence import Settings
 from poseppl.experiments.choo_fleet.systems import frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
@@ -112,6 +113,6 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         particles = state.particles.reshape(-1, state.particles.shape[-1])
         return jax.nn.softmax(state.log_weights.reshape(-1)) @ particles, info
 
-    function = jax.jit(run)
+    function = jit(run)
     timed(function, jax.random.key(0), frame.observe(0), frame.inputs)
     return function

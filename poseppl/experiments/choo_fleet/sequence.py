@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
@@ -177,6 +177,6 @@ def _compiled(recording: Recording, system: str, filter: str, settings: Settings
         _, later = jax.lax.scan(step, state, (keys[1:], *rest, truth[1:]))
         return prepend(start, later)
 
-    function = jax.jit(run)
+    function = jit(run)
     timed(function, jax.random.key(0), *_arguments(problem, true_states(stage, frames)))
     return function

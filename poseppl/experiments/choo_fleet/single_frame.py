@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from poseppl.arrays import jit
 from poseppl.experiments.choo_fleet.estimators import ESTIMATES, Estimate, reference
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
@@ -76,4 +77,4 @@ def compiled(recording: Recording, system: str, num_settings: int, num_chains: i
     """The methods, ready to run at any frame."""
     model = frame_of(recording, system, 1).problem.model  # frames differ in their inputs alone
     functions = {method: estimates(model, SYSTEMS[system], num_settings) for method, estimates in ESTIMATES.items()}
-    return {name: jax.jit(function) for name, function in {**functions, "reference": reference(model, num_chains)}.items()}
+    return {name: jit(function) for name, function in {**functions, "reference": reference(model, num_chains)}.items()}

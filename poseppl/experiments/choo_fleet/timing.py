@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from poseppl.arrays import jit
 from poseppl.experiments.choo_fleet.estimators import ESTIMATES
 from poseppl.experiments.choo_fleet.systems import frame_of, single_frames, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob
@@ -47,6 +48,6 @@ def time_frame(job: FrameTiming) -> dict[str, Any]:
     """
     frame = frame_of(job.recording, job.system, single_frames(stage_of(job.recording, job.system))[1])
     arguments = frame.observe(0), frame.inputs
-    function = jax.jit(ESTIMATES[job.method](frame.problem.model, job.row, job.setting + 1))
+    function = jit(ESTIMATES[job.method](frame.problem.model, job.row, job.setting + 1))
     seconds = [timed(function, jax.random.key(repeat), *arguments)[1] for repeat in range(job.repeats + 1)]
     return {"seconds": np.array(seconds[1:])}  # the first one compiles

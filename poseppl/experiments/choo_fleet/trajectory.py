@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, score_runs
 from poseppl.experiments.choo_fleet.systems import pose_sequence, stage_of
 from poseppl.experiments.clock import timed
@@ -73,7 +73,7 @@ def _compiled(
         found: dict[str, Array] = jax.lax.map(measure, (keys, smoothed.particles, smoothed.log_weights, observations, inputs))
         return found | {"num_gradient": jnp.full(num_frames, smoothed.info.num_gradient / num_frames)}
 
-    compiled = jax.jit(smooth)
+    compiled = jit(smooth)
 
     def run(rng_key: Array, problem: Problem) -> dict[str, Any]:
         key_filter, key_smooth = jax.random.split(rng_key)

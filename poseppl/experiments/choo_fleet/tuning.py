@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, frame_of, single_frames, stage_of
@@ -72,7 +73,7 @@ def tune(job: TuningRuns) -> dict[str, Any]:
     before = jnp.asarray(stage.states[frame.number - 1][list(stage.body.free_coordinates)], float)
     particles = jnp.broadcast_to(before, (row.num_chains, 1, row.dimension))
 
-    @jax.jit
+    @jit
     def run(rng_key: Array, step_size: Array, observation: Any, inputs: Any) -> Any:
         state, info = built.step(rng_key, chain_state(particles, jnp.log(step_size)), observation, inputs)
         return state.particles, 1 - info.acceptance, info.num_gradient

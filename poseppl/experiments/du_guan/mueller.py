@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.experiments.du_guan.basins import basin_shares, true_shares
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job
@@ -146,7 +147,7 @@ def sample_mueller(job: MuellerRuns) -> dict[str, Any]:
     """
     log_density = partial(import_module(SURFACE).mueller_log_density, temperature=job.temperature)
     sampler = SAMPLERS[job.sampler]
-    run = jax.jit(lambda keys: jax.lax.map(lambda key: sampler(log_density, key, job.members, job.iterations), keys))
+    run = jit(lambda keys: jax.lax.map(lambda key: sampler(log_density, key, job.members, job.iterations), keys))
     positions = np.asarray(run(jax.random.split(jax.random.key(0), job.num_runs)), np.float64)
     return {"shares": np.stack([basin_shares(SURFACE, row) for row in positions])}
 

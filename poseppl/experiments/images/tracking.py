@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.diagnostics import marker_errors, virtual_markers
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.scenes import Scene
@@ -115,7 +115,7 @@ def compiled_step(scene: Scene, system: System, num_frames: int, method: Method)
     """The filter, and its step, run once so that it is compiled."""
     problem = problem_of(scene, system, num_frames)
     filter = method.build(problem)
-    step: Any = jax.jit(filter.step)
+    step: Any = jit(filter.step)
     started = first_state(problem, filter, 0)
     finished(step, jax.random.key(0), started, problem.model.observe({}), problem.frames[0])
     return filter, step
@@ -164,7 +164,7 @@ def score(problem: Problem, poses: Any, weights: Floats, frame: int) -> list[flo
     return [float(np.mean(getattr(found, name))) for name in FIGURES]
 
 
-@jax.jit
+@jit
 def _places(tree: Any, states: Array) -> Array:
     return jax.vmap(partial(marker_positions, tree))(states)
 
@@ -179,7 +179,7 @@ def average_weight(model: Any, particles: Array, inputs: Any) -> float:
     return float(np.mean(np.exp(np.concatenate(values))))
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _likelihoods(model: Any, states: Array, inputs: Any) -> Array:
     values: Array = jax.vmap(lambda x: model.log_observation(x, model.observe({}), inputs))(states)
     return values

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.experiments.peursum.factored_evidence import LogTables
 from poseppl.particles.weights import normalise
 
@@ -82,7 +83,7 @@ def log_walk_matrix(scales: Array, later: Array, earlier: Array) -> Array:
     return -0.5 * jnp.maximum(squared, 0.0)
 
 
-@jax.jit
+@jit
 def reweigh(log_densities: Array, smoothed: Array, log_weights: Array) -> Array:
     """Smoothed log-weights (N,) of earlier particles, from log-densities (N, N) and smoothed ones of the later (N,).
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.filters import particle_filter
 from poseppl.motion.bodies.body import load_builder
 from poseppl.program import CompiledModel, Observation
@@ -126,7 +126,7 @@ def run_of(posed: Growth, num_particles: int, build: Callable[[CompiledModel, in
     """`(rng_key, observations) -> filtered and smoothed means (T, d)`, jitted; without a smoother the filter's twice."""
     smoother = None if build is None else build(posed.model, num_particles)
 
-    @jax.jit
+    @jit
     def run(rng_key: Array, observations: Observation) -> tuple[Array, Array]:
         key_filter, key_smooth = jax.random.split(rng_key)
         history = filter_history(posed.model, num_particles, key_filter, observations, posed.times)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.experiments.clock import timed
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job
@@ -84,7 +84,7 @@ def smooth_mixture(job: MixtureRun) -> dict[str, Any]:
     model, observations, exact, history = _sequence(job.dimension, job.num_frames, job.num_particles)
     particles, seconds = history.particles, 0.0
     if job.smoother != FILTER:
-        smooth = jax.jit(SMOOTHERS[job.smoother](model).smooth).lower(jax.random.key(2), history, observations, None).compile()
+        smooth = jit(SMOOTHERS[job.smoother](model).smooth).lower(jax.random.key(2), history, observations, None).compile()
         smoothed, seconds = timed(smooth, jax.random.key(2), history, observations, None)
         particles = smoothed.particles
     draws: Floats = np.asarray(particles, np.float64).reshape(job.num_frames, -1, job.dimension)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import numpy as np
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.experiments.experiment import Claim, Jobs, Results, Tables
 from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.peursum.animated import AnimatedScene, animated_problem
@@ -50,7 +49,7 @@ def smooth_animation(job: SmoothedAnimation) -> dict[str, Any]:
     system = job.taught
     problem = animated_problem(job.scene, system)
     filter = job.method.build(problem)
-    step, motion, rows = jax.jit(filter.step), motion_of(problem, system), []
+    step, motion, rows = jit(filter.step), motion_of(problem, system), []
     for run in job.runs:
         found = smooth_track(problem, run_track(problem, filter, step, run), motion, job.rounds, run, posture_squares)
         rows.append({"squares": found["errors"], "ess_share": np.asarray(found["ess_share"])})

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.geometry import KinematicTree, marker_positions
 from poseppl.motion.learned.angles import mean_angle
@@ -73,6 +72,6 @@ def _offsets(tree: KinematicTree, states: ArrayLike, weights: ArrayLike, truth: 
     return np.asarray(virtual_markers(tree.marker_names, places) - np.asarray(truth, np.float64))
 
 
-@jax.jit
+@jit
 def _places(tree: Any, state: Array) -> Array:
     return marker_positions(tree, state)

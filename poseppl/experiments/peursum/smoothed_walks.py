@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.scenes import Scene
 from poseppl.experiments.images.systems import Method, Problem, System, problem_of
@@ -137,7 +137,7 @@ def smooth_walk(job: SmoothedWalk) -> dict[str, Any]:
         filter, step = compiled_step(job.scene, system, job.num_frames, job.method)
     else:
         filter = job.method.build(problem)
-        step = jax.jit(filter.step)
+        step = jit(filter.step)
     motion = motion_of(problem, system)
     rows = []
     for run in job.runs:
@@ -234,11 +234,11 @@ def first_draw(mixtures: Mixtures, track: Track) -> Draw:
     return Draw(own.phases, own.bins, chosen, own.roots)
 
 
-_fit = jax.jit(fit_mixtures, static_argnames="max_components")
-_log_matrix = jax.jit(log_transition_matrix)
-_log_walk = jax.jit(log_walk_matrix)
-_gibbs = jax.jit(gibbs, static_argnames="num_rounds")
-_mean_field = jax.jit(mean_field, static_argnames="max_rounds")
+_fit = jit(fit_mixtures, static_argnames="max_components")
+_log_matrix = jit(log_transition_matrix)
+_log_walk = jit(log_walk_matrix)
+_gibbs = jit(gibbs, static_argnames="num_rounds")
+_mean_field = jit(mean_field, static_argnames="max_rounds")
 
 
 def _variational(motion: Motion, mixtures: Mixtures, track: Track) -> tuple[FactoredPosterior, Array]:

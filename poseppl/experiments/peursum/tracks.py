@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, Integers
+from poseppl.arrays import Floats, Integers, jit
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.systems import Problem
 from poseppl.experiments.images.tracking import first_state
@@ -116,7 +116,7 @@ def _found(problem: Problem, filter: Filter, seed: int) -> Any:
 @lru_cache(maxsize=2)
 def _started(filter: Filter) -> Callable[..., Any]:
     """The filter's first step, compiled once."""
-    return jax.jit(filter.init)
+    return jit(filter.init)
 
 
 def frames_of(particles: Particles) -> Sequence[Particles]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN, Recording
 from poseppl.experiments.runs import stacked
@@ -207,7 +207,7 @@ def follow(
 
 @lru_cache(maxsize=8)
 def _compiled_step(built: Filter) -> Any:
-    return jax.jit(built.step)
+    return jit(built.step)
 
 
 def _model(job: Tracks, tracker: Tracker, scene: Scene) -> tuple[Any, Any]:

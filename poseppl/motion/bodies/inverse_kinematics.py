@@ -28,7 +28,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Booleans, Floats, double_precision
+from poseppl.arrays import Booleans, Floats, double_precision, jit
 from poseppl.motion.geometry import KinematicTree, marker_positions
 
 ANGLE_PULL = 5.0
@@ -85,7 +85,7 @@ def fit_states(tree: KinematicTree, markers: ArrayLike, start: ArrayLike | None 
                 if _leaps(target[frame], target[frame - step]):
                     cut = _after_leap(tree, solve, target[frame], states[frame], rest)
                     states[frame] = _nearest_twin(tree, cut, previous)
-        positions = np.asarray(jax.jit(jax.vmap(partial(marker_positions, _double(tree))))(states))
+        positions = np.asarray(jit(jax.vmap(partial(marker_positions, _double(tree))))(states))
     return states, np.linalg.norm(positions - target, axis=-1)
 
 
@@ -96,11 +96,11 @@ def _solver(tree: KinematicTree) -> Solver:
     """Compile the least-squares problem of one frame: (target, guess, anchor, pull) to (state, cost)."""
     positions = partial(marker_positions, _double(tree))
 
-    @jax.jit
+    @jit
     def residuals(x: Array, target: Array, seen: Array, anchor: Array, pull: Array) -> Array:
         return jnp.concatenate([(seen * (positions(x) - target)).ravel(), pull * (x - anchor)])
 
-    jacobian = jax.jit(jax.jacrev(residuals))
+    jacobian = jit(jax.jacrev(residuals))
 
     def solve(target: Floats, guess: Floats, anchor: Floats, pull: Floats) -> tuple[Floats, float]:
         seen = np.isfinite(target).all(-1, keepdims=True)

@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.arrays import jit
+
 Tree = Any
 
 _LANES = 8
@@ -36,7 +38,7 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
         A function of the same pytrees without the last axis. Any nesting of ``jax.vmap`` around it becomes one call of
         ``function`` with one flattened batch axis; over pictures, as of the frames of a recording, with one call for each.
     """
-    compiled = jax.jit(function)  # traced once for each shape, however often a model's programs run
+    compiled = jit(function)  # traced once for each shape, however often a model's programs run
 
     @jax.custom_batching.custom_vmap
     def batched(*args: Tree) -> Tree:  # leaves (N or 1, ...)

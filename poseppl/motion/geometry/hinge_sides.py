@@ -10,12 +10,13 @@ import jax
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.motion.geometry.kinematic_jumps import Limb, limbs_of, mirrored_bend
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.particles.weights import weighted_mean
 
 
-@jax.jit
+@jit
 def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights: Array) -> Array:
     """The same places of all joints, each hinge of a limb bent to its side at rest.
 

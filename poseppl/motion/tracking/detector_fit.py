@@ -17,7 +17,7 @@ from jax import Array
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from poseppl.arrays import Floats, double_precision
+from poseppl.arrays import Floats, double_precision, jit
 from poseppl.errors import InputError
 from poseppl.motion.tracking.detector_errors import DetectorErrors
 from poseppl.motion.tracking.held_out_cameras import DrawnPlaces, SeenPoints, draw_places, log_predictions
@@ -89,7 +89,7 @@ def _scale_and_odds(params: _Params, seen: SeenPoints) -> tuple[Array, Array]:
     return scale, params.clutter + params.clutter_slope * seen.logit
 
 
-@jax.jit
+@jit
 @jax.value_and_grad
 def _loss(v: Array, drawn: DrawnPlaces, seen: SeenPoints, known: Array) -> Array:
     scale, odds = _scale_and_odds(_params(v), seen)

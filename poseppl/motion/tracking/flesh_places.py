@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from poseppl.arrays import jit
 from poseppl.motion.geometry.flesh import part_frames
 from poseppl.motion.tracking.problem import Problem
 
@@ -27,7 +28,7 @@ def with_flesh(tree: xr.DataTree, problem: Problem) -> xr.DataTree:
     body, flesh, means = problem.body, problem.body.flesh, tree["summary"].dataset["state_mean"]
     if flesh is None or problem.pose is not None or means.sizes["dof"] != body.tree.dimension:
         return tree
-    places = jax.jit(jax.vmap(lambda state: part_frames(body.tree, flesh, state)))(jnp.asarray(means.values, float))
+    places = jit(jax.vmap(lambda state: part_frames(body.tree, flesh, state)))(jnp.asarray(means.values, float))
     moving = {"base": places.base, "tip": places.tip, "side": places.axes[..., 0]}
     found = {name: (("frame", "part", "axis"), np.asarray(values, np.float32)) for name, values in moving.items()}
     sizes = {

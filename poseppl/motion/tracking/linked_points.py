@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.body import compile_once, load_builder
 from poseppl.motion.bodies.point_inputs import PointInputs
@@ -128,14 +128,14 @@ def _together(
     return inputs, Observation(values, mask), states
 
 
-@partial(jax.jit, static_argnums=(0, 5))
+@partial(jit, static_argnums=(0, 5))
 def _mode(
     model: CompiledModel, params: dict[str, Array], start: Array, data: Observation, inputs: PointInputs, num_steps: int
 ) -> Array:
     return climb(model.with_params(params), start, data, inputs, num_steps, majorised=True)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def _draws(
     model: CompiledModel,
     num_draws: int,

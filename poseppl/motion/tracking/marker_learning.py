@@ -23,7 +23,7 @@ import numpy as np
 from jax import Array
 from scipy.optimize import minimize
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.errors import InputError
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.point_data import PointData
@@ -105,12 +105,12 @@ def _moved(inputs: Any, places: Array) -> Any:
     return with_tree(inputs, tree.with_offsets(tree.offsets, jnp.broadcast_to(places, tree.marker_offsets.shape)))
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _first(model: CompiledModel, observations: Observation, inputs: Any) -> Array:
     return smoothed_moments(model, observations, inputs).mean
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def _smoothed(
     model: CompiledModel, free: tuple[int, ...], places: Array, trajectory: Array, observations: Observation, inputs: Any
 ) -> Array:
@@ -118,7 +118,7 @@ def _smoothed(
     return smoothed_walk(model, steps, trajectory, observations, _moved(inputs, places))[0]
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _loss(
     model: CompiledModel, trajectory: Array, known: Array, observations: Observation, inputs: Any, places: Array
 ) -> tuple[Array, Array]:

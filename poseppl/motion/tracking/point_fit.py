@@ -21,7 +21,7 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from poseppl.arrays import Floats, Integers
+from poseppl.arrays import Floats, Integers, jit
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.tracking.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation
@@ -189,7 +189,7 @@ def params_by_point(params: Mapping[str, Array]) -> tuple[dict[str, Array], dict
     return split, {name: 0 if name in OF_A_POINT else None for name in params}
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def _modes(
     model: CompiledModel,
     num_steps: int,
@@ -206,7 +206,7 @@ def _modes(
     return jax.vmap(one, in_axes=(axes, 0, 0, BY_POINT))(split, states, observations, inputs)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def value_and_gradient(
     model: CompiledModel, whole: CompiledModel, u: Array, states: Array, observations: Observation, inputs: PointInputs
 ) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, Integers, double_precision
+from poseppl.arrays import Floats, Integers, double_precision, jit
 from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
@@ -157,7 +157,7 @@ def _all_draws(
     return np.concatenate(drawn, 1), np.concatenate(groups)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jit, static_argnums=(0, 1))
 def _draws(
     model: CompiledModel,
     num_draws: int,
@@ -184,7 +184,7 @@ def _draws(
     return drawn
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit, static_argnums=0)
 def _told(model: CompiledModel, params: dict[str, Array], mode: Array, inputs: PointInputs) -> dict[str, Array]:
     """What the programs tell of states (K, T, d), each (K, T, C, 1, ...)."""
     split, axes = params_by_point(params)

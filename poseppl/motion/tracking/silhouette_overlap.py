@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.motion.geometry import Cameras, KinematicTree
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.coverage import hard_coverage, part_distances, project_parts
@@ -69,5 +69,5 @@ def _covered(tree: KinematicTree, flesh: Flesh, states: Array, cameras: Cameras,
     return hard_coverage(part_distances(project_parts(cameras, flesh, parts_of(tree, flesh, states)), points))
 
 
-_drawn = jax.jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
+_drawn = jit(jax.vmap(batch_last(_covered, chunk=_CHUNK), in_axes=(None, None, 0, None, None)))
 """Drawn silhouettes of a trajectory (T, d): (T, C, K); compiled once for a number of frames."""

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Floats
+from poseppl.arrays import Floats, jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.io.text_parsing import some
@@ -108,7 +107,7 @@ class _Search:
     def __init__(self, scene: Scene[SilhouetteData], params: Mapping[str, float], first: int) -> None:
         self._scene, self.poses = scene, PoseSearch.of(scene.body)
         self._place = _middle(scene, first, self.poses.rest)
-        self._evaluate, self._derive = map(jax.jit, _residuals(scene, params, self.poses, self._place))
+        self._evaluate, self._derive = map(jit, _residuals(scene, params, self.poses, self._place))
 
     def guesses(self) -> Iterator[Floats]:
         """The rest pose at the place of the silhouettes, in every heading."""

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from poseppl.arrays import jit
 from poseppl.errors import InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
@@ -84,7 +85,7 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
         ValueError: They are not.
     """
     x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
-    mean, covariance = jax.jit(model.transition_moments)(x, second)
+    mean, covariance = jit(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
     if not np.allclose(mean, x) or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
         raise ValueError("its transition is not the random walk of its inputs' step_scale")
@@ -97,7 +98,7 @@ def _groups(body: Body) -> tuple[int, ...]:
     return tuple(list(dict.fromkeys(names)).index(name) for name in names)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
+@partial(jit, static_argnums=(0, 1, 2, 3))
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],
