@@ -9,6 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from poseppl_models.humanoid import INTERNAL, anthropometric_prior, humanoid_sizes
+from poseppl_models.joint_limits import smooth_limits
 from poseppl_models.limited_normal import LimitedNormal, _JointLimits
 from poseppl_models.limited_walk import limited_walk
 from poseppl_models.sminchisescu import arm, full_body, measure, measure_arm, stiff_shoulders
@@ -180,3 +181,18 @@ def test_a_filter_runs_within_the_limits():
         model.transition_moments(inputs.start, inputs)
     free = arm(limits="barrier").compile(inputs, body.params)
     assert np.isfinite(free.transition_moments(inputs.start, inputs)[0]).all()
+
+
+def test_curvature_of_a_barrier_stands_beside_that_of_the_points():
+    """Exact: the information of both is that of the points and the barrier's own Hessian; at rest the elbow is at its limit."""
+    body, limits = arm(), superquadric_body("arm").limits
+    inputs = inputs_of(body)
+    barred, bare = (arm(limits=kind).compile(inputs, body.params) for kind in ("barrier", "none"))
+    seen = barred.sample_observation(jax.random.key(0), inputs.start, inputs)["points"]
+    found, points = (
+        np.asarray(jax.jit(model.observation_information)(inputs.start, model.observe({"points": seen}), inputs))
+        for model in (barred, bare)
+    )
+    own = -np.asarray(jax.hessian(lambda x: smooth_limits(limits, x))(inputs.start))
+    assert own.max() > 1
+    np.testing.assert_allclose(found, points + own, rtol=1e-4, atol=1e-4 * points.max())

@@ -37,6 +37,7 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
     Returns:
         A function of the same pytrees without the last axis. Any nesting of ``jax.vmap`` around it becomes one call of
         ``function`` with one flattened batch axis; over pictures, as of the frames of a recording, with one call for each.
+        Its derivatives, in either direction and of any order, are those of ``function`` for one particle after the other.
     """
     compiled = jit(function)  # traced once for each shape, however often a model's programs run
 
@@ -60,9 +61,17 @@ def batch_last(function: Callable[..., Tree], *, chunk: int | None = None) -> Ca
         out = jax.tree.map(lambda leaf: leaf.reshape(size, inner, *leaf.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
+    @jax.custom_jvp
     def single(*args: Tree) -> Tree:
         out = batched(*jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], args))
         return jax.tree.map(lambda leaf: leaf[0], out)
+
+    def alone(*args: Tree) -> Tree:
+        return jax.tree.map(lambda leaf: leaf[..., 0], function(*jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], args)))
+
+    @single.defjvp
+    def _derivative(args: tuple[Tree, ...], tangents: tuple[Tree, ...]) -> tuple[Tree, Tree]:
+        return single(*args), jax.jvp(alone, args, tangents)[1]
 
     return single
 

@@ -36,3 +36,17 @@ def test_pictures_are_not_copied():
     pictures = jax.ShapeDtypeStruct((FRAMES, 60, 50), jnp.float32)
     memory = jax.jit(jax.vmap(jax.vmap(look_up, (0, None)))).lower(particles, pictures).compile().memory_analysis()
     assert memory.temp_size_in_bytes < 60 * 50 * 4 * 100
+
+
+def test_second_derivatives():
+    """Of both orders of differentiation, over particles, those of the function itself."""
+
+    def wave(x, size):
+        return size[0] * jnp.sin(x[0] * x[1]) + x[1] ** 3
+
+    batched, sizes = batch_last(wave), jnp.asarray([0.7])
+    x = jnp.asarray(np.random.default_rng(0).normal(size=(PARTICLES, 2)))
+    expected = jax.vmap(jax.hessian(wave), (0, None))(x, sizes)
+    for outer in (jax.jacfwd, jax.jacrev):
+        for inner in (jax.jacfwd, jax.jacrev):
+            np.testing.assert_allclose(jax.vmap(outer(inner(batched)), (0, None))(x, sizes), expected, rtol=1e-5)
