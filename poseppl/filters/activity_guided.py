@@ -34,14 +34,7 @@ from jax import Array
 from jax.scipy.stats import multivariate_normal
 
 from poseppl.checks import check_fraction
-from poseppl.filters.annealed import (
-    Disperse,
-    Keys,
-    annealing_filter,
-    annealing_of,
-    draw_or_propagate,
-    layer_variance,
-)
+from poseppl.filters.annealed import Disperse, Keys, annealing_filter, annealing_of, predict_by_transition
 from poseppl.filters.base import Filter
 from poseppl.particles.resampling import Scheme
 from poseppl.program import CompiledModel
@@ -86,15 +79,15 @@ def activity_guided_filter(
     check_fraction("[0, 1)", temperature=temperature)
     settings = annealing_of(model, num_particles, num_layers, survival, diffusion, crossover, resampling)
 
+    by_transition = predict_by_transition(model, num_particles, diffusion)
+
     def predict(rng_keys: Keys, previous: Array | None, inputs: Any) -> tuple[Array, Disperse]:
-        drawn, other = (draw_or_propagate(model, key, num_particles, previous, inputs) for key in rng_keys)
-        variance = layer_variance(model, drawn, other, diffusion)
+        drawn, disperse_all = by_transition(rng_keys, previous, inputs)
         sites = chain_sites(model, inputs)
         chain = None if sites is None else hidden_chain(model, sites, drawn[0], inputs)
 
         def disperse(rng_key: Array, centres: Array, shrinking: Array) -> Array:
-            noise = jax.random.normal(rng_key, centres.shape, centres.dtype)
-            particles = centres + jnp.sqrt(shrinking * variance) * noise
+            particles = disperse_all(rng_key, centres, shrinking)
             if sites is None or chain is None:
                 return particles
             key_emission = jax.random.fold_in(rng_key, 1)

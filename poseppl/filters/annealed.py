@@ -120,17 +120,7 @@ def annealed_filter(
     """
     settings = annealing_of(model, num_particles, num_layers, survival, diffusion, crossover, resampling)
 
-    def predict(rng_keys: Keys, previous: Array | None, inputs: Any) -> tuple[Array, Disperse]:
-        drawn, other = (draw_or_propagate(model, key, num_particles, previous, inputs) for key in rng_keys)
-        variance = layer_variance(model, drawn, other, diffusion)
-
-        def disperse(rng_key: Array, centres: Array, shrinking: Array) -> Array:
-            noise = jax.random.normal(rng_key, centres.shape, centres.dtype)
-            return centres + jnp.sqrt(shrinking * variance) * noise
-
-        return drawn, disperse
-
-    return annealing_filter(model, num_particles, settings, predict)
+    return annealing_filter(model, num_particles, settings, predict_by_transition(model, num_particles, diffusion))
 
 
 def annealing_of(
@@ -151,16 +141,25 @@ def annealing_of(
     return Annealing(num_layers, survival, groups, resampling_scheme(resampling))
 
 
-def draw_or_propagate(model: CompiledModel, rng_key: Array, num_particles: int, previous: Array | None, inputs: Any) -> Array:
-    """States (N, d) from the transition of those before (N, d), or at the first frame from the initial program."""
-    keys = jax.random.split(rng_key, num_particles)
-    return draw_initial(model, keys, inputs) if previous is None else propagate(model, keys, previous, inputs)
+def predict_by_transition(model: CompiledModel, num_particles: int, diffusion: Array | None) -> Predict:
+    """Draws of the transition, at the first frame of the initial program; P as given, or from pairs of draws."""
 
+    def predict(rng_keys: Keys, previous: Array | None, inputs: Any) -> tuple[Array, Disperse]:
+        def draw(rng_key: Array) -> Array:
+            keys = jax.random.split(rng_key, num_particles)
+            return draw_initial(model, keys, inputs) if previous is None else propagate(model, keys, previous, inputs)
 
-def layer_variance(model: CompiledModel, drawn: Array, other: Array, diffusion: Array | None) -> Array:
-    """The diagonal of P (d,): as given, or from pairs of draws (N, d) with a common ancestor; 0 of what takes integers."""
-    variance = 0.5 * jnp.mean((drawn - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
-    return jnp.where(jnp.asarray(model.finite_coordinates), 0.0, variance)
+        drawn, other = map(draw, rng_keys)
+        variance = 0.5 * jnp.mean((drawn - other) ** 2, 0) if diffusion is None else jnp.asarray(diffusion, other.dtype)
+        variance = jnp.where(jnp.asarray(model.finite_coordinates), 0.0, variance)  # not of what takes integers
+
+        def disperse(rng_key: Array, centres: Array, shrinking: Array) -> Array:
+            noise = jax.random.normal(rng_key, centres.shape, centres.dtype)
+            return centres + jnp.sqrt(shrinking * variance) * noise
+
+        return drawn, disperse
+
+    return predict
 
 
 def annealing_filter(model: CompiledModel, num_particles: int, settings: Annealing, predict: Predict) -> Filter:
