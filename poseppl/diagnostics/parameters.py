@@ -66,7 +66,7 @@ def predictions_under(
         The checks under each, as :func:`poseppl.diagnostics.check_predictions` takes them.
     """
     check_at_least(1, num_draws=num_draws)
-    observations = data if isinstance(data, Observation) else model.observe(data)
+    observations = model.observe(data)
     check_key(rng_key)
     frames = num_frames_of(model.observation_sites, observations)
     rows = jax.tree.map(jnp.asarray, observations), stacked_inputs(inputs, frames)

@@ -368,12 +368,15 @@ class CompiledModel:
     # The host boundary
 
     def observe(
-        self, values: Mapping[str, Any], mask: Mapping[str, Any] | None = None, frames: int | None = None
+        self, values: Mapping[str, Any] | Observation, mask: Mapping[str, Any] | None = None, frames: int | None = None
     ) -> Observation:
         """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`.
 
-        Data that are rounded by more than a quarter of their noise are told in a warning of the logger "poseppl".
+        What is one stays as it is. Data that are rounded by more than a quarter of their noise are told in a warning of the
+        logger "poseppl".
         """
+        if isinstance(values, Observation):
+            return values
         observation = observe(self.observation_sites, values, mask, frames)
         tell_rounding(observation, self._constant_noise)
         return observation

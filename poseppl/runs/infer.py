@@ -81,7 +81,7 @@ def infer(
         RunError: The run cannot go on.
     """
     built = filter_of(filter, model)
-    observations = data if isinstance(data, Observation) else model.observe(data)
+    observations = model.observe(data)
     _check_labels(model, observations, truth, frames)
     run = run_filter(
         built,
@@ -139,7 +139,7 @@ def smooth(
         raise ValueError(
             "There are no data to smooth with: a history holds none. Give those that the filter saw, smooth(..., data=data)."
         )
-    observations = given if isinstance(given, Observation) else model.observe(given)
+    observations = model.observe(given)
     collect = collect_draws(model) if collect is None else collect
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
     told = {"smoother": _name(smoother), **(attrs or {})}

@@ -95,7 +95,7 @@ def log_likelihood(
         ValueError: Data or inputs that do not fit the model, a filter that is no function of the model, or one that has no
             evidence.
     """
-    observations = data if isinstance(data, Observation) else model.observe(data)
+    observations = model.observe(data)
     num_frames = num_frames_of(model.observation_sites, observations)
     bound = model if params is None else _with_params(model, params)
     key = jax.random.key(0) if rng_key is None else rng_key

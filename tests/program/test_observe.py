@@ -32,6 +32,7 @@ def test_one_frame_and_sequences():
     assert one.mask["height"].dtype == bool
     many = compiled().observe(data(np.zeros(4), np.zeros((4, 2, 3))))
     assert many.values["height"].shape == (4,)
+    assert compiled().observe(many) is many
     assert compiled().observe(data(np.zeros(4), np.zeros((4, 2, 3))), frames=4).values["points"].shape == (4, 2, 3)
 
 

@@ -114,6 +114,12 @@ def depth(cameras: Cameras, points: Array) -> Array:
     return jnp.einsum("ci,c...i->c...", cameras.rotation[:, 2], offset)
 
 
+def beside_points(cameras: Cameras) -> Cameras:
+    """Cameras (C, ..., N) laid out for :func:`project_components` of points (C, P, K, N): leaves (..., C, 1, 1, N)."""
+    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    return spread
+
+
 def project_components(camera: Cameras, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
     """Project component by component: fields of ``camera`` with their matrix axes first, all else broadcast.
 

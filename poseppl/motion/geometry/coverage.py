@@ -29,7 +29,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.cameras import NEAREST, Cameras, project_components
+from poseppl.motion.geometry.cameras import NEAREST, Cameras, beside_points, project_components
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
 from poseppl.motion.geometry.outlines import limb_corners
 
@@ -102,7 +102,7 @@ def hard_coverage(distances: Array) -> Array:
 
 def _ellipses(cameras: Cameras, flesh: Flesh, parts: PartFrames) -> tuple[Array, Array]:
     """Centres and inverse squared half-axes of the images of the rings, or of the balls in their place."""
-    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    spread = beside_points(cameras)
     u, v, uu, uv, vv = _rings(spread, flesh, parts)
     plane = spread._replace(rotation=jnp.eye(3), centre=jnp.zeros(3))
     one, none = jnp.ones_like(u), jnp.zeros_like(u)

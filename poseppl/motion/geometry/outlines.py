@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.motion.geometry.cameras import Cameras, project_components
+from poseppl.motion.geometry.cameras import Cameras, beside_points, project_components
 from poseppl.motion.geometry.flesh import Flesh, PartFrames
 
 _TINY = 1e-12
@@ -79,5 +79,5 @@ def _project(cameras: Cameras, flesh: Flesh, parts: PartFrames, first: Array, se
     corners = jnp.stack(
         [parts.base + first * base, parts.tip + first * tip, parts.tip + second * tip, parts.base + second * base], 2
     )
-    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    spread = beside_points(cameras)
     return jnp.stack(project_components(spread, corners[:, :, :, 0], corners[:, :, :, 1], corners[:, :, :, 2]), 3)

@@ -32,7 +32,7 @@ from jax import Array
 from poseppl.motion.geometry.barrier import computed_once
 from poseppl.motion.geometry.batch_last import batch_last
 from poseppl.motion.geometry.batched_score import batched_density, batched_score
-from poseppl.motion.geometry.cameras import Cameras, project_components
+from poseppl.motion.geometry.cameras import Cameras, beside_points, project_components
 from poseppl.motion.geometry.coverage import part_distances, project_parts
 from poseppl.motion.geometry.flesh import Flesh, PartFrames, parts_of, place_parts
 from poseppl.motion.geometry.kinematics import derivatives_of_wrenches, frames_of
@@ -151,7 +151,7 @@ def _beyond(cameras: Cameras, flesh: Flesh, points: Array, seen: SilhouetteSeen,
     share = jnp.asarray(FRACTIONS)[:, None]
     radius = flesh.radii[:, None, 0] + share * (flesh.radii[:, 1] - flesh.radii[:, 0])[:, None]
     width = radius * jnp.min(flesh.scales, 1)[:, None]
-    spread: Cameras = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2)[..., None, None, :], cameras)
+    spread = beside_points(cameras)
     x, y = project_components(spread, *(points[:, :, :, i] for i in range(3)))  # (C, P, 4, N)
     depth = jnp.linalg.norm(points - cameras.centre[:, None, None], axis=3)
     focal = jnp.mean(jnp.abs(cameras.focal), 1)[:, None, None]
