@@ -18,16 +18,23 @@ _COLUMNS = (
 
 
 def choosing(tables: Tables) -> str:
-    """Error over the least of a model's, coverage, seconds and verdicts, the best first; and which filters refuse which."""
+    """Errors over a model's least, coverage, seconds and verdicts, best first; which filters refuse which, or did not run."""
     rows = tables["choosing"].records()
-    shown, refused = [], []
+    filters = dict.fromkeys(row["filter"] for row in rows)
+    shown, refused, missing = [], [], []
     for model in dict.fromkeys(row["model"] for row in rows):
         mine = [row for row in rows if row["model"] == model]
         ran = sorted((row for row in mine if not row["refused"]), key=lambda row: float(row["error"]))
         shown += [_cells(row, float(ran[0]["error"])) for row in ran]
-        names = [row["filter"] for row in mine if row["refused"]]
-        refused += [f"{model} by {', '.join(names)}"] if names else []
-    return f"{markdown(_COLUMNS, shown)}\n\nRefused: {'; '.join(refused)}."
+        refused += _pairs(model, [row["filter"] for row in mine if row["refused"]])
+        missing += _pairs(model, [name for name in filters if name not in {row["filter"] for row in mine}])
+    told = {"Refused": refused, "Not run": missing}
+    ends = (f"{what}: {'; '.join(pairs)}." for what, pairs in told.items() if pairs)
+    return "\n\n".join([markdown(_COLUMNS, shown), *ends])
+
+
+def _pairs(model: str, filters: list[str]) -> list[str]:
+    return [f"{model} by {', '.join(filters)}"] if filters else []
 
 
 def _cells(row: Mapping[str, Any], least: float) -> list[str]:
