@@ -295,6 +295,7 @@ class SmootherRow(NamedTuple):
         build: A small instance for a model.
         consistent: Whether means and variances converge to the exact ones, with more particles or draws.
         discrete: Whether it also takes models of finite states.
+        draws: Whether another key makes other draws; else it uses none.
         multimodal: Whether it weighs every mode that the filter found, however far apart.
         num_replicates: Independent runs (of filter and smoother) that the statistical laws make.
         num_particles: Of the particle filter whose history it takes.
@@ -309,6 +310,7 @@ class SmootherRow(NamedTuple):
     build: Callable[[CompiledModel], Smoother]
     consistent: bool = True
     discrete: bool = False
+    draws: bool = True
     multimodal: bool = True
     num_replicates: int = 40
     num_particles: int = 500
@@ -362,6 +364,7 @@ SMOOTHERS: list[SmootherRow] = [
         forward_backward_smoother,
         lambda model: forward_backward_smoother(model, tile=128),
         discrete=True,
+        draws=False,
     ),
     SmootherRow(
         "backward-simulation",
@@ -384,10 +387,18 @@ SMOOTHERS: list[SmootherRow] = [
         lambda model: two_filter_smoother(model, method="linear"),
         variant=True,
     ),
-    SmootherRow("viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True, moments=("means",)),
-    SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True),
     SmootherRow(
-        "fixed-lag", fixed_lag_smoother, lambda model: fixed_lag_smoother(model, lag=2), consistent=False, discrete=True, lag=2
+        "viterbi", viterbi_smoother, viterbi_smoother, consistent=False, discrete=True, draws=False, moments=("means",)
+    ),
+    SmootherRow("genealogy", genealogy_smoother, genealogy_smoother, discrete=True, draws=False),
+    SmootherRow(
+        "fixed-lag",
+        fixed_lag_smoother,
+        lambda model: fixed_lag_smoother(model, lag=2),
+        consistent=False,
+        discrete=True,
+        draws=False,
+        lag=2,
     ),
     SmootherRow(
         "rauch-tung-striebel",
