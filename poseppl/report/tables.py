@@ -133,6 +133,9 @@ def cards(tree: xr.DataTree) -> list[tuple[str, str]]:
         shown.append((f"{float(data['tau'].median()):.1f}", "median inefficiency τ"))
     if "rejection_rate" in data and not is_weighted(tree):
         shown.append((f"{100 * float(data['rejection_rate'].mean()):.0f} %", "of proposals rejected"))
+    stature = known.get("assumed stature")
+    if isinstance(stature, list) and len(stature) == 2 and all(isinstance(each, int | float) for each in stature):
+        shown.append((f"{stature[0] / 1000:.2f} ± {stature[1] / 1000:.2f} m", "stature, which is not known"))
     seconds = known.get("wall_seconds")
     if isinstance(seconds, int | float) and seconds > 0:
         shown.append((f"{tree['posterior'].sizes['frame'] / seconds:.1f}", "frames a second"))

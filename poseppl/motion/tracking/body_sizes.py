@@ -15,6 +15,9 @@ from poseppl.motion.io.text_parsing import finite_numbers
 
 STATURE = 1750.0
 """Of the standard subject, mm."""
+POPULATION = (1692.0, 92.0)
+"""Mean and standard deviation, mm, of the stature of somebody of whom nothing is known: an adult, as likely a man (1756 +- 69)
+as a woman (1629 +- 64; Gordon et al. 2014, *2012 Anthropometric Survey of U.S. Army Personnel*, NATICK/TR-15/007)."""
 
 
 def stature_lengths(model: str, stature: float) -> dict[str, float]:

@@ -3,13 +3,14 @@
 Small errors of the cameras' poses are found first (:mod:`poseppl.motion.tracking.camera_refinement`). The noise of each camera
 is what remains between its points and the projections of the places that all cameras' rays pass by; or that of a detector whose
 errors are known (:mod:`poseppl.motion.tracking.detector_errors`). Where only one camera sees the person, nothing tells it, and
-the body's own is taken. Segment lengths are measured in those places, too, and a person of 1.75 m is assumed in one camera.
+the body's own is taken. Segment lengths are measured in those places, too; one camera's person is assumed to be of any adult's
+stature (:mod:`poseppl.motion.tracking.assumed_stature`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ from poseppl.motion.io import Calibration, CameraRecord, DetectedPeople
 from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.tracking.body_sizes import subject_lengths
+from poseppl.motion.tracking.assumed_stature import ATTRIBUTE
+from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
 from poseppl.motion.tracking.calibration_checks import calibration_notes
 from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
@@ -50,8 +52,8 @@ LEAST_ABSENCE = 5
 LEAST_LEAP = 0.05
 """A point leaps if it is at least this share of the picture's diagonal from where it is in the frames about its own."""
 _ASSUMED = (
-    "the person is taken to be 1.75 m tall, as these cameras do not tell (--stature, --lengths): one who is taller by a "
-    "hundredth is farther away by a hundredth, too, which intervals do not have in them"
+    "the person is taken to be {:.2f} +- {:.2f} m tall, as these cameras do not tell (--stature, --lengths): one who is taller "
+    "by a hundredth is farther away by a hundredth, too, which intervals {} in them"
 )
 _MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
 """Markers that are between two others where the detector has none."""
@@ -97,7 +99,7 @@ class KeypointScene(NamedTuple):
         detector_errors: What was known of the detector's errors; None where the noise is measured.
         chosen: (T, C) which detection of a camera is the person's, -1 where there is none, before it was mended.
         num_leaps: Points that leap and count as not seen.
-        measured: Whether segment lengths were measured in the points.
+        size: Whether segment lengths were "given", "measured" in the points, or "assumed" to be those of a mean adult.
     """
 
     scene: Scene[PointData]
@@ -112,7 +114,7 @@ class KeypointScene(NamedTuple):
     detector_errors: DetectorErrors | None = None
     chosen: Integers | None = None
     num_leaps: int = 0
-    measured: bool = False
+    size: Literal["given", "measured", "assumed"] = "given"
 
     def record(self) -> dict[str, Any]:
         """What was found of each camera as plain values: degrees, mm, px, and shares; None where it cannot be told."""
@@ -129,13 +131,16 @@ class KeypointScene(NamedTuple):
         pairs = {} if self.associated is None else {"limb pairs": list(self.associated.pairs)}
         left = {} if self.refined is None else {"camera covariance": self.refined.covariance.tolist()}
         known = {} if self.detector_errors is None else {"detector errors": self.detector_errors.source}
-        measured = {"lengths measured": True} if self.measured else {}
-        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **measured}
+        of_size: dict[str, dict[str, Any]] = {"measured": {"lengths measured": True}, "assumed": {ATTRIBUTE: list(POPULATION)}}
+        return {"layout": self.layout, "cameras found": cameras, **pairs, **left, **known, **of_size.get(self.size, {})}
 
     def notes(self) -> list[str]:
         """What the user should know, a sentence each."""
         known = f"for {self.layout} (--layout)" if self.layout else "by their names"
         told = [f"keypoints are taken {known}", *self.told]
+        if self.size == "assumed":
+            alone = "have" if len(self.scene.camera_names) == 1 else "do not have"
+            told.append(_ASSUMED.format(*(value / 1000 for value in POPULATION), alone))
         if self.detector_errors is not None:
             told.append(f"the detector's errors are those of {self.detector_errors.source}")
         told += _absence_notes(np.asarray(np.isfinite(self.scene.data.points).any((1, 2, 3))), self.scene.frames)
@@ -191,7 +196,7 @@ def scene_of_keypoints(
         frames: Range "start:stop:step" of the common frames, counted from 0; all if None.
         noise: Standard deviation as a fraction of the focal length; what the data tell if None.
         rate: Frames a second; None where unknown.
-        stature: Of the person, mm; lengths are measured if None.
+        stature: Of the person, mm; if None, lengths are measured, or those of a mean adult assumed where cameras do not tell.
         lengths: A TOML file of segment lengths, mm, that are known.
         refine: Whether small errors of the cameras' poses are sought and mended.
         mend: Whether detections of others, limbs that the detector exchanged, and points that leap are sought and mended.
@@ -223,8 +228,9 @@ def scene_of_keypoints(
     leaping, points = points, without_leaps(points, far)
     num_leaps = int((np.isfinite(leaping) & ~np.isfinite(points)).any(-1).sum())
     places = triangulate(cameras, points, confidence)
-    measured = stature is None and lengths is None and np.isfinite(places).all(-1).any()
-    body = build(_measured(build(None), places) if measured else subject_lengths(model, stature, lengths))
+    size = _size(stature, lengths, places)
+    known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
+    body = build(_measured(build(None), places) if size == "measured" else known_lengths)
     errors = camera_errors(cameras, points, places)
     spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
@@ -232,12 +238,18 @@ def scene_of_keypoints(
     source = ", ".join(str(each) for each in folders.values() if not isinstance(each, DetectedPeople))
     scene = Scene(body, cameras, tuple(folders), data, numbers, rate and rate / step, source)
     wrong = calibration_notes(places, body.tree.marker_names)
-    assumed = () if measured or stature is not None or lengths is not None else (_ASSUMED,)
-    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes, *assumed))
+    seen = (confidence, sizes, (*told, *unit_notes, *wrong, *clock_notes))
     found = KeypointScene(
-        scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps
-    )._replace(measured=bool(measured))
+        scene, people[0].layout, errors, refined, agreement, *seen, associated, detector_errors, chosen, num_leaps, size
+    )
     return found._replace(scene=scene._replace(data=data._replace(found=found.record())))
+
+
+def _size(stature: float | None, lengths: FilePath | None, places: Floats) -> Literal["given", "measured", "assumed"]:
+    """How the person's size is known, of whom there are places (T, K, 3)."""
+    if stature is not None or lengths is not None:
+        return "given"
+    return "measured" if np.isfinite(places).all(-1).any() else "assumed"
 
 
 def _in_mm(

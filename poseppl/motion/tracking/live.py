@@ -20,6 +20,7 @@ from poseppl.errors import FilePath, InputError, Location
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io import Calibration, DetectedPeople
 from poseppl.motion.io.growing_folders import KeypointFrame
+from poseppl.motion.tracking.assumed_stature import ATTRIBUTE, along_rays, stature_draws
 from poseppl.motion.tracking.frame_people import first_people, laid_out, nobody
 from poseppl.motion.tracking.keypoint_sources import Clocks, points_of, without_strays
 from poseppl.motion.tracking.keypoints import noise_of_points, scene_of_keypoints, with_markers
@@ -120,7 +121,7 @@ class LiveTrack:
             note=note,
             frame_numbers=self._frames,
         )
-        self.estimate = _estimate(self._frames, self._run.first)
+        self.estimate = self._estimate(self._frames, self._run.first)
 
     def add(self, frame: KeypointFrame) -> LiveEstimate:
         """Take the next frame; where the joints are in it.
@@ -133,7 +134,7 @@ class LiveTrack:
         kept = self._run.add(problem.observations, problem.inputs, [frame.number])
         self._data.append(data)
         self._frames.append(frame.number)
-        return _estimate([frame.number], kept)
+        return self._estimate([frame.number], kept)
 
     def whole(self) -> Tracking:
         """All frames so far, as one problem: run as a recording, it gives the same."""
@@ -146,6 +147,17 @@ class LiveTrack:
     def finish(self, **told: Any) -> xr.DataTree:
         """The result of all frames; more can be told of it."""
         return self.whole().result(self._run.finish(), **told)
+
+    def _estimate(self, frames: Sequence[int], kept: Kept) -> LiveEstimate:
+        """What was kept of frames, of all statures where one is assumed."""
+        outputs, scene = kept.outputs, self._tracking.scene
+        lower, upper = (outputs.summary["markers_quantile"][:, end] for end in _ENDS)
+        assumed = scene.data.provenance.get(ATTRIBUTE)
+        if assumed is not None and len(scene.camera_names) == 1:
+            draws = outputs.extras["markers"]  # (T, chains, draws, K, 3)
+            scale = stature_draws(assumed, draws.shape[1:3])[..., None, None] / assumed[0]
+            lower, upper = np.quantile(along_rays(draws, scene.cameras.centre[0], scale), [0.05, 0.95], axis=(1, 2))
+        return LiveEstimate(list(frames), outputs.summary["markers_mean"], lower, upper)
 
     def _seen(self, frame: KeypointFrame) -> PointData:
         """The person's points in a frame, and their noise."""
@@ -181,9 +193,3 @@ def _last_known(places: Floats) -> Floats:
     for place in places:
         last = np.where(np.isfinite(place), place, last)
     return last
-
-
-def _estimate(frames: Sequence[int], kept: Kept) -> LiveEstimate:
-    summary = kept.outputs.summary
-    lower, upper = (summary["markers_quantile"][:, end] for end in _ENDS)
-    return LiveEstimate(list(frames), summary["markers_mean"], lower, upper)

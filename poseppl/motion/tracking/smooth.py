@@ -13,6 +13,7 @@ from poseppl.arrays import Floats
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.motion.io.text_parsing import some
+from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
 from poseppl.motion.tracking.problem import Problem, problem_of_result
@@ -96,7 +97,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         raise InputError(
             f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
         )
-    history = filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(tree)
+    history = filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(at_mean_stature(tree))
     run = run_smoother(
         smoother,
         jax.random.key(settings.seed),
@@ -117,7 +118,8 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     if lasting or problem.pose is not None:  # the smoother's state is not that of the result
         return diagnose(result)
     key = jax.random.fold_in(jax.random.key(settings.seed), 1)
-    return diagnose(check_posterior(result, problem.model, key, problem.inputs, data=problem.observations))
+    checked = check_posterior(result, problem.model, key, problem.inputs, data=problem.observations)
+    return with_statures(diagnose(checked), problem.model)
 
 
 def _seen(scene: Scene[SceneData], tree: xr.DataTree) -> SceneData:

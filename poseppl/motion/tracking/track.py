@@ -16,6 +16,7 @@ from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
 from poseppl.filters import Filter, sharded
 from poseppl.motion.bodies.body import Body, source_of_model
+from poseppl.motion.tracking.assumed_stature import with_statures
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.learned_prior import with_prior
 from poseppl.motion.tracking.marker_learning import learn_markers
@@ -159,7 +160,8 @@ class Tracking(NamedTuple):
 
     def result(self, run: Run, **told: Any) -> xr.DataTree:
         """The result of a run of the scene, or of its first frames, with diagnostics."""
-        return diagnose(_result(self.scene, self.problem, run, {**self.record, **told}))
+        result = _result(self.scene, self.problem, run, {**self.record, **told})
+        return with_statures(diagnose(result), self.problem.model)
 
 
 def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:

@@ -101,7 +101,7 @@ def test_a_stature_that_one_camera_takes_for_granted_is_told(
 ) -> None:
     one = {"cam_01": folders["cam_01"]}
     told, given = (scene_of_keypoints(one, records, rate=60, stature=stature).notes() for stature in (None, 1800.0))
-    assert "taken to be 1.75 m tall" in " ".join(told) and "tall" not in " ".join(given)
+    assert "taken to be 1.69 +- 0.09 m tall" in " ".join(told) and "tall" not in " ".join(given)
     assert "tall" not in " ".join(scene_of_keypoints(folders, records, rate=60, refine=False).notes())
 
 

@@ -94,6 +94,18 @@ def test_frames_one_by_one_are_what_a_run_of_them_gives_and_nothing_is_traced(
     assert np.nanmedian(np.linalg.norm(seen - expected, axis=-1)) < 20
 
 
+def test_one_cameras_intervals_have_the_stature_in_them(
+    folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
+) -> None:
+    one = [frame._replace(people=frame.people[:1]) for frame in frames]
+    live = LiveTrack({"cam_01": folders["cam_01"]}, calibration, one[:-1], SETTINGS, lambda note: None, rate=60)
+    last, tree = live.add(one[-1]), live.finish()
+    quantiles = tree["summary"].dataset["markers_quantile"]
+    for level, first, ends in ((0.05, live.estimate.lower, last.lower), (0.95, live.estimate.upper, last.upper)):
+        np.testing.assert_allclose(np.concatenate([first, ends]), quantiles.sel(quantile=level).values, atol=0.01)
+    assert np.linalg.norm(last.upper - last.lower, axis=-1).max() > 300  # 0.18 of 3.3 m
+
+
 def test_the_points_of_later_frames_are_those_of_a_recording(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
