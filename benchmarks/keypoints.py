@@ -6,7 +6,7 @@ The man on a beam of pose2sim_balancing, OpenPose's points at 60 frames a second
 (reference/balancing_calib_refined.npz), so that all answers share one calibration. Errors (mm) are distances of fourteen joints
 from the triangulation by all four cameras, which is no truth: it has errors of its own, and shares points with what is judged.
 Coverage is of the keypoints of the cameras that are left out, by intervals of the projected joints with that camera's noise;
-ECE is the mean distance of coverage from its level, over levels of 10 to 90 %. One camera takes the person to be 1.75 m tall.
+ECE is the mean distance of coverage from its level, over levels of 10 to 90 %. One camera's person has any adult's stature.
 Gates are those of Pose2Sim: confidence of at least 0.3, the cameras with the least reprojection error where that of all exceeds
 15 px, none above it, gaps interpolated; its low-pass is Butterworth's of fourth order, 6 Hz, forwards and backwards.
 """

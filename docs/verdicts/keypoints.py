@@ -35,9 +35,12 @@ def keypoints(tables: Tables) -> str:
     cells = [[str(row["cameras"]).replace("-", ", "), row["method"], *(_shown(row, name) for name in _COLUMNS)] for row in rows]
     default = [row for pair in _PAIRS for row in rows if (row["cameras"], row["method"]) == (pair, DEFAULT)]
     table = markdown(("cameras", "method", *(title for title, _ in _COLUMNS.values())), cells)
-    return "\n".join(
-        [table, "", "Goals of the last, the default, with two cameras:", "", *(_verdict(name, default) for name in _GOALS)]
-    )
+    alone = [row["coverage_90"] for row in rows if "-" not in str(row["cameras"])]
+    low, high = min(alone), max(alone)
+    holds = "holds" if low >= 0.85 and high <= 0.95 else "does not hold"
+    told = f"One camera, 90 % intervals hold, 85.0% to 95.0%: {holds} ({low:.1%} to {high:.1%})."
+    head = "Goals of the last, the default, with two cameras:"
+    return "\n".join([table, "", told, "", head, "", *(_verdict(name, default) for name in _GOALS)])
 
 
 def _shown(row: Mapping[str, Any], name: str) -> str:

@@ -75,7 +75,7 @@ video_options = option_group(
         metavar="MM",
         type=float,
         help="--video, --observations, --keypoints: height of the person, whose segments are in proportion. [default: 1750, "
-        "or the scene's truth; measured in keypoints of several cameras]",
+        "or the scene's truth; of keypoints measured by several cameras, any adult's in one]",
     ),
     click.option(
         "--facing",

@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
 from poseppl.kernels.laplace import likeliest
@@ -87,6 +87,24 @@ def climb(
         return damped_step(log_density, safe_cholesky(precision), xs), None
 
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
+
+
+def draws_about(
+    model: CompiledModel,
+    num_draws: int,
+    rng_key: Array,
+    mode: Array,
+    observations: Observation,
+    inputs: Any,
+    told: Callable[[Array], Any],
+) -> Any:
+    """What is told of a trajectory, of each of S draws by Laplace's approximation about a mode (T, d), with a leading S."""
+    factor = safe_cholesky(trajectory_precision(model, mode, observations, inputs))
+
+    def draw(key: Array) -> Any:
+        return told(mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype)))
+
+    return jax.lax.map(draw, jax.random.split(rng_key, num_draws))
 
 
 def damped_step(log_density: Callable[[Array], Array], factor: BlockCholesky, xs: Array) -> Array:

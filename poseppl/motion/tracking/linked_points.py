@@ -16,14 +16,13 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats, jit
-from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.body import compile_once, load_builder
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.tracking.named_points import PROGRAMS, PointProblem, places_of
 from poseppl.motion.tracking.point_fit import NEAR_STEPS, OF_A_POINT, PointParams, under_draws
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import climb, draws_about
 
 UNKNOWN = 0.5
 """Standard deviation of a length of which the skeleton says nothing, in units of what is measured."""
@@ -146,11 +145,9 @@ def _draws(
     inputs: PointInputs,
 ) -> tuple[Array, Array]:
     """Draws (S, T, k, 3) of positions, and (S, L) of lengths, around a mode (T, d)."""
-    factor = safe_cholesky(trajectory_precision(model.with_params(params), mode, observations, inputs))
 
-    def draw(key: Array) -> tuple[Array, Array]:
-        drawn = mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype))
+    def told(drawn: Array) -> tuple[Array, Array]:
         return places_of(model, drawn), jnp.mean(jax.vmap(model.to_sites)(drawn)["length"], 0)
 
-    places, lengths = jax.lax.map(draw, jax.random.split(rng_key, num_draws))
+    places, lengths = draws_about(model.with_params(params), num_draws, rng_key, mode, observations, inputs, told)
     return places, lengths

@@ -11,7 +11,6 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats, Integers, double_precision, jit
-from poseppl.gaussians.block_tridiagonal import solve_upper
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.tracking.linked_points import linked_draws
@@ -26,7 +25,7 @@ from poseppl.motion.tracking.named_points import (
 from poseppl.motion.tracking.point_fit import NEAR_STEPS, fit_points, params_by_point, points_mode, under_draws
 from poseppl.motion.tracking.point_swaps import Pair, SeenPoints, exchanged, swap_probabilities
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.curvature import safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import draws_about
 
 MOST_FITTED, RUNS_FITTED = 150, 5
 """Frames that params are sought in, and how many runs of frames in a row, spread over the recording, they are."""
@@ -171,12 +170,10 @@ def _draws(
     split, axes = params_by_point(params)
 
     def one(key: Array, params: Any, xs: Array, observations: Observation, inputs: PointInputs) -> Array:
-        factor = safe_cholesky(trajectory_precision(model.with_params(params), xs, observations, inputs))
-
-        def draw(key: Array) -> Array:
-            return places_of(model, xs + solve_upper(factor, jax.random.normal(key, xs.shape, xs.dtype)))[:, 0]
-
-        trajectories: Array = jax.lax.map(draw, jax.random.split(key, num_draws))
+        own = model.with_params(params)
+        trajectories: Array = draws_about(
+            own, num_draws, key, xs, observations, inputs, lambda drawn: places_of(model, drawn)[:, 0]
+        )
         return trajectories
 
     keys = jax.random.split(rng_key, len(mode))
