@@ -134,7 +134,11 @@ def cards(tree: xr.DataTree) -> list[tuple[str, str]]:
     if "rejection_rate" in data and not is_weighted(tree):
         shown.append((f"{100 * float(data['rejection_rate'].mean()):.0f} %", "of proposals rejected"))
     stature = known.get("assumed stature")
-    if isinstance(stature, list) and len(stature) == 2 and all(isinstance(each, int | float) for each in stature):
+    if (
+        isinstance(stature, list)
+        and len(stature) == 2
+        and all(isinstance(each, int | float) and 0 < each < 1e4 for each in stature)
+    ):
         shown.append((f"{stature[0] / 1000:.2f} ± {stature[1] / 1000:.2f} m", "stature, which is not known"))
     seconds = known.get("wall_seconds")
     if isinstance(seconds, int | float) and seconds > 0:
