@@ -51,6 +51,25 @@ def fast_motion(tables: Tables) -> str:
     return f"{errors}\n\n{markdown(('mm', *groups), asked)}\n\n" + "\n".join(_goals(groups))
 
 
+def fast_motion_modes(tables: Tables) -> str:
+    """Log-masses of the modes from the truth less those from the filter, by recording, and their errors."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for row in tables["fast_motion_modes"].records():
+        groups.setdefault(row["recording"], []).append(row)
+    shown = [
+        [
+            name,
+            ", ".join(f"{row['mass']:+.0f}" for row in rows),
+            *(", ".join(f"{row[start]:.0f}" for row in rows) for start in ("from_truth", "from_filter")),
+        ]
+        for name, rows in groups.items()
+    ]
+    less = sum(row["mass"] < 0 for rows in groups.values() for row in rows)
+    header = ("", "log-mass, truth's less the filter's", "error of the truth's mode, mm", "error of the filter's, mm")
+    told = f"The mode from the truth has the smaller mass in {less} of {sum(map(len, groups.values()))} runs."
+    return f"{markdown(header, shown)}\n\n{told}"
+
+
 def difference(runs: Mapping[str, Runs], one: str, other: str, share: float = 1.0) -> Interval:
     """Error of one case less a share of another's, paired by the noise that both saw."""
     paired = over_runs([runs[one][seed]["error"] - share * runs[other][seed]["error"] for seed in sorted(runs[one])])

@@ -81,6 +81,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
         "random-walks": walks.random_walks,
         "marker-places": marker_places.marker_places,
         "fast-motion": fast_motion.fast_motion,
+        "fast-motion-modes": fast_motion.fast_motion_modes,
         "learned-prior": learned_prior.points,
         "learned-prior-silhouettes": learned_prior.silhouettes,
         "smoothing-pays": smoothing.smoothing_pays,

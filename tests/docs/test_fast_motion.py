@@ -21,6 +21,14 @@ def told(coverage: float = 0.9, **learned: list[float]) -> list[str]:
     return fast_motion.fast_motion({"fast_motion": Table("", COLUMNS, rows)}).splitlines()
 
 
+def test_modes_of_a_recording_are_told_in_one_row() -> None:
+    columns = ("recording", "frames", "seed", "mass", "from_truth", "from_filter")
+    rows = [("a", 25, 0, -3.4, 30.0, 50.0), ("b", 9, 0, 1.0, 7.0, 8.0), ("a", 25, 1, 2.6, 31.0, 52.0)]
+    found = fast_motion.fast_motion_modes({"fast_motion_modes": Table("", columns, rows)}).splitlines()
+    assert found[2:4] == ["| a | -3, +3 | 30, 31 | 50, 52 |", "| b | +1 | 7 | 8 |"]
+    assert found[-1] == "The mode from the truth has the smaller mass in 1 of 3 runs."
+
+
 def test_errors_and_differences_are_those_of_the_runs() -> None:
     found = told(run=[58.0, 60.0, 65.0])
     assert found[2:4] == ["| fixed | 100, 90 % |", "| learned | 61, 90 % |"]
