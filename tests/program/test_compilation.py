@@ -62,3 +62,9 @@ def test_smoothers_of_more_than_a_thousand_keep_the_emitters(num_particles: int,
     lowered = Lowered(EMITTERS)
     assert compilation.compile_smoother(lowered, num_particles) == "compiled"
     assert lowered.options == options
+
+
+def test_a_gpu_compiles_as_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    lowered = Lowered(EMITTERS, LEVEL)
+    assert compilation.compile_to_run_once(lowered, 10, 10) == "compiled" and lowered.options == {}
