@@ -48,7 +48,7 @@ def losses(table: Table) -> list[tuple[Any, ...]]:
                         percent_lost(lost).told(unit=" %"),
                         kept.told(".2f", f" of {length[0]:.3g} s"),
                         f"{np.nanmean(error):.0f}",
-                        f"{np.nanmean(ratio):.0f}",
+                        f"{np.nanmean(ratio):.0f}" if np.isfinite(ratio).any() else "–",
                     )
                 )
     return rows
