@@ -5,8 +5,7 @@ XLA's fusion emitters for the CPU take a third of the time that compilation take
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
 optimisation makes runs as fast as its third, and takes less time (`python benchmarks/first_result.py --levels`). What runs once
-a sequence, such as a filter's `init`, has at most the first level. XLA cuts a program into up to 32 parts that LLVM compiles
-side by side, and each repeats work for what it shares with others: eight take less processor time in all.
+a sequence, such as a filter's `init`, has at most the first level.
 
 >>> lowered = jax.jit(lambda x: 2 * x).lower(1.5)
 >>> float(compile_lowered(lowered, num_particles=100, num_numbers=300)(1.5))
@@ -27,7 +26,6 @@ MOST_NUMBERS = 1000
 """In the particles, as many as they are times their dimension, of programs of few numbers."""
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 _LEVEL = "xla_backend_optimization_level"
-_PARTS = {"xla_cpu_parallel_codegen_split_count": 8}
 
 
 def compile_lowered(lowered: Any, num_particles: int, num_numbers: int) -> Any:
@@ -51,9 +49,9 @@ def _emitters(num_particles: int, most: int) -> dict[str, Any]:
 
 def _compiled(lowered: Any, options: dict[str, Any]) -> Any:
     """The options are for a CPU; elsewhere, and where XLA does not know them, it compiles as it does."""
-    if jax.default_backend() != "cpu":
+    if not options or jax.default_backend() != "cpu":
         return lowered.compile()
     try:
-        return lowered.compile(compiler_options=_PARTS | options)
+        return lowered.compile(compiler_options=options)
     except jax.errors.JaxRuntimeError:
         return lowered.compile()

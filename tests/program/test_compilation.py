@@ -13,11 +13,9 @@ class Lowered:
         self.known, self.options = known, {}
 
     def compile(self, compiler_options: dict[str, int] | None = None) -> str:
-        options = dict(compiler_options or {})
-        parts = options.pop("xla_cpu_parallel_codegen_split_count", None)
+        options = compiler_options or {}
         if not set(options) <= set(self.known):
             raise jax.errors.JaxRuntimeError("No such compile option")
-        assert parts == (8 if compiler_options else None)
         self.options = options
         return "compiled"
 
