@@ -84,6 +84,7 @@ def test_another_number_in_a_table_is_another_page(name):
     last = zip(tables[name].columns, tables[name].rows[-1], strict=True)
     numeric = [column for column, value in last if column not in KEYS and not isinstance(value, str)]
     before = told(tables)
+    numeric = [column for column in numeric if any(value == value for value in tables[name].column(column))]  # not NaN alone
     unnoticed = {column for column in numeric if told(tables | {name: changed(tables[name], column)}) == before}
     allowed = UNSHOWN | ({"modes"} if name.startswith("sminchisescu-triggs-2001/") else set())
     assert unnoticed <= allowed and len(unnoticed) < len(numeric)
