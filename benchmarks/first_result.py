@@ -24,9 +24,9 @@ import numpyro.distributions as dist
 import xarray as xr
 from timing import arguments, show, without_compile_cache, write_table
 
-from poseppl import filters
+from poseppl import compilation, filters
 from poseppl.experiments.tables import Table
-from poseppl.program import StateSpaceModel, compilation
+from poseppl.program import StateSpaceModel
 from poseppl.runs.infer import infer
 from poseppl.runs.predictive import predictive_checks
 

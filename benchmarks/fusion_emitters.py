@@ -2,7 +2,7 @@
 
     python benchmarks/fusion_emitters.py [--quick] [--frames 64] [--turns 3]
 
-Programs of at most 10,000 particles are compiled without them (`poseppl.program.compilation`). A camera sees the 28-DOF body; a
+Programs of at most 10,000 particles are compiled without them (`poseppl.compilation`). A camera sees the 28-DOF body; a
 filter runs in a process of its own, without a compile cache, with and without the emitters in turns. Seconds are of the
 processor: those by which a first run takes longer than the fastest of five later ones, and those of this one; the median over
 turns.
@@ -21,7 +21,7 @@ import jax
 from simulated import build_problem, draw_sequence
 from timing import arguments, show, without_compile_cache
 
-from poseppl.program import compilation
+from poseppl import compilation
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import Constant, run_filter

@@ -26,7 +26,8 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions
 from poseppl_models.anthropometry import LENGTH_SHARES

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.contour_tracing import polygon_descriptors, trace_contours
 from poseppl.motion.geometry.flesh import parts_of

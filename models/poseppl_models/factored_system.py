@@ -15,7 +15,8 @@ import numpy as np
 import numpyro
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras

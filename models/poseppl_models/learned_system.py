@@ -16,7 +16,7 @@ import numpy as np
 import numpyro
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
 from poseppl.motion.geometry import Cameras

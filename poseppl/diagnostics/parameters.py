@@ -21,8 +21,8 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
+from poseppl.compilation import jit
 from poseppl.diagnostics.inefficiency import mixing
 from poseppl.diagnostics.verdicts.predictive import check_predictions
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict

@@ -28,8 +28,9 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
 from poseppl.checks import check_at_least, check_key
+from poseppl.compilation import jit
 from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter

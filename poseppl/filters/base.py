@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.arrays import with_full_precision
+from poseppl.compilation import with_full_precision
 from poseppl.program import CompiledModel
 
 

@@ -26,8 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least
+from poseppl.compilation import jit
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.conditional_proposal import conditional_model

@@ -12,7 +12,7 @@ import numpy as np
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import sample_sites, unwrap
 from poseppl.program.observation import Observation

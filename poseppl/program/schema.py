@@ -17,7 +17,7 @@ import numpyro
 from jax import Array
 from numpyro.distributions import constraints
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
 from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program

@@ -21,8 +21,8 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter

@@ -17,11 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import compile_lowered, compile_to_run_once, jit
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
-from poseppl.program.compilation import compile_lowered, compile_to_run_once
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew

@@ -23,8 +23,8 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel

@@ -16,7 +16,7 @@ import jax
 from jax import Array
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.filters.base import Filter, Info
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once

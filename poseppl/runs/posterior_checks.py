@@ -24,8 +24,8 @@ import numpy as np
 import xarray as xr
 from jax import Array
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation

@@ -19,8 +19,8 @@ import xarray as xr
 from jax import Array
 from numpy.typing import NDArray
 
-from poseppl.arrays import jit
 from poseppl.checks import check_key
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.contents import arrays_of, check_coordinates, flat_draws, group_of

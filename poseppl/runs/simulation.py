@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.arrays import jit
 from poseppl.checks import check_at_least, check_key
+from poseppl.compilation import jit
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 from poseppl.runs.frame_sequence import stacked_inputs

@@ -18,14 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Booleans, jit
+from poseppl.arrays import Booleans
 from poseppl.checks import check_key
+from poseppl.compilation import compile_smoother, jit
 from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
-from poseppl.program.compilation import compile_smoother
 from poseppl.runs.compiled_scan import is_finite, kind_of
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew

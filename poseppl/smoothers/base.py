@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.arrays import with_full_precision
+from poseppl.compilation import with_full_precision
 from poseppl.filters.base import Info
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise

@@ -12,7 +12,7 @@ import pytest
 from poseppl_models.named_points import motion_transition
 from scipy.linalg import expm
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.tracking.named_points import PointRecording, make_point_problem, places_of
 from poseppl.motion.tracking.point_fit import points_mode, value_and_gradient

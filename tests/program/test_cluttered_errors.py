@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import dblquad
 from scipy.stats import multivariate_t, t
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.program import Cluttered
 
 FREEDOM, ODDS, SIDES = 5.0, -1.5, (40.0, 30.0)

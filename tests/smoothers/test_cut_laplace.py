@@ -11,7 +11,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers.base import History
 from poseppl.smoothers.cut_laplace import cut_laplace_smoother

@@ -16,7 +16,7 @@ from poseppl_models.linear_gaussian import linear_gaussian_matrices
 from scipy.integrate import quad
 from scipy.stats import norm, t
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.program import Cluttered, StateSpaceModel
 from poseppl.smoothers.curvature import climb
 from poseppl.smoothers.laplace_evidence import laplace_evidence

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.images.systems import LIMBS, Method
 from poseppl.experiments.jobs import Job

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.choo_fleet.sequence import Settings
 from poseppl.experiments.choo_fleet.systems import frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.diagnostics.calibration import between, joint_error
 from poseppl.experiments.choo_fleet.systems import Stage, noisy_points, pose_sequence, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.choo_fleet.estimators import ESTIMATES, Estimate, reference
 from poseppl.experiments.choo_fleet.systems import SYSTEMS, frame_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.choo_fleet.estimators import ESTIMATES
 from poseppl.experiments.choo_fleet.systems import frame_of, single_frames, stage_of
 from poseppl.experiments.choo_fleet.tracker_job import TrackerJob

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.experiments.choo_fleet.sequence import SequenceRuns, Settings, score_runs
 from poseppl.experiments.choo_fleet.systems import pose_sequence, stage_of
 from poseppl.experiments.clock import timed

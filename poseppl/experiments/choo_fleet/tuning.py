@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.diagnostics import inefficiency, split_rhat
 from poseppl.diagnostics.autocorrelation import autocorrelation
 from poseppl.experiments.choo_fleet.systems import NUM_WARMUP, frame_of, single_frames, stage_of

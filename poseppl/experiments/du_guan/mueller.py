@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.du_guan.basins import basin_shares, true_shares
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job

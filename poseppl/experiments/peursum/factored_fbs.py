@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.experiments.peursum.factored_evidence import LogTables
 from poseppl.particles.weights import normalise
 

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.filters import particle_filter
 from poseppl.motion.bodies.body import load_builder
 from poseppl.program import CompiledModel, Observation

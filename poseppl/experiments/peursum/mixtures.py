@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.experiments.clock import timed
 from poseppl.experiments.experiment import Jobs, Results
 from poseppl.experiments.jobs import Job

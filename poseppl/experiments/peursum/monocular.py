@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.experiments.experiment import Claim, Jobs, Results, Tables
 from poseppl.experiments.measured import Interval, mean_interval
 from poseppl.experiments.peursum.animated import AnimatedScene, animated_problem

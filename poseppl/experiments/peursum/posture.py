@@ -14,7 +14,8 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.diagnostics import VIRTUAL_MARKERS, virtual_markers
 from poseppl.motion.geometry import KinematicTree, marker_positions
 from poseppl.motion.learned.angles import mean_angle

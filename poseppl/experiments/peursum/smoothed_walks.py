@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.scenes import Scene
 from poseppl.experiments.images.systems import Method, Problem, System, problem_of

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, Integers, jit
+from poseppl.arrays import Floats, Integers
+from poseppl.compilation import jit
 from poseppl.experiments.clock import finished
 from poseppl.experiments.images.systems import Problem
 from poseppl.experiments.images.tracking import first_state

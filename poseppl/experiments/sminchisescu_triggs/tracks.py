@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.experiments.jobs import Job
 from poseppl.experiments.recordings import BUILT_IN, Recording
 from poseppl.experiments.runs import stacked

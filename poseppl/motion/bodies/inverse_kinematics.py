@@ -28,7 +28,8 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Booleans, Floats, double_precision, jit
+from poseppl.arrays import Booleans, Floats
+from poseppl.compilation import double_precision, jit
 from poseppl.motion.geometry import KinematicTree, marker_positions
 
 ANGLE_PULL = 5.0

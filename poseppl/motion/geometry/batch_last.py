@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 
 Tree = Any
 

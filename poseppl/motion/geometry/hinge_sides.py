@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.motion.geometry.kinematic_jumps import Limb, limbs_of, mirrored_bend
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.particles.weights import weighted_mean

@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import softmax
 
-from poseppl.arrays import Floats, Integers, double_precision
+from poseppl.arrays import Floats, Integers
+from poseppl.compilation import double_precision
 from poseppl.errors import InputError
 from poseppl.motion.geometry import Cameras
 from poseppl.motion.geometry.triangulation import triangulate

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import expit
 
-from poseppl.arrays import Floats, double_precision
+from poseppl.arrays import Floats
+from poseppl.compilation import double_precision
 from poseppl.motion.tracking.detector_errors import GAUSSIAN, DetectorErrors
 from poseppl.motion.tracking.detector_fit import fit_detector
 from poseppl.motion.tracking.held_out_cameras import SeenPoints, draw_places, log_predictions, probabilities, seen_points

@@ -17,7 +17,8 @@ from jax import Array
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from poseppl.arrays import Floats, double_precision, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import double_precision, jit
 from poseppl.errors import InputError
 from poseppl.motion.tracking.detector_errors import DetectorErrors
 from poseppl.motion.tracking.held_out_cameras import DrawnPlaces, SeenPoints, draw_places, log_predictions

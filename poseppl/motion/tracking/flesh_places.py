@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.motion.geometry.flesh import part_frames
 from poseppl.motion.tracking.problem import Problem
 

@@ -23,7 +23,8 @@ import numpy as np
 from jax import Array
 from scipy.optimize import minimize
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.tracking.point_data import PointData

@@ -21,7 +21,8 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from poseppl.arrays import Floats, Integers, jit
+from poseppl.arrays import Floats, Integers
+from poseppl.compilation import jit
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.tracking.named_points import BY_POINT, PointProblem
 from poseppl.program import CompiledModel, Observation

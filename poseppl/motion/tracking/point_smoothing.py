@@ -10,7 +10,8 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import Floats, Integers, double_precision, jit
+from poseppl.arrays import Floats, Integers
+from poseppl.compilation import double_precision, jit
 from poseppl.motion.bodies.point_inputs import PointInputs
 from poseppl.motion.io.skeleton_files import Skeleton
 from poseppl.motion.tracking.linked_points import linked_draws

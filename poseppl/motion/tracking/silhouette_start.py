@@ -15,7 +15,8 @@ import numpy as np
 from jax import Array
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Floats, jit
+from poseppl.arrays import Floats
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import SilhouetteInputs
 from poseppl.motion.io.text_parsing import some

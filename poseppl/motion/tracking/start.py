@@ -21,7 +21,8 @@ import numpy as np
 from jax import Array
 from scipy.optimize import least_squares
 
-from poseppl.arrays import Booleans, Floats, jit
+from poseppl.arrays import Booleans, Floats
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, marker_positions, project

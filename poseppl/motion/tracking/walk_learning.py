@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.arrays import jit
+from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.errors import InputError
 from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.io import CameraRecord, read_cameras

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from poseppl_models.named_points import CAMERA_SCALE
 
-from poseppl.arrays import double_precision
+from poseppl.compilation import double_precision
 from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.io.skeleton_files import Link, Skeleton
 from poseppl.motion.tracking.linked_points import linked_draws

@@ -3,7 +3,7 @@
 import jax
 import pytest
 
-from poseppl.program import compilation
+from poseppl import compilation
 
 
 class Lowered:

@@ -1,0 +1,100 @@
+"""How functions are compiled: how many bits their numbers have, how exact their products are, and by how much they compute.
+
+On a GPU or TPU JAX rounds the factors of a product of float32 matrices to 10 bits or 7, unless told otherwise: covariances are
+then off in the third digit, and moves that are whitened by them leave another density invariant than the one asked for. What is
+compiled here multiplies as a CPU does, whatever the device, unless the user has set ``jax_default_matmul_precision``.
+
+XLA's fusion emitters for the CPU take a third of the time that compilation takes, and whole runs are no faster for them
+(`python benchmarks/fusion_emitters.py`). A bare loop over 100,000 particles is, by half of its time (`python
+benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
+keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
+optimisation makes runs as fast as its third, and takes less time (`python benchmarks/first_result.py --levels`). What runs once
+a sequence, such as a filter's `init`, has at most the first level.
+
+>>> lowered = jit(lambda x: 2 * x).lower(1.5)
+>>> float(compile_lowered(lowered, num_particles=100, num_numbers=300)(1.5))
+3.0
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
+from typing import Any, ParamSpec, TypeVar
+
+import jax
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_MARK = "_full_precision"
+MOST_PARTICLES = 10_000
+"""Of filters that are compiled without the emitters."""
+MOST_SMOOTHED = 1000
+"""Particles of smoothers that are."""
+MOST_NUMBERS = 1000
+"""In the particles, as many as they are times their dimension, of programs of few numbers."""
+_WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
+_LEVEL = "xla_backend_optimization_level"
+
+
+def double_precision() -> AbstractContextManager[Any]:
+    """64-bit JAX arrays inside a block, whatever the global setting."""
+    namespace: Any = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")  # the latter before JAX 0.8
+    block: AbstractContextManager[Any] = namespace.enable_x64(True)
+    return block
+
+
+def full_precision() -> AbstractContextManager[Any]:
+    """Products of float32 in float32 for what is traced inside a block; on a CPU they are anyway, and nothing changes."""
+    chosen = getattr(jax.config, "jax_default_matmul_precision", None)
+    return nullcontext() if chosen or jax.default_backend() == "cpu" else jax.default_matmul_precision("highest")
+
+
+def with_full_precision(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, traced in :func:`full_precision`; itself where it is, so that what was compiled for it serves again."""
+    if hasattr(function, _MARK):
+        return function
+
+    @functools.wraps(function)
+    def precise(*args: P.args, **kwargs: P.kwargs) -> R:
+        with full_precision():
+            return function(*args, **kwargs)
+
+    setattr(precise, _MARK, True)
+    return precise
+
+
+def jit(function: Callable[..., Any], **options: Any) -> jax.stages.Wrapped:
+    """`jax.jit` of a function in :func:`full_precision`."""
+    return jax.jit(with_full_precision(function), **options)
+
+
+def compile_lowered(lowered: Any, num_particles: int, num_numbers: int) -> Any:
+    """The program of `jit(...).lower(...)`, a filter's, ready to run."""
+    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | ({_LEVEL: 1} if num_numbers <= MOST_NUMBERS else {}))
+
+
+def compile_smoother(lowered: Any, num_particles: int) -> Any:
+    """The program of a smoother."""
+    return _compiled(lowered, _emitters(num_particles, MOST_SMOOTHED))
+
+
+def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:
+    """The program of `jit(...).lower(...)` that runs once a sequence."""
+    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | {_LEVEL: 0 if num_numbers <= MOST_NUMBERS else 1})
+
+
+def _emitters(num_particles: int, most: int) -> dict[str, Any]:
+    return _WITHOUT_EMITTERS if num_particles <= most else {}
+
+
+def _compiled(lowered: Any, options: dict[str, Any]) -> Any:
+    """The options are for a CPU; elsewhere, and where XLA does not know them, it compiles as it does."""
+    if not options or jax.default_backend() != "cpu":
+        return lowered.compile()
+    try:
+        return lowered.compile(compiler_options=options)
+    except jax.errors.JaxRuntimeError:
+        return lowered.compile()
