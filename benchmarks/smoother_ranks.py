@@ -35,7 +35,7 @@ from poseppl.arrays import Floats
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics.calibration import randomised_ranks
 from poseppl.experiments.tables import Table, write_csv
-from poseppl.motion.bodies.body import compile_once
+from poseppl.motion.bodies.body import BodyInputs, compile_once
 from poseppl.motion.geometry import Cameras, project
 from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
@@ -60,12 +60,10 @@ LEVELS = np.arange(1, 10) / 10
 CASES: Mapping[str, Callable[[Any], Any]] = {
     "right": lambda inputs: inputs,
     "mended": lambda inputs: inputs,
-    "independent": lambda inputs: inputs._replace(error_share=1e-6 * jnp.ones_like(inputs.error_share)),
+    "independent": lambda inputs: with_errors(inputs, error_share=1e-6 * jnp.ones_like(inputs.errors.error_share)),
     "half": lambda inputs: inputs._replace(noise=inputs.noise / 2),
 }
 """What the smoother is told, by name: the inputs of the truth, those with mended cameras, and wrong ones."""
-_SHARED = ("cameras", "noise", "start", "start_scale", "step_scale", "tree")
-"""Inputs that the pose's own program has, too."""
 COLUMNS = ("smoother", "cameras", "of", "replicates", *(f"bin_{k}" for k in range(BINS)))
 COLUMNS = (*COLUMNS, "statistic", "chance", "ece", "ece_error", "coverage_50", "coverage_90")
 
@@ -114,10 +112,15 @@ def study(folder: Path, cameras: int, mended: bool) -> Study:
     body = seen_by_detector(tree.coordinates, len(tree.marker_names), cameras, mended)
     if mended:
         root = np.diag(np.tile(np.repeat([PRIOR_ANGLE, PRIOR_POSITION], 3), cameras))
-        inputs = inputs._replace(camera_root=jnp.broadcast_to(jnp.asarray(root, float), (FRAMES, *root.shape)))
+        inputs = with_errors(inputs, camera_root=jnp.broadcast_to(jnp.asarray(root, float), (FRAMES, *root.shape)))
     model = compile_once(body.program, jax.tree.map(lambda leaf: leaf[0], inputs))
     seen = np.array([name in markers_of_names(LAYOUTS[LAYOUT]) for name in tree.marker_names])
     return Study(body, model, model, pose, inputs, seen)
+
+
+def with_errors(inputs: BodyInputs, **errors: Any) -> BodyInputs:
+    """Inputs with other errors that last."""
+    return inputs._replace(errors=inputs.errors._replace(**errors))
 
 
 def mended_inputs(inputs: Any, points: Floats) -> Any:
@@ -128,7 +131,7 @@ def mended_inputs(inputs: Any, points: Floats) -> Any:
     root = np.linalg.cholesky(refined.covariance)
     told: Any = (refined.cameras, jnp.asarray(root, float))
     seers, root = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (FRAMES, *leaf.shape)), told)
-    return inputs._replace(cameras=seers, camera_root=root)
+    return with_errors(inputs._replace(cameras=seers), camera_root=root)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -165,9 +168,7 @@ def ranks(found: Study, told: Callable[[Any], Any], seed: int) -> dict[str, Floa
     hidden = ~found.seen | (rng.random(clean.shape[:3]) < GAP_SHARE)
     points = np.where(hidden[..., None], np.nan, np.asarray(clean, np.float64))
     inputs = told(mended_inputs(found.inputs, points) if found.body.num_static else found.inputs)
-    own = frame_sequence(found.pose.observations, found.pose.inputs, None).stacked_inputs()
-    own = own._replace(**{name: getattr(inputs, name) for name in _SHARED})
-    start = _start(found.pose.model, found.pose.model.observe({"points": points}), own)
+    start = _start(found.pose.model, found.pose.model.observe({"points": points}), inputs._replace(errors=None))
     key = jax.random.fold_in(jax.random.key(seed), 1)
     draws = _draws(found.body, found.model, key, start, found.model.observe({"points": points}), inputs)
     judged = {}

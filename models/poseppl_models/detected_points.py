@@ -28,6 +28,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.program import Lorentzian, StateSpaceModel
@@ -37,40 +38,6 @@ _DRIFT = 1e-3
 """Step of what does not change, radians and mm: as good as none."""
 FREEDOM = 4.0
 """Degrees of freedom of the errors that do not last; ours."""
-
-
-class DetectedInputs(NamedTuple):
-    """Inputs of the programs at one frame.
-
-    Attributes:
-        cameras: C cameras.
-        noise: Standard deviation (C, K) of the points, in image units.
-        start: Mean of the first pose (d,).
-        start_scale: Its standard deviations (d,).
-        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
-        tree: The person's own tree.
-        shift_scale: Standard deviation () of a marker's place beside its joint, mm.
-        shift_kept: a, what is left of it () from the frame before.
-        error_share: r^2 (), share of the errors that last in the variance.
-        error_kept: b, what is left of them () from the frame before.
-        length_scale: Standard deviation () of the lengths' errors, mm.
-        per_length: How the tree's offsets change with each of L lengths, these with a leading L; None for exact lengths.
-        camera_root: R, lower triangular (6 C, 6 C): turns, radians, and shift of the centre, mm, of one camera after the other.
-    """
-
-    cameras: Cameras
-    noise: Array
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    tree: KinematicTree
-    shift_scale: Array
-    shift_kept: Array
-    error_share: Array
-    error_kept: Array
-    length_scale: Array
-    per_length: Any
-    camera_root: Array
 
 
 class DetectedBody(NamedTuple):
@@ -92,14 +59,14 @@ class DetectedBody(NamedTuple):
         """Pose (d,) of a flat state."""
         return x[: self.dimension]
 
-    def markers(self, x: Array, inputs: DetectedInputs) -> Array:
+    def markers(self, x: Array, inputs: BodyInputs) -> Array:
         """Markers (K, 3) of a flat state, mm."""
         static = x[len(x) - self.num_static :]
         tree = _resized(inputs, static[: self.num_lengths]) if self.num_lengths else inputs.tree
         joints = marker_positions(tree, self.pose(x))
         return joints + x[self.dimension : self.dimension + joints.size].reshape(joints.shape)
 
-    def cameras(self, x: Array, inputs: DetectedInputs) -> Cameras:
+    def cameras(self, x: Array, inputs: BodyInputs) -> Cameras:
         """The cameras of a flat state."""
         errors = x[len(x) - self.num_static + self.num_lengths :]
         return _erring(inputs.cameras, errors) if self.num_static > self.num_lengths else inputs.cameras
@@ -126,29 +93,31 @@ def seen_by_detector(
     first_pose, next_pose = random_walk(spans)
     errors = (num_cameras, num_markers, 2)
 
-    def initial(params: Any, inputs: DetectedInputs) -> None:
+    def initial(params: Any, inputs: BodyInputs) -> None:
         first_pose(params, inputs)
-        numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.shift_scale))
+        numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.errors.shift_scale))
         numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
         if num_lengths:
-            numpyro.sample("length", dist.Normal(jnp.zeros(num_lengths), inputs.length_scale))
+            numpyro.sample("length", dist.Normal(jnp.zeros(num_lengths), inputs.errors.length_scale))
         if erring_cameras:
-            numpyro.sample("camera_error", dist.MultivariateNormal(jnp.zeros(6 * num_cameras), scale_tril=inputs.camera_root))
+            normal = dist.MultivariateNormal(jnp.zeros(6 * num_cameras), scale_tril=inputs.errors.camera_root)
+            numpyro.sample("camera_error", normal)
 
-    def transition(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
+    def transition(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         next_pose(params, state, inputs)
-        numpyro.sample("shift", _stationary(state["shift"], inputs.shift_kept, inputs.shift_scale))
-        numpyro.sample("error", _stationary(state["error"], inputs.error_kept, 1.0))
+        numpyro.sample("shift", _stationary(state["shift"], inputs.errors.shift_kept, inputs.errors.shift_scale))
+        numpyro.sample("error", _stationary(state["error"], inputs.errors.error_kept, 1.0))
         if num_lengths:
             numpyro.sample("length", dist.Normal(state["length"], _DRIFT))
         if erring_cameras:
             numpyro.sample("camera_error", dist.Normal(state["camera_error"], _DRIFT))
 
-    def observation(params: Any, state: Mapping[str, Any], inputs: DetectedInputs) -> None:
+    def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])
         tree = _resized(inputs, state["length"]) if num_lengths else inputs.tree
         markers = marker_positions(tree, pose) + state["shift"]
-        lasting, other = (jnp.sqrt(share) * inputs.noise[..., None] for share in (inputs.error_share, 1 - inputs.error_share))
+        share, noise = inputs.errors.error_share, inputs.noise[..., None]
+        lasting, other = jnp.sqrt(share) * noise, jnp.sqrt(1 - share) * noise
         cameras = _erring(inputs.cameras, state["camera_error"]) if erring_cameras else inputs.cameras
         seen = project(cameras, markers) + lasting * state["error"]
         # a bivariate t of scale s, density (1 + r^2 / nu s^2)^(-(nu + 2) / 2), is Lorentz's of strength nu + 2 and this scale
@@ -160,9 +129,9 @@ def seen_by_detector(
     return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates), num_lengths, num_static)
 
 
-def _resized(inputs: DetectedInputs, errors: Array) -> KinematicTree:
+def _resized(inputs: BodyInputs, errors: Array) -> KinematicTree:
     """The person's tree with errors (L,) of its lengths."""
-    tree, each = inputs.tree, inputs.per_length
+    tree, each = inputs.tree, inputs.errors.per_length
     return tree.with_offsets(
         tree.offsets + jnp.tensordot(errors, each.offsets, 1),
         tree.marker_offsets + jnp.tensordot(errors, each.marker_offsets, 1),

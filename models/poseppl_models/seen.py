@@ -7,7 +7,7 @@ from typing import Any
 import numpyro
 from jax import Array
 
-from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.likelihoods import ProjectedMarkers, Silhouettes
 
@@ -18,7 +18,7 @@ def see_points(params: Any, pose: Array, inputs: BodyInputs) -> None:
     numpyro.deterministic("markers", marker_positions(inputs.tree, pose))
 
 
-def see_silhouettes(params: Any, pose: Array, inputs: SilhouetteInputs) -> None:
+def see_silhouettes(params: Any, pose: Array, inputs: BodyInputs) -> None:
     """Observe the site ``silhouette`` (C, entries) of a pose (d,), whose ``markers`` (K, 3) are kept, mm."""
     numpyro.sample("silhouette", Silhouettes(inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise))
     numpyro.deterministic("markers", marker_positions(inputs.tree, pose))

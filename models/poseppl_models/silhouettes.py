@@ -18,7 +18,7 @@ from poseppl_models.seen import see_silhouettes
 
 
 def full_body(lengths: Mapping[str, float] | None = None) -> Body:
-    """Build the body; its programs' inputs are :class:`poseppl.motion.bodies.body.SilhouetteInputs`.
+    """Build the body, whose programs see silhouettes.
 
     Args:
         lengths: Segment lengths in mm that differ from the standard subject's.

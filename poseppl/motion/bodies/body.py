@@ -29,7 +29,6 @@ from poseppl.files.user_code import import_named
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions
 from poseppl.motion.geometry.flesh import Flesh
 from poseppl.motion.io.text_parsing import some
-from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.program import CompiledModel, StateSpaceModel
 
 _SHIPPED = "poseppl_models"
@@ -114,17 +113,42 @@ def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...], para
     return program.compile(jax.tree.unflatten(tree, shapes), None if params is None else dict(params))
 
 
-class BodyInputs(NamedTuple):
-    """Inputs of a body's programs at one frame.
+class LastingErrors(NamedTuple):
+    """Errors of points that last from frame to frame, at one frame; ``poseppl_models.detected_points`` has the programs.
 
     Attributes:
-        cameras: C cameras.
-        noise: Standard deviation of the image noise (C, markers), in image units.
+        shift_scale: Standard deviation () of a marker's place beside its joint, mm.
+        shift_kept: a, what is left of it () from the frame before.
+        error_share: r^2 (), share of the errors that last in the variance.
+        error_kept: b, what is left of them () from the frame before.
+        length_scale: Standard deviation () of the lengths' errors, mm.
+        per_length: How the tree's offsets change with each of L lengths, these with a leading L; None for exact lengths.
+        camera_root: R, lower triangular (6 C, 6 C): turns, radians, and shift of the centre, mm, of one camera after the other.
+    """
+
+    shift_scale: Any
+    shift_kept: Any
+    error_share: Any
+    error_kept: Any
+    length_scale: Any
+    per_length: Any
+    camera_root: Any
+
+
+class BodyInputs(NamedTuple):
+    """Inputs of a body's programs at one frame; its data site is ``points``, or ``silhouette`` where that is seen.
+
+    Attributes:
+        cameras: C cameras; of silhouettes in pixels.
+        noise: Standard deviation of the image noise (C, markers), in image units; of a silhouette's distances (C,), px.
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
         tree: The person's own tree: offsets are arguments of the programs, so that all people share one compiled program.
         activity: What a learned prior takes the random walk's place with.
+        seen: Contours and distance maps of the silhouettes; None of points.
+        flesh: The person's own, of silhouettes.
+        errors: Those of points that last; None where each frame has its own.
     """
 
     cameras: Cameras
@@ -134,32 +158,9 @@ class BodyInputs(NamedTuple):
     step_scale: Array
     tree: KinematicTree
     activity: Any = None
-
-
-class SilhouetteInputs(NamedTuple):
-    """Inputs of the programs of a body that is seen as silhouettes, at one frame; its data site is ``silhouette``.
-
-    Attributes:
-        cameras: C cameras, in pixels.
-        seen: Contours and distance maps.
-        noise: Standard deviation of the silhouette's distances (C,), px.
-        start: Mean of the first state (d,).
-        start_scale: Its standard deviations (d,).
-        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
-        tree: The person's own tree.
-        flesh: The person's own flesh.
-        activity: What a learned prior takes the random walk's place with.
-    """
-
-    cameras: Cameras
-    seen: SilhouetteSeen
-    noise: Array
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    tree: KinematicTree
-    flesh: Flesh
-    activity: Any = None
+    seen: Any = None
+    flesh: Any = None
+    errors: Any = None
 
 
 def load_builder(name: str) -> Callable[..., Any]:

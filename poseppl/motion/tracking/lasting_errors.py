@@ -7,7 +7,7 @@ The programs are those of ``poseppl_models.detected_points``, found by name. The
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +15,8 @@ from jax import Array
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
-from poseppl.motion.geometry import Cameras, KinematicTree
+from poseppl.motion.bodies.body import BodyInputs, LastingErrors, compile_once, load_builder
+from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.walk import time_steps
@@ -30,24 +30,6 @@ SHIFT, SHIFTS_LAST = 20.0, 2.0
 """How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
 """Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
-
-
-class DetectedInputs(NamedTuple):
-    """Inputs of the programs at one frame, as ``poseppl_models.detected_points`` has them."""
-
-    cameras: Cameras
-    noise: Any
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    tree: KinematicTree
-    shift_scale: Any
-    shift_kept: Array
-    error_share: Any
-    error_kept: Array
-    length_scale: Any
-    per_length: Any
-    camera_root: Any
 
 
 def with_lasting_errors(
@@ -71,20 +53,15 @@ def with_lasting_errors(
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
     """
-    if not isinstance(problem.inputs, BodyInputs) or problem.pose is not None:
+    given = problem.inputs
+    if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
         raise InputError("errors that last are for points of a whole body", field="--errors", expected="independent")
     problem = learn_walk(problem)
     own, tree = problem.inputs, problem.body.tree
     seconds = time_steps(frames, rate)
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
-    inputs = DetectedInputs(
-        own.cameras,
-        jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])),
-        own.start,
-        own.start_scale,
-        own.step_scale,
-        own.tree,
+    errors = LastingErrors(
         shift_scale=Constant(jnp.asarray(SHIFT, float)),
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
         error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
@@ -93,6 +70,7 @@ def with_lasting_errors(
         per_length=None if per_length is None else Constant(per_length),
         camera_root=Constant(jnp.asarray(root, float)),
     )
+    inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
     num_lengths = 0 if per_length is None else len(per_length.offsets)
     seen: Any = load_builder(PROGRAMS)(
         tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.errors import FilePath, InputError
-from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs, compile_once, load_builder
+from poseppl.motion.bodies.body import BodyInputs, compile_once, load_builder
 from poseppl.motion.learned import MotionModel, frames_between, read_motion_model
 from poseppl.motion.tracking.problem import Problem, with_steps
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -50,12 +50,13 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
     """
     model = read_motion_model(path)
     body, own = problem.body, problem.inputs
-    if not isinstance(own, BodyInputs | SilhouetteInputs):
+    if not isinstance(own, BodyInputs):
         expected = "a scene of points or silhouettes"
         raise InputError("a learned prior is for a whole body", field="--prior", expected=expected)
+    shown = own.seen is not None
     if model.coordinates != body.tree.coordinate_names:
         other = "an activity learned with this body's coordinates (poseppl fit-motion --model)"
-        expected = other if isinstance(own, SilhouetteInputs) else f"{model.body}, or {other}"
+        expected = other if shown else f"{model.body}, or {other}"
         raise InputError(f"it was learned with the body {model.body}", file=path, field="--model", expected=expected)
     if len(set(np.diff(scene.frames).tolist())) > 1:
         raise InputError("frames are missing between others", field="--prior", expected="frames at equal distances")
@@ -63,7 +64,6 @@ def with_prior(problem: Problem, scene: Scene[SceneData], path: FilePath, *, oth
     build: Any = load_builder(PROGRAMS)
     steps = STEPS * every * np.maximum(model.step_scale, 1e-6)
     own_start = _value(own.start), _value(own.start_scale)
-    shown = isinstance(own, SilhouetteInputs)
     seen = build(model, body.tree.coordinates, every, *own_start, steps if other_motion else None, silhouettes=shown)
     walks = np.where(np.isin(np.arange(len(steps)), model.learned), 0.0, steps)  # learned angles do not walk
     walked = with_steps(own, jnp.asarray(np.tile(walks, (len(scene.frames), 1)), float))

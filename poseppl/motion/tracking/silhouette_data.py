@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.motion.bodies.body import Body, SilhouetteInputs
+from poseppl.motion.bodies.body import Body, BodyInputs
 from poseppl.motion.geometry import Cameras, depth
 from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.motion.tracking.silhouette_overlap import overlap, silhouette_record
@@ -80,7 +80,7 @@ class SilhouetteData(NamedTuple):
         """The pose (d,) that explains the first frame that most cameras see."""
         return seek_silhouette(scene, params)
 
-    def inputs(self, body: Body, walk: Mapping[str, Any]) -> SilhouetteInputs:
+    def inputs(self, body: Body, walk: Mapping[str, Any]) -> BodyInputs:
         """Inputs of the body's programs; the noise is that at the place of the start."""
         fixed: Any = Constant
         seen = SilhouetteSeen(
@@ -90,7 +90,7 @@ class SilhouetteData(NamedTuple):
             self.edges,  # type: ignore[arg-type]
         )
         noise = jnp.asarray(self.noise_in_pixels(walk["cameras"].value, walk["start"].value), float)
-        return SilhouetteInputs(seen=seen, noise=fixed(noise), flesh=fixed(body.flesh), **walk)
+        return BodyInputs(seen=seen, noise=fixed(noise), flesh=fixed(body.flesh), **walk)
 
     def observe(self, model: CompiledModel) -> Observation:
         """Residuals (T, C, entries), all zero; those on the outline count, and all parts where the camera is usable."""

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import SilhouetteInputs
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.likelihoods import SilhouetteSeen
 from poseppl.motion.tracking.start import PoseSearch, place_of_points
@@ -196,16 +196,9 @@ def _residuals(
     guess = np.concatenate([place, poses.rest[3:]])
     noise = jnp.asarray(scene.data.noise_in_pixels(cameras, guess), float)
 
-    def inputs(data: _Data) -> SilhouetteInputs:
-        return SilhouetteInputs(
-            cameras,
-            data.seen,
-            noise * data.wider,
-            jnp.asarray(guess, float),
-            *2 * (jnp.ones(len(guess)),),
-            body.tree,
-            body.flesh,  # type: ignore[arg-type]
-        )
+    def inputs(data: _Data) -> BodyInputs:
+        walk = jnp.asarray(guess, float), *2 * (jnp.ones(len(guess)),)
+        return BodyInputs(cameras, noise * data.wider, *walk, body.tree, seen=data.seen, flesh=body.flesh)
 
     model = body.compile(inputs(_data(scene.data, 0)), params)
 

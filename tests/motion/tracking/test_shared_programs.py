@@ -8,7 +8,7 @@ import pytest
 from poseppl_models import choo_fleet, silhouettes
 
 from poseppl.filters import assumed_density_filter
-from poseppl.motion.bodies.body import BodyInputs, SilhouetteInputs
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import look_at, marker_positions
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -27,7 +27,7 @@ def points_of(body):
 def silhouettes_of(body):
     size, camera = np.ones(body.tree.dimension), look_at((0, -5000, 1000), (0, 0, 1000), 800.0)
     seen = SilhouetteSeen(np.zeros((1, 64, 2)), np.zeros((1, 60, 80), np.float32), np.ones(1))
-    return SilhouetteInputs(camera, seen, np.ones(1), body.rest, size, size, body.tree, body.flesh)
+    return BodyInputs(camera, np.ones(1), body.rest, size, size, body.tree, seen=seen, flesh=body.flesh)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 from silhouette_rooms import RECORDS, body, masks_of, pose
 
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import SilhouetteInputs
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.io import VideoWarning
 from poseppl.motion.likelihoods import SilhouetteSeen
@@ -65,7 +65,7 @@ def test_one_pass_equals_normals_and_its_gradients_finite_differences():
         truth = pose(1)
         model, observation, inputs = program_of(with_truth(scene_of(truth), truth))
         x = jnp.asarray(truth + 0.02 * np.random.default_rng(0).standard_normal(len(truth)), float)
-        seen: SilhouetteInputs = inputs
+        seen: BodyInputs = inputs
 
         def plain(x):
             mean, covariance = model.observation_moments(x, seen)
