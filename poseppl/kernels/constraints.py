@@ -61,9 +61,7 @@ class Constraints(NamedTuple):
         return projected
 
 
-def constraints(
-    dimension: int, *, lower: Any = None, upper: Any = None, rows: Any = None, limits: Any = None, dtype: Any = None
-) -> Constraints:
+def constraints(dimension: int, *, lower: Any = None, upper: Any = None, rows: Any = None, limits: Any = None) -> Constraints:
     """Lay out constraints, of which each may be left out.
 
     Args:
@@ -72,12 +70,11 @@ def constraints(
         upper: Upper bounds, broadcast to (d,).
         rows: C (m, d).
         limits: c, broadcast to (m,); 0 by default.
-        dtype: Of the arrays; the default one of floats.
 
     Raises:
         ValueError: Rows of another length than d.
     """
-    dtype = jnp.result_type(float) if dtype is None else dtype
+    dtype = jnp.result_type(float)
     matrix = jnp.zeros((0, dimension), dtype) if rows is None else jnp.asarray(rows, dtype)
     if matrix.ndim != 2 or matrix.shape[1] != dimension:
         raise ValueError(f"rows have shape {matrix.shape}. Expected (m, {dimension}).")

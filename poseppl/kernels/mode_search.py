@@ -44,7 +44,6 @@ def search_modes(
     *,
     units: Array | None = None,
     num_steps: int = 40,
-    tolerance: float = 1e-4,
 ) -> Found:
     """Find the heaviest modes of a density under constraints.
 
@@ -56,9 +55,8 @@ def search_modes(
         num_modes: K, how many are kept, at most S.
         units: Units of the coordinates (d,), see :func:`~poseppl.kernels.trust_region.climb_modes`.
         num_steps: Steps of each climb at most.
-        tolerance: Rise of the log-density that is not worth another step.
     """
-    climbs = climb_modes(starts, log_density, curvature, constraints, units=units, num_steps=num_steps, tolerance=tolerance)
+    climbs = climb_modes(starts, log_density, curvature, constraints, units=units, num_steps=num_steps)
     modes = face_modes(climbs, constraints)
     labels = representatives(modes)
     distinct = (labels == jnp.arange(len(starts))) & jnp.isfinite(modes.log_masses)

@@ -23,6 +23,7 @@ SEVERITIES = (ERROR, WARNING, INFO)
 
 ESS_LOW = 10.0
 MAX_RANGES = 6
+"""Ranges of frames that are spelt out."""
 _OTHER_PRIOR = "learn the prior from more people (poseppl fit-motion), track without --prior"
 
 
@@ -37,12 +38,11 @@ Findings = Iterator[Verdict]
 """What a check yields."""
 
 
-def frame_ranges(frames: Iterable[int], limit: int = MAX_RANGES) -> str:
+def frame_ranges(frames: Iterable[int]) -> str:
     """Name frames in words, neighbours merged.
 
     Args:
         frames: Frame numbers.
-        limit: The most ranges to spell out.
 
     Returns:
         Such as "frame 3" or "frames 3-7, 12 and 4 more".
@@ -52,9 +52,9 @@ def frame_ranges(frames: Iterable[int], limit: int = MAX_RANGES) -> str:
         return "no frame"
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
-    rest = sum(len(run) for run in runs[limit:])
+    rest = sum(len(run) for run in runs[MAX_RANGES:])
     tail = f" and {rest} more" if rest else ""
-    return f"{'frame' if len(numbers) == 1 else 'frames'} {', '.join(words[:limit])}{tail}"
+    return f"{'frame' if len(numbers) == 1 else 'frames'} {', '.join(words[:MAX_RANGES])}{tail}"
 
 
 def where(tree: xr.DataTree, mask: ArrayLike) -> str:

@@ -17,22 +17,19 @@ RADIUS = 1200.0
 """Of the circles (mm): the pelvis keeps 300 mm away from the edge of the mat."""
 
 
-def circle_scenes(
-    recordings: Sequence[Recording], number: int = NUM_CIRCLES, num_frames: int = 150, radius: float = RADIUS
-) -> list[Scene]:
+def circle_scenes(recordings: Sequence[Recording], number: int = NUM_CIRCLES, num_frames: int = 150) -> list[Scene]:
     """Walks along circles without furniture, one for each of the first recordings.
 
     Args:
         recordings: Straight walks, as many as scenes or more.
         number: Of scenes.
         num_frames: At 60 frames a second.
-        radius: Of the circles, mm; positive turns left.
 
     Raises:
         InputError: There are too few recordings.
     """
     return [
-        Scene(each, False, num_frames, rate=60.0, width=640, height=480, radius=radius) for each in _first(recordings, number)
+        Scene(each, False, num_frames, rate=60.0, width=640, height=480, radius=RADIUS) for each in _first(recordings, number)
     ]
 
 

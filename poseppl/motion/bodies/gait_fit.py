@@ -26,6 +26,8 @@ ARM = 300.0
 """Lever (mm) at which errors of angles are weighed against those of positions."""
 PERIODS = (0.6, 2.0)
 """Periods (seconds) among which a gait cycle is sought: two steps."""
+_HEADING = 3
+"""Index of the coordinate that turns the whole body about the vertical axis."""
 
 
 class Gait(NamedTuple):
@@ -54,14 +56,13 @@ class Gait(NamedTuple):
         return states
 
 
-def fit_gait(states: ArrayLike, rate: float, num_harmonics: int = 4, *, heading: int = 3) -> Gait:
+def fit_gait(states: ArrayLike, rate: float, num_harmonics: int = 4) -> Gait:
     """Fit a gait to the states of a walk along a straight line.
 
     Args:
         states: (T, d): x, y, z of the root in mm, then angles in radians without jumps.
         rate: Frames a second.
         num_harmonics: K, at least 1.
-        heading: Index of the coordinate that turns the whole body about the vertical axis.
 
     Returns:
         The gait, heading along +X.
@@ -77,7 +78,7 @@ def fit_gait(states: ArrayLike, rate: float, num_harmonics: int = 4, *, heading:
     shortest, longest = PERIODS[0], min(PERIODS[1], seconds[-1] / 1.1)
     if longest <= shortest or len(values) <= 2 * (2 * num_harmonics + 2):
         raise ValueError(f"{len(values)} frames at {rate:g} a second are too short for a gait cycle")
-    values = _head_along_x(values, seconds, heading)
+    values = _head_along_x(values, seconds)
     grid = np.linspace(shortest, longest, 200)
     costs = [_fit(values, seconds, period, num_harmonics)[1] for period in grid]
     best = int(np.argmin(costs))
@@ -119,7 +120,7 @@ def from_table(table: Mapping[str, Any], coordinates: tuple[str, ...]) -> Gait:
     return Gait(float(table["period"]), values[0], drift, values[1::2], values[2::2])
 
 
-def _head_along_x(values: Floats, seconds: Floats, heading: int) -> Floats:
+def _head_along_x(values: Floats, seconds: Floats) -> Floats:
     """Turn the walk so that the line through its path points along +X."""
     slope = np.polyfit(seconds, values[:, :2], 1)[0]
     if np.hypot(*slope) < 1.0:
@@ -128,7 +129,7 @@ def _head_along_x(values: Floats, seconds: Floats, heading: int) -> Floats:
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = values.copy()
     turned[:, :2] = values[:, :2] @ np.array([[cosine, sine], [-sine, cosine]])
-    turned[:, heading] += angle
+    turned[:, _HEADING] += angle
     turned[:, 3:] -= 2 * np.pi * np.round(turned[:, 3:].mean(0) / (2 * np.pi))
     return turned
 

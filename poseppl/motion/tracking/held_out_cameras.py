@@ -30,7 +30,9 @@ from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.tracking.detector_errors import FREEDOM, logits, magnifications
 
 NUM_DRAWS = 96
-"""Draws of each place."""
+"""S, draws of each place."""
+_MOST = 1500
+"""Points that are used at most, evenly spaced."""
 _WIDER = 1.5
 """Scale of the densities that places are drawn from, in that of their errors."""
 _NARROWEST = 100.0
@@ -79,7 +81,7 @@ class DrawnPlaces(NamedTuple):
     log_weight: Floats
 
 
-def seen_points(cameras: Cameras, points: Floats, confidence: Floats, sizes: Floats, most: int = 1500) -> SeenPoints:
+def seen_points(cameras: Cameras, points: Floats, confidence: Floats, sizes: Floats) -> SeenPoints:
     """Gather what three cameras or more see.
 
     Args:
@@ -87,24 +89,22 @@ def seen_points(cameras: Cameras, points: Floats, confidence: Floats, sizes: Flo
         points: (T, C, K, 2) px; NaN where a point was not seen.
         confidence: (T, C, K).
         sizes: (C, 2) width and height of the pictures, px.
-        most: Points at most, evenly spaced.
     """
     size = np.moveaxis(magnifications(cameras, triangulate(cameras, points, confidence)), 1, 2)
     points, confidence = np.moveaxis(points, 1, 2), np.moveaxis(confidence, 1, 2)  # (T, K, C, ...)
     rows = np.argwhere(np.isfinite(points).all(-1).sum(-1) >= 3)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_MOST, len(rows))).astype(int))]
     at = tuple(rows.T)
     return SeenPoints(cameras, sizes, rows[:, 1], points[at], logits(confidence[at]), size[at])
 
 
-def draw_places(seen: SeenPoints, scale: Floats, rng: np.random.Generator, num_draws: int = NUM_DRAWS) -> DrawnPlaces:
+def draw_places(seen: SeenPoints, scale: Floats, rng: np.random.Generator) -> DrawnPlaces:
     """Draw places, and weigh them.
 
     Args:
         seen: What was seen of them.
         scale: (N, C) about those of the errors, px.
         rng: Of the draws.
-        num_draws: S.
     """
     num, count = seen.seen.shape
     subsets = [*itertools.combinations(range(count), 2), tuple(range(count))]
@@ -115,9 +115,9 @@ def draw_places(seen: SeenPoints, scale: Floats, rng: np.random.Generator, num_d
     covariance = np.concatenate([covariance, np.broadcast_to(np.diag(spread**2), (num, 1, 3, 3))], 1)
     known = np.isfinite(mean).all(-1)
     root = np.linalg.cholesky(np.where(known[..., None, None], covariance, np.eye(3)))
-    chosen = np.argmax(rng.gumbel(size=(num, num_draws, mean.shape[1])) + np.where(known, 0.0, -np.inf)[:, None], -1)
+    chosen = np.argmax(rng.gumbel(size=(num, NUM_DRAWS, mean.shape[1])) + np.where(known, 0.0, -np.inf)[:, None], -1)
     row = np.arange(num)[:, None]
-    normal = rng.standard_normal((num, num_draws, 3)) / np.sqrt(rng.chisquare(FREEDOM, (num, num_draws, 1)) / FREEDOM)
+    normal = rng.standard_normal((num, NUM_DRAWS, 3)) / np.sqrt(rng.chisquare(FREEDOM, (num, NUM_DRAWS, 1)) / FREEDOM)
     place = mean[row, chosen] + np.einsum("nsij,nsj->nsi", root[row, chosen], normal)
     each = _log_student(place, np.nan_to_num(mean), np.asarray(np.linalg.inv(root), np.float64))
     drawn = logsumexp(np.where(known[:, None], each, -np.inf), -1) - np.log(known.sum(-1))[:, None]

@@ -41,13 +41,12 @@ NUM_ROUNDS, NUM_STEPS = 5, 20
 """Rounds of expectation maximisation, and steps of the ascent in each."""
 
 
-def learn_markers(scene: Scene[SceneData], params: Mapping[str, float], num_rounds: int = NUM_ROUNDS) -> Scene[SceneData]:
+def learn_markers(scene: Scene[SceneData], params: Mapping[str, float]) -> Scene[SceneData]:
     """Give a scene's body markers where its data are most likely to have them.
 
     Args:
         scene: The scene.
         params: Params of the body's programs, whose random walk is taken.
-        num_rounds: Rounds of expectation maximisation.
 
     Returns:
         The scene, whose body has other ``marker_offsets``.
@@ -63,7 +62,7 @@ def learn_markers(scene: Scene[SceneData], params: Mapping[str, float], num_roun
         expected = "fixed, or two cameras, which tell how deep a marker lies"
         raise InputError("one camera does not tell where markers sit", field="--markers", expected=expected)
     try:
-        places = _learn(problem, num_rounds)
+        places = _learn(problem)
     except ValueError as error:
         raise InputError(f"this body's markers cannot be learned: {error}", field="--markers", expected="fixed") from error
     return _with_tree(scene, tree.with_markers_at(places))
@@ -73,14 +72,14 @@ def _with_tree(scene: Scene[SceneData], tree: KinematicTree) -> Scene[SceneData]
     return scene._replace(body=scene.body._replace(tree=tree))
 
 
-def _learn(problem: Problem, num_rounds: int) -> Floats:
+def _learn(problem: Problem) -> Floats:
     """Offsets (K, 3) of the markers in their parts, mm."""
     model, free = problem.model, problem.body.free_coordinates
     sequence = frame_sequence(problem.observations, problem.inputs, None)
     observations, inputs = jax.tree.map(jnp.asarray, sequence.observations), sequence.stacked_inputs()
     known = places = np.asarray(problem.body.tree.marker_offsets, np.float64)
     trajectory = _first(model, observations, inputs)
-    for _ in range(num_rounds):
+    for _ in range(NUM_ROUNDS):
         trajectory = _smoothed(model, free, jnp.asarray(places, float), trajectory, observations, inputs)
         if not np.isfinite(trajectory).all():
             raise ValueError("the smoothed poses are not finite")

@@ -50,12 +50,11 @@ class Expansion(NamedTuple):
     information: Array
 
 
-def learn_walk(problem: Problem, num_rounds: int = NUM_ROUNDS) -> Problem:
+def learn_walk(problem: Problem) -> Problem:
     """Give a problem the random walk that its data are most likely under.
 
     Args:
         problem: The problem, with the body's own steps.
-        num_rounds: Rounds of expectation maximisation.
 
     Returns:
         The problem with the learned steps; as it was, if it is of a single frame.
@@ -72,7 +71,7 @@ def learn_walk(problem: Problem, num_rounds: int = NUM_ROUNDS) -> Problem:
     free = problem.body.free_coordinates
     try:
         _check_walk(problem.model, free, data[1])
-        factors = _learn(problem.model, _groups(problem.body), free, num_rounds, *data)
+        factors = _learn(problem.model, _groups(problem.body), free, *data)
     except ValueError as error:
         raise InputError(f"the walk of this body cannot be learned: {error}", field="--walk", expected="fixed") from error
     return problem._replace(inputs=with_steps(problem.inputs, own * factors))
@@ -103,7 +102,6 @@ def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],
     free: tuple[int, ...],
-    num_rounds: int,
     observations: Observation,
     inputs: Any,
 ) -> Array:
@@ -122,7 +120,7 @@ def _learn(
         return jnp.where(fine, new, scales), jnp.where(fine, smoothed, trajectory)
 
     start = smoothed_moments(model, observations, inputs).mean
-    scales, _ = jax.lax.fori_loop(0, num_rounds, update, (blank + 1, start))
+    scales, _ = jax.lax.fori_loop(0, NUM_ROUNDS, update, (blank + 1, start))
     return jnp.ones_like(whole[0]).at[jnp.asarray(free)].set(scales[group])
 
 

@@ -23,6 +23,8 @@ from poseppl.motion.vision.masks import Mask
 
 Contour = NDArray[np.float64]
 SAMPLES = 512
+_MIN_AREA = 30
+"""Regions and holes of fewer pixels are left out."""
 
 
 def outer_contour(mask: Mask) -> Contour:
@@ -83,14 +85,13 @@ def _evenly_spaced(points: Contour) -> Contour:
     return np.stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)], axis=1)
 
 
-def contour_points(mask: Mask, count: int, occlusion: Mask | None = None, *, min_area: int = 30) -> tuple[Contour, Mask]:
+def contour_points(mask: Mask, count: int, occlusion: Mask | None = None) -> tuple[Contour, Mask]:
     """Take points at even distances along all outlines of a silhouette, those of its holes included.
 
     Args:
         mask: (H, W), not 0 inside.
         count: How many points.
         occlusion: (H, W), not 0 where nothing is known, as behind furniture. Points beside it are no part of the outline.
-        min_area: Regions and holes of fewer pixels are left out.
 
     Returns:
         (count, 2) points, x and y in px, and (count,) whether each is part of the silhouette's outline: those at the border of
@@ -99,7 +100,7 @@ def contour_points(mask: Mask, count: int, occlusion: Mask | None = None, *, min
     cv2 = opencv()
     inside = (np.asarray(mask) != 0).astype(np.uint8)
     found, _ = cv2.findContours(inside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    kept = [np.asarray(each, np.float64).reshape(-1, 2) for each in found if cv2.contourArea(each) >= min_area]
+    kept = [np.asarray(each, np.float64).reshape(-1, 2) for each in found if cv2.contourArea(each) >= _MIN_AREA]
     if not kept:
         return np.zeros((count, 2)), np.zeros(count, np.uint8)
     pixels = np.concatenate(kept)

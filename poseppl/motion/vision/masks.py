@@ -11,6 +11,8 @@ from poseppl.motion.vision.bounding_box import window
 Mask = NDArray[np.uint8]
 _SMALL = 320
 """Regions are told apart at a longer side of at most so many px."""
+_MIN_SHARE, _MAX_SHARE = 1e-4, 0.9
+"""Of the foreground in a mask that says something."""
 
 
 def clean_mask(mask: Mask, *, opening: int = 3, closing: int = 7, min_area: int = 400, largest_hole: int = 100) -> Mask:
@@ -63,7 +65,7 @@ def keep_together(mask: Mask, reach: float, passable: Mask | None = None) -> Mas
     return together
 
 
-def check_mask(mask: Mask, camera: str, frame: int, *, min_share: float = 1e-4, max_share: float = 0.9) -> None:
+def check_mask(mask: Mask, camera: str, frame: int) -> None:
     """Refuse a foreground mask that says nothing: nobody in it, or everything.
 
     A caller may catch the error and go on with that camera as ignored in this frame.
@@ -72,17 +74,15 @@ def check_mask(mask: Mask, camera: str, frame: int, *, min_share: float = 1e-4, 
         mask: (H, W), not 0 at the foreground.
         camera: The camera.
         frame: The frame number.
-        min_share: The smallest share of foreground.
-        max_share: The largest share.
 
     Raises:
         InputError: The mask is empty or full, or nearly so.
     """
     share = float(np.count_nonzero(mask)) / max(mask.size, 1)
-    if min_share <= share <= max_share:
+    if _MIN_SHARE <= share <= _MAX_SHARE:
         return
     kind = "all black: no foreground" if share == 0 else "all white: no background" if share == 1 else f"{share:.2%} foreground"
-    shares = f"{min_share:.2%} to {max_share:.0%} foreground"
+    shares = f"{_MIN_SHARE:.2%} to {_MAX_SHARE:.0%} foreground"
     expected = f"{shares}; look at the background plate and the threshold, or mask this camera out"
     raise place(camera, frame).error(f"the foreground mask is {kind}", expected)
 
