@@ -33,7 +33,7 @@ from poseppl.particles.keys import particle_keys
 from poseppl.particles.resampling import multinomial
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.program.population import draw_initial, propagate
+from poseppl.program.population import draw_initial, log_likelihoods, propagate
 
 _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
@@ -194,7 +194,7 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             autoregression=_autoregression(previous, states),
             # the scores of finite sites are no derivatives
             explained=jnp.where(finite, jnp.nan, _explained(states, jax.vmap(score)(drawn.sites, states))),
-            **_weighted(previous, states, jax.vmap(lambda x: model.log_observation(x, observation, inputs))(states), offset),
+            **_weighted(previous, states, log_likelihoods(model, states, observation, inputs), offset),
         )
         return Prediction(of_data, of_states)
 

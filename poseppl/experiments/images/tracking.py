@@ -22,6 +22,7 @@ from poseppl.experiments.jobs import Job
 from poseppl.experiments.runs import stacked
 from poseppl.filters import Filter
 from poseppl.motion.geometry import marker_positions
+from poseppl.program.population import log_likelihoods
 
 FIGURES = ("absolute", "relative", "weighted_relative", "optimistic")
 HOLDING, CLOSEST = "(holds the first pose)", "(closest pose)"
@@ -182,5 +183,4 @@ def average_weight(model: Any, particles: Array, inputs: Any) -> float:
 
 @partial(jit, static_argnums=0)
 def _likelihoods(model: Any, states: Array, inputs: Any) -> Array:
-    values: Array = jax.vmap(lambda x: model.log_observation(x, model.observe({}), inputs))(states)
-    return values
+    return log_likelihoods(model, states, model.observe({}), inputs)
