@@ -6,6 +6,7 @@
 A case is a walk, and what else is other than by default:
 
 fixed, learned    the published steps, and those that the recording is most likely under (`--walk learned`)
+mean-reverting    angles come back to how people hold themselves, the rest is learned (`--walk mean-reverting`)
 one translation   learned steps, of which the root's translations share their root mean square
 fitted            points of the body's own states instead of the recorded joints: what the body cannot do costs nothing
 more chains       60 chains instead of 30, 160 climbs to modes instead of 40, 6 Gaussians instead of 3
@@ -46,7 +47,10 @@ from poseppl.runs.collectors import collect_draws
 from poseppl.runs.run import frame_inputs, run_filter
 
 RECORDINGS = "run,02_03 at 30,02_04 at 30,dance_a,dance_b"
-CASES = "fixed,learned,learned one translation,fixed fitted,learned fitted,learned more chains,root velocity"
+CASES = (
+    "fixed,learned,mean-reverting,learned one translation,"
+    "fixed fitted,learned fitted,mean-reverting fitted,learned more chains,root velocity"
+)
 MORE = {"num_chains": 60, "num_starts": 160, "num_components": 6}
 PACE, MEMORY, JITTER = 2000.0, 1.0, 8.0
 """Of a root with a velocity: its standard deviation, mm/s, its time constant, s, and what else it moves in a thirtieth, mm."""
@@ -112,19 +116,19 @@ class Tracker:
     """The default tracker for all recordings and cases; a filter is compiled once for each model and setting."""
 
     def __init__(self) -> None:
-        self.models: dict[bool, Any] = {}
+        self.models: dict[tuple[bool, bool], Any] = {}
 
     def run(self, scene: Scene[PointData], case: str, seed: int) -> tuple[float, float]:
         """Error and coverage of a run."""
         seen = fitted(scene, seed) if "fitted" in case else scene
-        problem = make_problem(seen)
-        if "learned" in case:
+        problem = make_problem(seen, mean_reverting="reverting" in case)
+        if "learned" in case or "reverting" in case:
             problem = learn_walk(problem)
         if "one translation" in case:
             problem = one_translation(problem)
         if "velocity" in case:
             problem = moving(problem, seen)
-        model = self.models.setdefault("velocity" in case, problem.model)
+        model = self.models.setdefault(("velocity" in case, "reverting" in case), problem.model)
         filter = assumed_density_filter(model, **(MORE if "more chains" in case else {}))
         collect = collect_draws(model, max_draws=1)
         run = run_filter(filter, jax.random.key(seed), problem.observations, problem.inputs, collect=collect)

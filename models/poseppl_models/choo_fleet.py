@@ -24,7 +24,8 @@ import numpy as np
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Joint, KinematicTree, Marker, kinematic_tree
 from poseppl_models.joint_names import ALIASES, segments
-from poseppl_models.random_walk import walking_body
+from poseppl_models.postures import POSTURES
+from poseppl_models.random_walk import mean_reverting_walk, walking_body
 from poseppl_models.seen import see_points
 from poseppl_models.sides import edges_along
 
@@ -116,8 +117,9 @@ def full_body(lengths: Mapping[str, float] | None = None, *, free: tuple[str, ..
     """
     sizes = {**LENGTHS, **(lengths or {})}
     tree = choo_fleet_tree(sizes)
-    program, rest = walking_body(tree.coordinates, see_points), _rest(tree, sizes)
-    return Body(program, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, WALK, NOISE, segments=segments("spine"))
+    program, rest = walking_body(tree.coordinates, see_points, mean_reverting_walk), _rest(tree, sizes)
+    body = Body(program, tree, EDGES, "pelvis", ALIASES, sizes, measure, free, rest, WALK, NOISE)
+    return body._replace(segments=segments("spine"), postures=POSTURES)
 
 
 def _rest(tree: KinematicTree, size: Mapping[str, float]) -> np.ndarray:

@@ -2,7 +2,7 @@ r"""A body seen by a detector of keypoints, whose errors last, and now and then 
 
 Pose p_t and what is beside it:
 
-    p_t ~ N(p_(t-1), step_scale^2)                                 the body's random walk
+    p_t ~ N(p_(t-1), step_scale^2)                                 the body's walk, mean-reverting or not
     s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
     e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
     l_t = l_0 ~ N(0, length_scale^2)                 (L,) mm       errors of the segment lengths
@@ -32,7 +32,7 @@ from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.program import Lorentzian, StateSpaceModel
-from poseppl_models.random_walk import joint_sites, random_walk
+from poseppl_models.random_walk import joint_sites, mean_reverting_walk
 
 _DRIFT = 1e-3
 """Step of what does not change, radians and mm: as good as none."""
@@ -90,7 +90,7 @@ def seen_by_detector(
         num_lengths: L, how many segment lengths have errors.
     """
     spans = joint_sites(coordinates)
-    first_pose, next_pose = random_walk(spans)
+    first_pose, next_pose = mean_reverting_walk(spans)
     errors = (num_cameras, num_markers, 2)
 
     def initial(params: Any, inputs: BodyInputs) -> None:

@@ -11,6 +11,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.program import StateSpaceModel
 
 Programs = tuple[Callable[..., None], Callable[..., None]]
@@ -40,6 +41,20 @@ def random_walk(spans: Mapping[str, slice]) -> Programs:
     def transition(params: Any, state: Mapping[str, Any], inputs: Any) -> None:
         for name, span in spans.items():
             numpyro.sample(name, dist.Normal(state[name], inputs.step_scale[span]))
+
+    return initial, transition
+
+
+def mean_reverting_walk(spans: Mapping[str, slice]) -> Programs:
+    """Write the programs of :func:`random_walk` for a body's inputs, whose ``posture`` the walk comes back to, if any."""
+    initial, walk = random_walk(spans)
+
+    def transition(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
+        if inputs.posture is None:
+            return walk(params, state, inputs)
+        mean, kept = inputs.posture
+        left = {name: mean[span] + kept[span] * (state[name] - mean[span]) for name, span in spans.items()}
+        return walk(params, left, inputs)
 
     return initial, transition
 

@@ -13,7 +13,7 @@ from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry.flesh import flesh_of
 from poseppl_models.choo_fleet import full_body as pointed_body
 from poseppl_models.choo_fleet_flesh import choo_fleet_flesh
-from poseppl_models.random_walk import walking_body
+from poseppl_models.random_walk import mean_reverting_walk, walking_body
 from poseppl_models.seen import see_silhouettes
 
 
@@ -25,4 +25,5 @@ def full_body(lengths: Mapping[str, float] | None = None) -> Body:
     """
     body = pointed_body(lengths)
     flesh = flesh_of(body.tree, choo_fleet_flesh(body.lengths))
-    return body._replace(program=walking_body(body.tree.coordinates, see_silhouettes), flesh=flesh)
+    program = walking_body(body.tree.coordinates, see_silhouettes, mean_reverting_walk)
+    return body._replace(program=program, flesh=flesh)

@@ -122,10 +122,11 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 )
 @click.option(
     "--walk",
-    type=click.Choice(["fixed", "learned"]),
+    type=click.Choice(["fixed", "learned", "mean-reverting"]),
     default="fixed",
     show_default=True,
-    help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under.",
+    help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under; or angles "
+    "come back to how people hold themselves, and the others' scales are learned: for fast motion in one camera.",
 )
 @click.option(
     "--markers",

@@ -55,6 +55,7 @@ class Body(NamedTuple):
         flesh: The parts that its silhouette consists of; None for a body of points alone.
         segments: Joints by the segments of OpenSim's bodies that turn with them (:mod:`poseppl.motion.bodies.opensim`), where a
             joint's frame is the segment's: x to the right, y forward, z up in a person who stands with straight limbs.
+        postures: Mean and standard deviation (radians) of angles in recordings of people, by joint and axis.
     """
 
     program: StateSpaceModel
@@ -70,6 +71,7 @@ class Body(NamedTuple):
     noise: float
     flesh: Flesh | None = None
     segments: Mapping[str, str] = {}
+    postures: Mapping[tuple[str, str], tuple[float, float]] = {}
 
     def compile(self, inputs: Any, params: Mapping[str, float]) -> CompiledModel:
         """Compile the programs.
@@ -113,6 +115,18 @@ def _compiled(program: StateSpaceModel, tree: Any, shapes: tuple[Any, ...], para
     return program.compile(jax.tree.unflatten(tree, shapes), None if params is None else dict(params))
 
 
+class Posture(NamedTuple):
+    """How people hold themselves: to its angles a mean-reverting walk comes back, N(mean + kept (x - mean), step_scale^2).
+
+    Attributes:
+        mean: Angles (d,), radians.
+        kept: What is left of the distance from them (d,) from the frame before to this one; 1 for what walks.
+    """
+
+    mean: Any
+    kept: Any
+
+
 class LastingErrors(NamedTuple):
     """Errors of points that last from frame to frame, at one frame; ``poseppl_models.detected_points`` has the programs.
 
@@ -149,6 +163,7 @@ class BodyInputs(NamedTuple):
         seen: Contours and distance maps of the silhouettes; None of points.
         flesh: The person's own, of silhouettes.
         errors: Those of points that last; None where each frame has its own.
+        posture: What the walk comes back to; None where all coordinates walk.
     """
 
     cameras: Cameras
@@ -161,6 +176,7 @@ class BodyInputs(NamedTuple):
     seen: Any = None
     flesh: Any = None
     errors: Any = None
+    posture: Posture | None = None
 
 
 def load_builder(name: str) -> Callable[..., Any]:

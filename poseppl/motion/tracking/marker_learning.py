@@ -115,7 +115,7 @@ def _smoothed(
     model: CompiledModel, free: tuple[int, ...], places: Array, trajectory: Array, observations: Observation, inputs: Any
 ) -> Array:
     steps = body_inputs(inputs).step_scale[:, jnp.asarray(free)]
-    return smoothed_walk(model, steps, trajectory, observations, _moved(inputs, places))[0]
+    return smoothed_walk(model, free, steps, trajectory, observations, _moved(inputs, places))[0]
 
 
 @partial(jit, static_argnums=0)

@@ -21,13 +21,13 @@ from jax import Array
 
 from poseppl.arrays import Floats
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import Body
+from poseppl.motion.bodies.body import Body, Posture
 from poseppl.motion.geometry import Cameras, marker_positions, project
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.recorded_model import recorded_model
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.start import start_scales
-from poseppl.motion.tracking.walk import step_scales, time_steps
+from poseppl.motion.tracking.walk import mean_reverting_steps, step_scales, time_steps
 from poseppl.program import Clamped, CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.collectors import collect_draws
@@ -84,6 +84,8 @@ class Problem(NamedTuple):
         record = {"noise": own.noise, "start": own.start, "start_scale": own.start_scale}
         record["step_scale"] = own.step_scale[:, list(self.body.free_coordinates)]
         record["marker_offsets"] = self.body.tree.marker_offsets
+        if own.posture is not None:
+            record |= {"posture_mean": own.posture.mean, "posture_kept": own.posture.kept}
         if self.body.free is not None:
             record["states"] = seen.values
         return {name: np.asarray(values) for name, values in record.items()}
@@ -151,7 +153,13 @@ def _with(inputs: Any, **changed: Any) -> Any:
     return inputs._replace(inputs=own) if isinstance(inputs, Clamped) else own
 
 
-def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = None, start: Floats | None = None) -> Problem:
+def make_problem(
+    scene: Scene[SceneData],
+    params: Mapping[str, float] | None = None,
+    start: Floats | None = None,
+    *,
+    mean_reverting: bool = False,
+) -> Problem:
     """Pose the problem of a scene.
 
     Args:
@@ -159,9 +167,11 @@ def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = N
         params: The programs' params; the body's own if None.
         start: State (d,) that the first one is a step of the random walk from; the truth where it is known if None. Where it
             is not, the first state is sought in the data, and less is known of it.
+        mean_reverting: Whether angles come back to how people hold themselves.
 
     Raises:
-        InputError: The body clamps joints to a truth that is not known, or nothing in the data tells of a start.
+        InputError: The body clamps joints to a truth that is not known, it is not told how it holds itself, or nothing in the
+            data tells of a start.
     """
     body = scene.body
     params = dict(body.params if params is None else params)
@@ -170,8 +180,9 @@ def make_problem(scene: Scene[SceneData], params: Mapping[str, float] | None = N
         mean, scale = scene.data.seek(scene, params), start_scales(body)
     else:
         mean, scale = known, step_scales(body, params)
-    steps = step_scales(body, params, time_steps(scene.frames, scene.rate))
-    return _problem(body, params, scene.data, _walk(body, scene.cameras, mean, scale, steps), scene.states)
+    seconds = time_steps(scene.frames, scene.rate)
+    walk = mean_reverting_steps(body, params, seconds) if mean_reverting else (step_scales(body, params, seconds), None)
+    return _problem(body, params, scene.data, _walk(body, scene.cameras, mean, scale, *walk), scene.states)
 
 
 def with_frames(problem: Problem, data: SceneData, steps: Floats) -> Problem:
@@ -208,7 +219,8 @@ def problem_of_result(tree: xr.DataTree, model: str | None = None, data: SceneDa
         )
     _, body, params = recorded_model(tree, model)
     cameras = Cameras(**{name: jnp.asarray(calibration[name], float) for name in Cameras._fields if name in calibration})
-    walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params))
+    posture = Posture(*(inputs[f"posture_{part}"] for part in Posture._fields)) if "posture_mean" in inputs else None
+    walk = _walk(body, cameras, inputs["start"], inputs["start_scale"], _steps_of_result(inputs, body, params), posture)
     seen = _points_of_result(tree, inputs["noise"]) if data is None else data
     return _problem(body, params, seen, walk, inputs.get("states"))
 
@@ -231,7 +243,9 @@ def _steps_of_result(inputs: Mapping[str, Any], body: Body, params: Mapping[str,
     return steps
 
 
-def _walk(body: Body, cameras: Cameras, start: Any, start_scale: Any, steps: Floats) -> dict[str, Any]:
+def _walk(
+    body: Body, cameras: Cameras, start: Any, start_scale: Any, steps: Floats, posture: Posture | None = None
+) -> dict[str, Any]:
     """Inputs by name that do not depend on what was seen."""
     return {
         "cameras": Constant(cameras),
@@ -239,6 +253,7 @@ def _walk(body: Body, cameras: Cameras, start: Any, start_scale: Any, steps: Flo
         "start_scale": Constant(jnp.asarray(start_scale, float)),
         "step_scale": jnp.asarray(steps, float),
         "tree": Constant(body.tree),
+        "posture": posture and Posture(Constant(jnp.asarray(posture.mean, float)), jnp.asarray(posture.kept, float)),
     }
 
 

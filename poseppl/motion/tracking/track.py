@@ -6,7 +6,7 @@ import platform
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import numpy as np
@@ -31,6 +31,7 @@ from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.results import Names, Truth, build_result
 from poseppl.runs.run import Collect, Progress, Run, RunError, frame_inputs, run_filter
 
+Walk = Literal["fixed", "learned", "mean-reverting"]
 _ROOM = 2**28
 """Bytes of the draws that are kept, unless told otherwise."""
 _PACKAGES = ("poseppl", "jax", "jaxlib", "numpyro", "blackjax", "numpy")
@@ -46,7 +47,8 @@ class TrackSettings(NamedTuple):
         sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
         sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
         walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
-            the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`.
+            the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`. With "mean-reverting" angles come back to how
+            people hold themselves (:func:`~poseppl.motion.tracking.walk.mean_reverting_steps`); the other scales are learned.
         markers: "fixed" places on the body, or "learned" ones: those that the recording is most likely under, of points in two
             cameras or more; see :mod:`poseppl.motion.tracking.marker_learning`.
         prior: File of a learned activity that takes the random walk's place; see :mod:`poseppl.motion.tracking.learned_prior`.
@@ -63,7 +65,7 @@ class TrackSettings(NamedTuple):
     options: Mapping[str, Any] = {}
     sigma_position: float | None = None
     sigma_angle: float | None = None
-    walk: Literal["fixed", "learned"] = "fixed"
+    walk: Walk = "fixed"
     markers: Literal["fixed", "learned"] = "fixed"
     prior: str | None = None
     other_motion: bool = True
@@ -201,24 +203,24 @@ def _check(settings: TrackSettings) -> None:
         raise InputError(f"{settings.seed}", field="--seed", expected="0 to 4294967295")
     if settings.max_draws is not None and settings.max_draws < 1:
         raise InputError(f"{settings.max_draws}", field="--max-draws", expected="at least 1")
-    if settings.walk not in ("fixed", "learned"):
-        raise InputError(f"{settings.walk!r}", field="--walk", expected="fixed or learned")
+    if settings.walk not in get_args(Walk):
+        raise InputError(f"{settings.walk!r}", field="--walk", expected="one of " + ", ".join(get_args(Walk)))
     if settings.markers not in ("fixed", "learned"):
         raise InputError(f"{settings.markers!r}", field="--markers", expected="fixed or learned")
     if settings.prior is not None and settings.markers == "learned":
         raise InputError("the body is the prior's own", field="--prior", expected="no --markers learned with --prior")
-    walks = settings.walk == "learned" or settings.sigma_position is not None or settings.sigma_angle is not None
+    walks = settings.walk != "fixed" or settings.sigma_position is not None or settings.sigma_angle is not None
     if settings.prior is not None and walks:
-        expected = "no --walk learned, --sigma-position or --sigma-angle with --prior"
+        expected = "no --walk, --sigma-position or --sigma-angle with --prior"
         raise InputError("the random walk is the prior's own", field="--prior", expected=expected)
 
 
 def _problem(scene: Scene[SceneData], settings: TrackSettings, params: Mapping[str, float]) -> Problem:
     """The scene's problem, with the walk or the prior that is asked for."""
-    problem = make_problem(scene, params)
+    problem = make_problem(scene, params, mean_reverting=settings.walk == "mean-reverting")
     if settings.prior is not None:
         return with_prior(problem, scene, settings.prior, other_motion=settings.other_motion)
-    return learn_walk(problem) if settings.walk == "learned" else problem
+    return problem if settings.walk == "fixed" else learn_walk(problem)
 
 
 def walk_params(body: Body, settings: TrackSettings) -> dict[str, float]:

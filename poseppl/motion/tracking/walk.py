@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats
-from poseppl.motion.bodies.body import Body
+from poseppl.errors import InputError
+from poseppl.motion.bodies.body import Body, Posture
 from poseppl.motion.tracking.start import scales
 
 ASSUMED_RATE = 30.0
@@ -26,6 +27,9 @@ SIGMA_POSITION = 15.0 * ASSUMED_RATE**0.5
 """Of a body that does not tell its own: translations, mm a root of a second."""
 SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
 """Of a body that does not tell its own: angles, radians a root of a second."""
+MEMORY, SPREAD = 0.3, 2**0.5
+"""Seconds in which a mean-reverting walk comes back, by a factor of e, and its standard deviation in units of the recorded one:
+who is tracked may do other things; ours."""
 
 
 def time_steps(frames: ArrayLike, rate: float | None) -> Floats:
@@ -48,3 +52,31 @@ def walk_scales(body: Body, params: Mapping[str, float]) -> Floats:
 def step_scales(body: Body, params: Mapping[str, float], seconds: Any = 1 / ASSUMED_RATE) -> Floats:
     """Standard deviations (..., d) of the body's motion in some seconds (...), a thirtieth by default."""
     return np.sqrt(np.asarray(seconds, np.float64))[..., None] * walk_scales(body, params)
+
+
+def mean_reverting_steps(body: Body, params: Mapping[str, float], seconds: Floats) -> tuple[Floats, Posture]:
+    """Steps of an Ornstein-Uhlenbeck process: angles come back to how people hold themselves, within :data:`MEMORY`.
+
+    An angle's standard deviation is :data:`SPREAD` times that of recordings for ever, at any frame rate; what has none walks.
+
+    Args:
+        body: The body.
+        params: Of its walk.
+        seconds: To each frame from the one before (T,).
+
+    Returns:
+        Standard deviations of the steps (T, d), and the posture, whose ``kept`` is (T, d).
+
+    Raises:
+        InputError: The body tells of no postures.
+    """
+    known = [index for index, coordinate in enumerate(body.tree.coordinates) if coordinate in body.postures]
+    if not known:
+        expected = "a body with postures, such as poseppl_models.choo_fleet:full_body; or fixed, or learned"
+        raise InputError("it is not told how this body holds itself", field="--walk", expected=expected)
+    steps, mean, kept = step_scales(body, params, seconds), np.zeros(body.tree.dimension), np.exp(-seconds / MEMORY)[:, None]
+    mean[known], spread = np.transpose([body.postures[body.tree.coordinates[index]] for index in known])
+    steps[:, known] = SPREAD * spread * np.sqrt(1 - kept**2)
+    left = np.ones_like(steps)
+    left[:, known] = kept
+    return steps, Posture(mean, left)

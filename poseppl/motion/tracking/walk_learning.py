@@ -6,6 +6,8 @@ coordinates in units of the body's own steps q:
 
     s_g^2 = mean over t >= 1 and i in g of E[w_ti^2 | all data, s] / q_ti^2.
 
+Angles of a mean-reverting walk keep their steps, which make it stationary.
+
 Who runs goes 8 of the published steps a frame along his way and less than one across it: with one scale for all translations a
 single camera loses his distance (benchmarks/fast_motion.py).
 
@@ -60,8 +62,8 @@ def learn_walk(problem: Problem) -> Problem:
         The problem with the learned steps; as it was, if it is of a single frame.
 
     Raises:
-        InputError: The body's transition is not the random walk of its inputs' ``step_scale``, or its observation has no
-            Gaussian moments.
+        InputError: The body's transition is not the walk of its inputs' ``step_scale`` and ``posture``, or its observation has
+            no Gaussian moments.
     """
     own = body_inputs(problem.inputs).step_scale
     if len(own) < 2:
@@ -78,7 +80,7 @@ def learn_walk(problem: Problem) -> Problem:
 
 
 def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> None:
-    """Refuse transitions that are not N(x, step_scale^2).
+    """Refuse transitions that are not N(mean + kept (x - mean), step_scale^2).
 
     Raises:
         ValueError: They are not.
@@ -86,8 +88,20 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
     x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
     mean, covariance = jit(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
-    if not np.allclose(mean, x) or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
-        raise ValueError("its transition is not the random walk of its inputs' step_scale")
+    kept, offset = _reversion(body_inputs(second), free)
+    still = np.allclose(mean, kept * x + offset, atol=1e-5)
+    if not still or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
+        raise ValueError("its transition is not the random walk of its inputs' step_scale and posture")
+
+
+def _reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
+    """What is left of the free coordinates (..., d) before, and what is added to it."""
+    chosen = jnp.asarray(free)
+    if inputs.posture is None:
+        still = jnp.ones_like(inputs.step_scale[..., chosen])
+        return still, jnp.zeros_like(still)
+    left = inputs.posture.kept[..., chosen]
+    return left, (1 - left) * inputs.posture.mean[..., chosen]
 
 
 def _groups(body: Body) -> tuple[int, ...]:
@@ -97,7 +111,7 @@ def _groups(body: Body) -> tuple[int, ...]:
     return tuple(list(dict.fromkeys(names)).index(name) for name in names)
 
 
-@partial(jit, static_argnums=(0, 1, 2, 3))
+@partial(jit, static_argnums=(0, 1, 2))
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],
@@ -110,12 +124,13 @@ def _learn(
     own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
     blank = jnp.zeros(number, own.dtype)
     members = blank.at[group].add(1.0)
+    reverts = blank.at[group].add(_reversion(body_inputs(inputs), free)[0][-1] < 1) > 0
 
     def update(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         scales, trajectory = carry
-        smoothed, squares = smoothed_walk(model, own * scales[group], trajectory, observations, inputs)
+        smoothed, squares = smoothed_walk(model, free, own * scales[group], trajectory, observations, inputs)
         means = blank.at[group].add(jnp.mean(squares / jnp.square(own[1:]), 0)) / members
-        new = jnp.sqrt(jnp.clip(means, NARROWEST**2, WIDEST**2))
+        new = jnp.where(reverts, 1.0, jnp.sqrt(jnp.clip(means, NARROWEST**2, WIDEST**2)))
         fine = jnp.all(jnp.isfinite(new)) & jnp.all(jnp.isfinite(smoothed))
         return jnp.where(fine, new, scales), jnp.where(fine, smoothed, trajectory)
 
@@ -125,11 +140,11 @@ def _learn(
 
 
 def smoothed_walk(
-    model: CompiledModel, steps: Array, trajectory: Array, observations: Observation, inputs: Any
+    model: CompiledModel, free: tuple[int, ...], steps: Array, trajectory: Array, observations: Observation, inputs: Any
 ) -> tuple[Array, Array]:
     """Smoothed means (T, d) and expected squared steps (T - 1, d) under steps (T, d), the data expanded around a trajectory."""
-    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
-    return expected_steps(first, _expand(model, trajectory, observations, inputs), steps)
+    first, reversion = Gaussian(*model.initial_moments(rows_of(inputs, 0))), _reversion(body_inputs(inputs), free)
+    return expected_steps(first, _expand(model, trajectory, observations, inputs), steps, *reversion)
 
 
 def _expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
@@ -143,22 +158,25 @@ def _expand(model: CompiledModel, trajectory: Array, observations: Observation, 
     return expansion
 
 
-def expected_steps(first: Gaussian, expansion: Expansion, steps: Array) -> tuple[Array, Array]:
-    """Smoothed means (T, d) of a random walk, and expected squares (T - 1, d) of its steps, given all data.
+def expected_steps(first: Gaussian, expansion: Expansion, steps: Array, kept: Array, offset: Array) -> tuple[Array, Array]:
+    """Smoothed means (T, d) of a walk, and expected squares (T - 1, d) of x_t - kept_t x_(t-1) - offset_t, given all data.
 
     Args:
         first: Mean (d,) and covariance (d, d) of the first state.
         expansion: Log-likelihood of each frame.
-        steps: Standard deviations (T, d) of the step to each frame; the first is not read.
+        steps: Standard deviations (T, d) of the step to each frame; the first is not read, nor that of the others.
+        kept: What is left of a coordinate (T, d), 1 in a random walk.
+        offset: What is added to it (T, d), 0 in a random walk.
     """
-    later = jnp.zeros_like(steps[1:])
+    kept, offset = kept[1:], offset[1:]
     walk = LinearTransitions(
-        jnp.concatenate([first.mean[None], later]),
-        jnp.concatenate([jnp.zeros_like(first.covariance)[None], jax.vmap(jnp.diag)(later + 1)]),
+        jnp.concatenate([first.mean[None], offset]),
+        jnp.concatenate([jnp.zeros_like(first.covariance)[None], jax.vmap(jnp.diag)(kept)]),
         jnp.concatenate([precision_of(first.covariance)[None], jax.vmap(jnp.diag)(steps[1:] ** -2)]),
     )
     prior, gradient = quadratic_prior(walk, jnp.zeros_like(steps))
     factor = block_cholesky(prior._replace(diagonal=prior.diagonal + expansion.information))
     means, covariances = solve(factor, gradient + expansion.vector), marginal_covariances(factor)
     own, beside = (jnp.diagonal(blocks, axis1=1, axis2=2) for blocks in covariances)
-    return means, jnp.diff(means, axis=0) ** 2 + own[1:] + own[:-1] - 2 * beside
+    moved = means[1:] - kept * means[:-1] - offset
+    return means, moved**2 + own[1:] + kept**2 * own[:-1] - 2 * kept * beside

@@ -25,7 +25,7 @@ from poseppl.motion.tracking import (
 )
 from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
 from poseppl.motion.tracking.scene import observations_of_scene
-from poseppl.motion.tracking.walk import SIGMA_ANGLE, SIGMA_POSITION, step_scales, time_steps
+from poseppl.motion.tracking.walk import MEMORY, SIGMA_ANGLE, SIGMA_POSITION, SPREAD, step_scales, time_steps
 from poseppl.motion.tracking.walk_learning import Expansion, expected_steps, learn_walk
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import frame_inputs
@@ -116,7 +116,8 @@ def test_learned_scales_are_those_of_the_motion() -> None:
     assert np.all(np.abs(SIGMA_ANGLE / scales - 1) > 5 / np.sqrt(2 * count))
 
 
-def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
+@pytest.mark.parametrize("reverts", [False, True], ids=["random walk", "mean-reverting"])
+def test_smoothing_a_walk_in_expansions_is_the_kalman_smoother(reverts: bool) -> None:
     """Expected squares of steps against the joint Gaussian of a whole trajectory, by its precision matrix."""
     rng, frames, d = np.random.default_rng(1), 5, 2
     steps = rng.uniform(0.5, 2.0, (frames, d))
@@ -124,6 +125,8 @@ def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
     roots[2] = 0.0  # a frame without data
     information, vector = roots @ roots.swapaxes(1, 2), rng.normal(size=(frames, d))
     first = Gaussian(jnp.asarray([1.0, -1.0]), jnp.asarray([[2.0, 0.3], [0.3, 1.0]]))
+    kept = rng.uniform(0.3, 0.9, (frames, d)) if reverts else np.ones((frames, d))
+    offset = rng.normal(size=(frames, d)) if reverts else np.zeros((frames, d))
     precision, right = np.zeros((frames * d, frames * d)), (vector * (np.arange(frames) != 2)[:, None]).copy()
     for t in range(frames):
         at, before = slice(t * d, t * d + d), slice(t * d - d, t * d)
@@ -132,15 +135,18 @@ def test_smoothing_a_random_walk_in_expansions_is_the_kalman_smoother() -> None:
             precision[at, at] += np.linalg.inv(first.covariance)
             right[0] += np.linalg.solve(first.covariance, first.mean)
             continue
-        inverse = np.diag(steps[t] ** -2.0)
-        for one, other, sign in ((at, at, 1), (before, before, 1), (at, before, -1), (before, at, -1)):
-            precision[one, other] += sign * inverse
+        inverse, left = np.diag(steps[t] ** -2.0), np.diag(kept[t])
+        for one, other, factor in ((at, at, np.eye(d)), (before, before, left**2), (at, before, -left), (before, at, -left)):
+            precision[one, other] += factor @ inverse
+        right[t] += inverse @ offset[t]
+        right[t - 1] -= left @ inverse @ offset[t]
     covariance = np.linalg.inv(precision)
     mean = (covariance @ right.ravel()).reshape(frames, d)
-    difference = np.eye(frames * d)[d:] - np.eye(frames * d)[:-d]
-    expected = np.diff(mean, axis=0) ** 2 + np.diag(difference @ covariance @ difference.T).reshape(frames - 1, d)
+    difference = np.eye(frames * d)[d:] - kept[1:].reshape(-1, 1) * np.eye(frames * d)[:-d]
+    moved = mean[1:] - kept[1:] * mean[:-1] - offset[1:]
+    expected = moved**2 + np.diag(difference @ covariance @ difference.T).reshape(frames - 1, d)
     given = Expansion(jnp.asarray(vector * (np.arange(frames) != 2)[:, None]), jnp.asarray(information))
-    means, squares = expected_steps(first, given, jnp.asarray(steps))
+    means, squares = expected_steps(first, given, *map(jnp.asarray, (steps, kept, offset)))
     np.testing.assert_allclose(means, mean, rtol=2e-4, atol=1e-5)
     np.testing.assert_allclose(squares, expected, rtol=2e-4)
 
@@ -157,6 +163,43 @@ def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     np.testing.assert_array_equal(problem_of_result(tree).record()["step_scale"], recorded)
     with pytest.raises(InputError, match="--walk"):
         track(scene, settings._replace(walk="learnt"))
+
+
+@pytest.mark.parametrize("rate", [30.0, 120.0])
+def test_a_mean_reverting_walk_is_that_of_an_ornstein_uhlenbeck_process(rate: float) -> None:
+    """Mean and variance of a second, from a known state, in closed form; the root walks on."""
+    scene = scene_of(rate, f"0:{int(rate) + 1}", "poseppl_models.choo_fleet:full_body")
+    problem = make_problem(scene, mean_reverting=True)
+    moments = jax.jit(problem.model.transition_moments)
+    body, first = scene.body, np.linspace(-1.0, 1.0, 28)
+    mean, variance = jnp.asarray(first), jnp.zeros(28)
+    for frame in range(1, int(rate) + 1):
+        inputs = frame_inputs(problem.inputs, frame)
+        mean, step = moments(mean, inputs)
+        variance = inputs.posture.kept**2 * variance + jnp.diagonal(step)
+    held = [body.postures.get(coordinate) for coordinate in body.tree.coordinates]
+    known = np.array([posture is not None for posture in held])
+    centre, spread = np.array([posture or (0.0, 0.0) for posture in held]).T
+    left = np.exp(-1 / MEMORY)
+    np.testing.assert_allclose(mean, np.where(known, centre + left * (first - centre), first), rtol=1e-4, atol=1e-5)
+    walked = np.array([SIGMA_POSITION] * 3 + [SIGMA_ANGLE] * 25) ** 2
+    np.testing.assert_allclose(variance, np.where(known, (SPREAD * spread) ** 2 * (1 - left**2), walked), rtol=1e-4)
+    assert known.sum() == 21 and not known[:6].any()
+
+
+def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
+    scene = scene_of(60.0, "0:20")
+    settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="mean-reverting")
+    tree = track(scene, settings)
+    expected = make_problem(scene, mean_reverting=True).record()
+    again = problem_of_result(tree)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(again.record()[name], values, err_msg=name)
+    learned = learn_walk(make_problem(scene)).record()["step_scale"]
+    assert np.all(np.abs(expected["step_scale"] / learned - 1) > 0.05)  # angles that come back keep their steps
+    body = scene.body._replace(postures={})
+    with pytest.raises(InputError, match="--walk: it is not told how this body holds itself"):
+        make_problem(scene._replace(body=body), mean_reverting=True)
 
 
 def test_a_transition_that_is_no_random_walk_is_refused() -> None:
