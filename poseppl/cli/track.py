@@ -125,8 +125,8 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     type=click.Choice(["fixed", "learned", "mean-reverting"]),
     default="fixed",
     show_default=True,
-    help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under; or angles "
-    "come back to how people hold themselves, and the others' scales are learned: for fast motion in one camera.",
+    help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under; or "
+    "angles come back to how people hold themselves, and the root's scales are learned: for fast motion in one camera.",
 )
 @click.option(
     "--markers",
