@@ -31,7 +31,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
 from poseppl.filters.chains import drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
@@ -131,18 +131,20 @@ def window_filter(
         log_weights = jnp.zeros(particles.shape[:-1], particles.dtype)
         return WindowState(particles, log_weights, chains.log_step_size, trajectories, frames), info
 
-    def init(rng_key: Array, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+    def initial_state(observation: Observation, inputs: Any = None) -> WindowState:
         empty = empty_window(model, window, inputs)
-        mean, covariance = empty.predictions.mean, empty.predictions.covariance
+        mean = empty.predictions.mean
         nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, window, dimension))
         log_step_size = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
-        past = WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
-        return run(rng_key, past, Gaussian(mean[0], covariance[0]), observation, inputs)
+        return WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
 
     def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
-        return run(rng_key, state, predict(model, state.particles, inputs), observation, inputs)
+        first, predicted = state.window.num_frames == 0, predict(model, state.particles, inputs)
+        initial = jax.tree.map(lambda leaf: leaf[-1], state.window.predictions)
+        prediction: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
+        return run(rng_key, state, prediction, observation, inputs)
 
-    return Filter(init, step, differentiable=False)
+    return filter_of_steps(initial_state, step, differentiable=False)
 
 
 def predict(model: CompiledModel, draws: Array, inputs: Any) -> Gaussian:
