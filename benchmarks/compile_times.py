@@ -5,9 +5,8 @@
 Two cameras see the built-in walk. Every algorithm of `poseppl filters` and `poseppl smoothers` runs at its defaults in a
 process of its own, without a compile cache, one process at a time; the largest memory is that of the process, to be compared
 with that of one which has only loaded the libraries ("none"). Compilation is by how many processor seconds a first run takes
-longer than an equal second one, which compiles nothing: tracing and compiling, whatever else the machine does; and by how many
-seconds of the clock, fewer on an idle machine, which compiles the parts of a program side by side. A run is `track` with its
-draws, quantiles and predictive checks, or `smooth` of a filter's result from a file. With a prior, the
+longer than an equal second one, which compiles nothing: tracing and compiling, whatever else the machine does. A run is `track`
+with its draws, quantiles and predictive checks, or `smooth` of a filter's result from a file. With a prior, the
 activity is learned from the walk itself. The filter of hidden Markov models has no body. Algorithms that OUTPUT holds are not
 run again, but for those of --only.
 """
@@ -39,8 +38,8 @@ NAME, PRIOR, NUM_CAMERAS = "compile_times", "walk.nc", 2
 _FILTER_OF = {"genealogy": "particle", "fixed-lag": "particle"}
 _NOISE = 0.05
 """Of the poses that an activity is learned from, radians and mm; without it they are alike in each round of the walk."""
-_COLUMNS = ("kind", "name", "settings", "compilation", "clock", "run", "memory")
-_ABOUT = "Seconds of processors, and of the clock, that a first run takes longer than a second; processor seconds of that; MiB."
+_COLUMNS = ("kind", "name", "settings", "compilation", "run", "memory")
+_ABOUT = "Processor seconds by which a first run takes longer than a second one, and of the second; largest memory, MiB."
 
 
 class Case(NamedTuple):
@@ -68,9 +67,9 @@ def cases() -> Iterator[Case]:
 
 
 def measure(case: Case, num_frames: int, folder: Path, answer: Any) -> None:
-    """Run one algorithm twice; send seconds of compilation, of processors and of the clock, of a run, and the memory in MiB."""
+    """Run one algorithm twice; send processor seconds of compilation and of a run, and the largest memory in MiB."""
     if case.kind == "none":
-        answer.put((0.0, 0.0, 0.0, peak_memory()))
+        answer.put((0.0, 0.0, peak_memory()))
     elif case.kind == "smoother":
         tree = load_result(folder / f"{_filter_of(case)}.nc")
         answer.put(_twice(partial(smooth, tree, SmoothSettings(case.name))))
@@ -110,14 +109,13 @@ def _filter_of(case: Case) -> str:
     return _FILTER_OF.get(case.name, "kalman")
 
 
-def _twice(run: Callable[[], Any]) -> tuple[float, ...]:
+def _twice(run: Callable[[], Any]) -> tuple[float, float, float]:
     seconds = []
     for _ in range(2):
-        start = np.array([time.process_time(), time.perf_counter()])
+        start = time.process_time()
         run()
-        seconds.append(np.array([time.process_time(), time.perf_counter()]) - start)
-    first, second = seconds
-    return (*(first - second).tolist(), float(second[0]), peak_memory())
+        seconds.append(time.process_time() - start)
+    return seconds[0] - seconds[1], seconds[1], peak_memory()
 
 
 def measured(case: Case, num_frames: int, folder: Path) -> tuple[float, ...]:
@@ -149,8 +147,8 @@ def main() -> None:
             print(*rows[case.key], flush=True)
             table = Table(NAME, _COLUMNS, [rows[each.key] for each in known if each.key in rows], _ABOUT)
             write_table(table, folder, "1", "built-in walk, two cameras")
-    columns = ["", "", "settings", "compilation, processor s", "clock, s", "run, processor s", "memory, MiB"]
-    shown = [[*row[:3], *(f"{value:.1f}" for value in row[3:6]), f"{row[6]:,.0f}"] for row in rows.values()]
+    columns = ["", "", "settings", "compilation, processor s", "run, processor s", "memory, MiB"]
+    shown = [[*row[:3], f"{row[3]:.1f}", f"{row[4]:.1f}", f"{row[5]:,.0f}"] for row in rows.values()]
     show("28-DOF body, two cameras", columns, shown)
 
 

@@ -27,6 +27,7 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.arrays import Integers
+from poseppl.compilation import jit
 from poseppl.motion.learned import MotionModel
 from poseppl.motion.learned.angles import wrapped
 from poseppl.program import StateSpaceModel
@@ -111,7 +112,8 @@ class Activity(NamedTuple):
         noise = jnp.diag(jnp.square(self.residual_scale) + jnp.square(scale))
         covariances = self.components @ spread @ self.components.T + noise
         means = self.centre + self.means[:count] @ self.components.T
-        log_density = dist.MultivariateNormal(means, covariances).log_prob(means + wrapped(angles - means))
+        normal = dist.MultivariateNormal(means, covariances, validate_args=False)  # a dozen small programs
+        log_density = normal.log_prob(means + wrapped(angles - means))
         own = self.initial[:count]
         first = jnp.sum(own) * jax.nn.softmax(jnp.log(own) + log_density)
         return self._replace(initial=self.initial.at[:count].set(first))
@@ -259,6 +261,9 @@ class SeenActivity(NamedTuple):
     activity: Activity
 
 
+_with_other_motion = jit(Activity.with_other_motion)
+
+
 def seen_activity(
     model: MotionModel,
     coordinates: tuple[tuple[str, str], ...],
@@ -284,7 +289,7 @@ def seen_activity(
     own = jnp.asarray(start)[model.learned], jnp.asarray(start_scale)[model.learned]
     activity = Activity.of_model(model, every=every)
     if walk_scale is not None:
-        activity = activity.with_other_motion(walk_scale, every / model.rate)
+        activity = _with_other_motion(activity, walk_scale, every / model.rate)
     observe = see_silhouettes if silhouettes else see_points
     return SeenActivity(*_seen(coordinates, learned, observe), activity.starting_from(*own))
 

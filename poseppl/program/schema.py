@@ -117,7 +117,8 @@ def _constant_supports(run: Any, arrays: list[Any], trees: dict[str, Any], fixed
         return {name: jax.tree.unflatten(tree, []) for name, tree in trees.items()}
     zeros = [np.zeros(np.shape(a), getattr(a, "dtype", float)) for a in arrays]
     with jax.ensure_compile_time_eval(), numpyro.validation_enabled(False):  # zeros need be no scales or probabilities
-        bounds = jit(lambda: run(jax.random.key(0), zeros))()
+        # as arguments, which are not folded operation by operation, each compiled by itself
+        bounds = jit(run)(jax.random.key(0), zeros)
     return {
         name: jax.tree.unflatten(tree, [np.asarray(b) for b in bounds[name]]) if fixed[name] else None
         for name, tree in trees.items()

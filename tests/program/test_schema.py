@@ -99,6 +99,26 @@ def test_support_from_constants_is_fixed():
     np.testing.assert_allclose(site.support.upper_bound, [1, 2])
 
 
+def test_bounds_of_supports_are_one_program():
+    """Operation by operation they would each be compiled by themselves."""
+    compiled = []
+
+    def tell(name, seconds, fun_name="", **told):
+        if name.endswith("backend_compile_duration"):
+            compiled.append(fun_name)
+
+    def first(params, inputs):
+        low = jnp.cos(inputs["scale"] * np.arange(77.0))  # of a shape that nothing else has compiled for
+        numpyro.sample("level", dist.Uniform(-2.0 - low**2, jnp.tanh(low) + 2.0))
+
+    built = model(first, lambda p, s, i: first(p, i), states(("y", NORMAL)))
+    jax.monitoring.register_event_duration_secs_listener(tell)
+    with pytest.raises(ValueError, match="level"):  # its bounds depend on inputs, which is known when they have been computed
+        built.compile({"scale": 1.0})
+    found = [*compiled]
+    assert {"jit(run)"} <= set(found) and not {"jit(cos)", "jit(tanh)"} & set(found), found
+
+
 @pytest.mark.parametrize("which", ["initial", "transition", "observation"])
 def test_obs_left_in(which):
     def program(*arguments):
