@@ -1,13 +1,21 @@
-"""Counts of the code by package: files, lines, and tokens without docstrings and comments; ``python docs/counts.py``."""
+"""Counts of the code by package: files, lines, and tokens without docstrings and comments; ``python docs/counts.py``.
+
+``python docs/counts.py --since COMMIT`` counts for `poseppl` and `models` the tokens of a commit, and of today those in files
+that were there, renames followed, and in files that came since.
+"""
 
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 import tokenize
 from collections import Counter
+from io import BytesIO
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+_FOLDERS = ("poseppl", "models")
 _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
@@ -20,12 +28,30 @@ def docstring_lines(source: str) -> set[int]:
     return lines
 
 
-def count_tokens(path: Path) -> int:
-    """Tokens of a file."""
-    described = docstring_lines(path.read_text())
-    with path.open("rb") as stream:
-        tokens = [token for token in tokenize.tokenize(stream.readline) if token.type not in (*_LAYOUT, tokenize.ENCODING)]
+def count_tokens(source: str) -> int:
+    """Tokens of a source."""
+    described = docstring_lines(source)
+    readline = BytesIO(source.encode()).readline
+    tokens = [token for token in tokenize.tokenize(readline) if token.type not in (*_LAYOUT, tokenize.ENCODING)]
     return sum(token.type != tokenize.STRING or token.start[0] not in described for token in tokens)
+
+
+def compare_with(commit: str) -> None:
+    """Print a row for each folder: tokens of a commit, today's in the files that were there, and in others."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+
+    renamed = git("diff", "--name-status", "-M40%", "-l0", "--diff-filter=R", commit, "--", *_FOLDERS)
+    moved = {new: old for _, old, new in (line.split("\t") for line in renamed.splitlines())}
+    before = {name for name in git("ls-tree", "-r", "--name-only", commit, *_FOLDERS).splitlines() if name.endswith(".py")}
+    for folder in _FOLDERS:
+        then = sum(count_tokens(git("show", f"{commit}:{name}")) for name in before if name.startswith(folder))
+        counts = Counter[bool]()
+        for path in ROOT.glob(f"{folder}/**/*.py"):
+            name = str(path.relative_to(ROOT))
+            counts[moved.get(name, name) in before] += count_tokens(path.read_text())
+        print(f"{folder:10} then {then:9}  now, in the files of then {counts[True]:9}  in files since {counts[False]:9}")
 
 
 def main() -> None:
@@ -34,7 +60,8 @@ def main() -> None:
     for path in [*ROOT.glob("poseppl/**/*.py"), *ROOT.glob("models/**/*.py")]:
         parts = path.relative_to(ROOT).parts
         package = "/".join(parts[: min(len(parts) - 1, 3 if parts[1] in ("motion", "experiments") else 2)])
-        found = Counter(files=1, lines=len(path.read_text().splitlines()), tokens=count_tokens(path))
+        source = path.read_text()
+        found = Counter(files=1, lines=len(source.splitlines()), tokens=count_tokens(source))
         for name in (package, "sum"):
             counts[name] = counts.get(name, Counter()) + found
     for name, each in sorted(counts.items(), key=lambda item: item[1]["tokens"]):
@@ -42,4 +69,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    compare_with(sys.argv[2]) if sys.argv[1:2] == ["--since"] else main()
