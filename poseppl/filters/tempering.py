@@ -28,6 +28,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.compilation import with_full_precision
 from poseppl.kernels.laplace import Whitening
 from poseppl.kernels.moves import (
     ConditionalDensity,
@@ -120,6 +121,7 @@ def next_increment(log_likelihoods: Array, ess_target: float, limit: Array) -> A
     return jnp.where(effective_sample_size(limit * log_likelihoods) >= goal, limit, found)
 
 
+@with_full_precision
 def temper(
     rng_key: Array,
     particles: Array,

@@ -17,6 +17,7 @@ from blackjax.adaptation.step_size import dual_averaging_adaptation
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice, check_fraction
+from poseppl.compilation import with_full_precision
 from poseppl.particles.weights import without_nan
 
 Kernel = Literal["nuts", "hmc"]
@@ -68,6 +69,7 @@ class AdaptedChain(NamedTuple):
     num_gradient: Array
 
 
+@with_full_precision
 def adapted_chain(
     rng_key: Array,
     start: Array,

@@ -31,6 +31,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
+from poseppl.compilation import with_full_precision
 from poseppl.particles.weights import without_infinity
 
 LogDensity = Callable[[Array], Array]
@@ -95,6 +96,7 @@ class DEMCChains(NamedTuple):
     num_density: Array
 
 
+@with_full_precision
 def demc_chains(
     rng_key: Array,
     starts: Array,
@@ -181,6 +183,7 @@ def demc_update(
     return joined, share * first_rate + (1.0 - share) * second_rate
 
 
+@with_full_precision
 def move_members(
     rng_key: Array,
     members: Members,

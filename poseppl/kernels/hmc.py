@@ -17,6 +17,7 @@ from blackjax.mcmc.hmc import HMCState, hmc_proposal
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_fraction
+from poseppl.compilation import with_full_precision
 from poseppl.kernels.own_kernel import OwnKernel, Updated, update_by
 from poseppl.particles.random_numbers import normals_and_uniforms
 from poseppl.particles.weights import without_nan
@@ -84,6 +85,7 @@ class Chains(NamedTuple):
     num_gradient: Array
 
 
+@with_full_precision
 def hmc_chains(
     rng_key: Array,
     starts: Array,

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.compilation import with_full_precision
 from poseppl.gaussians.gaussian import diagonal, lower_inverse
 from poseppl.particles.weights import without_nan
 
@@ -78,6 +79,7 @@ class Modes(NamedTuple):
     log_masses: Array
 
 
+@with_full_precision
 def find_modes(
     starts: Array,
     log_density: Callable[[Array], Array],

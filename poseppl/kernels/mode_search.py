@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.compilation import with_full_precision
 from poseppl.kernels.constraints import Constraints
 from poseppl.kernels.face_laplace import FaceModes, face_modes
 from poseppl.kernels.laplace import group_modes
@@ -35,6 +36,7 @@ class Found(NamedTuple):
     evaluations: Array
 
 
+@with_full_precision
 def search_modes(
     starts: Array,
     log_density: LogDensity,

@@ -27,6 +27,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice, check_fraction
+from poseppl.compilation import with_full_precision
 from poseppl.kernels.laplace import Whitening, whitening
 from poseppl.kernels.own_kernel import OwnKernel, update_by
 from poseppl.particles.stacks import rows_of
@@ -94,6 +95,7 @@ class Starts(NamedTuple):
     gradients: Array
 
 
+@with_full_precision
 def evaluate(positions: Array, contexts: Any, log_density: ConditionalDensity, settings: MoveSettings) -> Starts:
     """Evaluate what the moves start from, at positions (M, d) with contexts (a pytree with a leading axis of M)."""
     if settings.kernel == "random-walk":
@@ -122,6 +124,7 @@ class Moved(NamedTuple):
     num_gradient: Array
 
 
+@with_full_precision
 def move_population(
     rng_keys: Array,
     starts: Starts,
@@ -179,6 +182,7 @@ def move_population(
     )
 
 
+@with_full_precision
 def move_groups(
     rng_key: Array,
     starts: Starts,
@@ -268,6 +272,7 @@ def _random_walk(log_density: ConditionalDensity, settings: MoveSettings, dimens
     return update
 
 
+@with_full_precision
 def whitening_from_gradients(starts: Starts) -> Whitening:
     """Whiten by the mean curvature, estimated by the mean outer product of the members' gradients, where they are finite."""
     count = starts.positions.shape[0]
@@ -276,6 +281,7 @@ def whitening_from_gradients(starts: Starts) -> Whitening:
     return whitening(jnp.mean(starts.positions, 0), _shrink(safe.T @ safe / count, count))
 
 
+@with_full_precision
 def whitening_from_spread(positions: Array, prior_covariance: Array) -> Whitening:
     """Whiten by the sum of two inverse covariances: that of the members, and of a member given its context alone.
 

@@ -27,6 +27,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import cho_factor, cho_solve
 
+from poseppl.compilation import with_full_precision
 from poseppl.kernels.constraints import Constraints
 
 LogDensity = Callable[[Array], Array]
@@ -64,6 +65,7 @@ class Climb(NamedTuple):
     evaluations: Array
 
 
+@with_full_precision
 def climb_modes(
     starts: Array,
     log_density: LogDensity,

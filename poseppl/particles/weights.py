@@ -15,6 +15,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from poseppl.compilation import with_full_precision
+
 
 class Normalised(NamedTuple):
     """Normalised weights of one set.
@@ -105,6 +107,7 @@ def weighted_mean(particles: Array, log_weights: Array) -> Array:
     return weights @ _without_weightless(particles, weights)
 
 
+@with_full_precision
 def weighted_covariance(particles: Array, log_weights: Array) -> Array:
     """Covariance (d, d) of particles (N, d) with log-weights (N,): sum_i w_i (x_i - m)(x_i - m)^T, without correction."""
     weights = normalise(log_weights).weights

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
+from poseppl.compilation import with_full_precision
 from poseppl.filters.kalman import update
 from poseppl.gaussians.gaussian import Gaussian, lower_inverse
 from poseppl.gaussians.linearisation import Method, linearise_about, predict
@@ -60,6 +61,7 @@ def rauch_tung_striebel_smoother(
     return Smoother(smooth, joint=True, closed_form=True)
 
 
+@with_full_precision
 def smoothed_moments(
     model: CompiledModel,
     observations: Observation,

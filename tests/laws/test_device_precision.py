@@ -15,6 +15,11 @@ from law_problems import problem
 import poseppl
 from poseppl.compilation import full_precision, jit
 from poseppl.filters import particle_filter
+from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, HMCSettings
+from poseppl.kernels.hmc import hmc_chains
+from poseppl.kernels.laplace import find_modes
+from poseppl.kernels.moves import evaluate, move_population, whitening_from_gradients
+from poseppl.particles.weights import weighted_covariance
 from poseppl.runs.run import run_filter
 from poseppl.smoothers import collect_history
 
@@ -82,6 +87,44 @@ def test_products_are_those_of_the_users_choice(on_gpu):
     assert precisions(jax.jit(lambda x: x @ x), square) == {"None"}
 
 
+def moved(moves):
+    """Moves of a Gaussian population, compiled by the caller."""
+    white = jnp.eye(3) + 0.1
+
+    def log_density(x, context):
+        return -0.5 * (x - context) @ white @ (x - context)
+
+    def run(positions):
+        starts = evaluate(positions, positions + 1, log_density, moves)
+        return move_population(
+            jax.random.split(KEY, 2), starts, log_density, whitening_from_gradients(starts), jnp.log(0.1), moves
+        )
+
+    return run
+
+
+def chains(positions):
+    settings = HMCSettings(num_updates=4, num_leapfrog=2, num_warmup=2)
+    white = jnp.eye(3) + 0.1
+    return hmc_chains(KEY, positions, lambda x: -0.5 * x @ white @ x, jnp.log(0.1), settings)
+
+
+def modes(positions):
+    white = jnp.eye(3) + 0.1
+    return find_modes(positions, lambda x: -0.5 * x @ white @ x, lambda x: white, 2)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [moved(HMC_MOVES), moved(RANDOM_WALK_MOVES), chains, modes, lambda x: weighted_covariance(x, x[:, 0])],
+    ids=["HMC moves", "random-walk moves", "chains", "modes", "covariance"],
+)
+def test_kernels_that_are_compiled_by_their_callers_multiply_exactly(kernel, on_gpu):
+    found = precisions(kernel, np.ones((5, 3), np.float32))
+    assert found == {"(Precision.HIGHEST, Precision.HIGHEST)"}
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="it is of a CPU")
 def test_a_cpu_keeps_its_programs():
     with full_precision():
         assert precisions(lambda x: x @ x, np.ones((3, 3), np.float32)) == {"None"}
