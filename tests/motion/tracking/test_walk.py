@@ -9,6 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 
+from poseppl.diagnostics.verdicts.verdict import of_walk
 from poseppl.errors import InputError
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.motion.geometry import marker_positions
@@ -192,6 +193,7 @@ def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="mean-reverting")
     tree = track(scene, settings)
     expected = make_problem(scene, mean_reverting=True).record()
+    assert of_walk(tree, "raise --sigma-angle") == "take --walk learned or fixed"
     again = problem_of_result(tree)
     for name, values in expected.items():
         np.testing.assert_array_equal(again.record()[name], values, err_msg=name)
