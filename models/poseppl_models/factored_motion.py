@@ -39,20 +39,20 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
     Args:
         coordinates: Joint and axis of each of the body's d coordinates; the root's position and turn about the vertical are
             continuous, the other D are in bins.
-        observe: What is observed of a pose (d,). Inputs have ``motion`` (:class:`FactoredTables`), and ``start``,
+        observe: What is observed of a pose (d,). Inputs have ``activity`` (:class:`FactoredTables`), and ``start``,
             ``start_scale`` and ``step_scale`` (d,), mm and radians, of which position and heading are used.
     """
     places = np.array(root_places(coordinates))
     pose_of = pose_of_bins(coordinates)
 
     def initial(params: Any, inputs: Any) -> None:
-        first_frame(inputs.motion)
+        first_frame(inputs.activity)
         mean, scale = inputs.start[places], inputs.start_scale[places]
         numpyro.sample("heading", dist.Normal(mean[3], scale[3]))
         numpyro.sample("position", dist.Normal(mean[:3], scale[:3]).to_event(1))
 
     def transition(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        motion: FactoredTables = inputs.motion
+        motion: FactoredTables = inputs.activity
         phase = next_frame(motion, state)
         scale = inputs.step_scale[places]
         heading = numpyro.sample("heading", dist.Normal(state["heading"], scale[3]))
@@ -61,7 +61,7 @@ def factored_motion(coordinates: Sequence[tuple[str, str]], observe: Observe) ->
         numpyro.sample("position", dist.MixtureSameFamily(ways, dist.Normal(means, scale[:3]).to_event(1)))
 
     def observation(params: Any, state: dict[str, Any], inputs: Any) -> None:
-        observe(params, pose_of(state, inputs.motion), inputs)
+        observe(params, pose_of(state, inputs.activity), inputs)
 
     return StateSpaceModel(initial, transition, observation)
 

@@ -7,7 +7,7 @@ tells no such point, nor whether somebody comes or goes: the first position and 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,12 +19,11 @@ from poseppl.arrays import Floats
 from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
-from poseppl.motion.geometry import Cameras
 from poseppl.motion.learned import FactoredTables, bin_angles, read_factored_tables, root_places
 from poseppl_models.body_constraints import within_limits
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.factored_motion import factored_motion, pose_of_bins
-from poseppl_models.image_program import camera_likelihood
+from poseppl_models.image_program import ImageInputs, camera_likelihood
 from poseppl_models.image_systems import STRIDE, limbs_of, peursum_person, published_scale, two_way_inputs
 from poseppl_models.peursum_likelihood import peursum_score
 
@@ -33,28 +32,6 @@ FIRST_PLACE, FIRST_TURN = 150.0, 1.8
 _LEAST_SHARE = 0.01
 TOLD_TURN = 0.3
 """Of a heading that is told, radians."""
-
-
-class FactoredInputs(NamedTuple):
-    """Inputs of one frame: those of :class:`poseppl_models.image_program.ImageInputs`, and what was learned.
-
-    Attributes:
-        cameras: C cameras, px.
-        camera_weight: Shape (C,): 0 for a camera that drops out.
-        evidence: What the likelihood wants to know of the images.
-        start: Of the first pose (d,), mm and radians; only position and heading are used.
-        start_scale: Standard deviations (d,), likewise.
-        step_scale: Of a step (d,), likewise.
-        motion: The learned tables.
-    """
-
-    cameras: Cameras
-    camera_weight: Array
-    evidence: Any
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    motion: FactoredTables
 
 
 def peursum_factored_system(
@@ -82,19 +59,18 @@ def peursum_factored_system(
     check_limits(body, motion, model)
     start, start_scale = first_place(body, person, views, fitted[0])
 
-    def observe(params: Any, pose: Array, inputs: FactoredInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: ImageInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
         numpyro.factor("limits", within_limits(body, pose, params))
 
     seen = two_way_inputs(person, views, start, published_scale(body, person.rate))
 
-    def inputs_of(sight: Sight) -> FactoredInputs:
-        plain = seen(sight)._replace(start_scale=jnp.asarray(start_scale, float))
-        return FactoredInputs(*plain, motion)
+    def inputs_of(sight: Sight) -> ImageInputs:
+        return seen(sight)._replace(start_scale=jnp.asarray(start_scale, float), activity=motion)
 
     program = factored_motion(body.tree.coordinates, observe)
     poses = jit(jax.vmap(pose_of_flat(body), (0, None)))
-    learned = LearnedMotion(lambda states, inputs: poses(states, inputs.motion))
+    learned = LearnedMotion(lambda states, inputs: poses(states, inputs.activity))
     return ImageSystem(body.tree, program, {"lambda": exponent}, inputs_of, fitted, limbs_of(body), learned)
 
 

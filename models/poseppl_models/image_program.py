@@ -8,7 +8,7 @@ of weight 0 drops out, whatever its images hold.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -61,22 +61,6 @@ CHUNK = 64
 """Particles at a time: what a likelihood makes of so many in three cameras stays in the cache."""
 
 
-class SeenInputs(Protocol):
-    """What the likelihood takes of the inputs of a frame, as :class:`ImageInputs` has it."""
-
-    @property
-    def cameras(self) -> Cameras:
-        """C cameras, px."""
-
-    @property
-    def camera_weight(self) -> Array:
-        """Shape (C,)."""
-
-    @property
-    def evidence(self) -> Any:
-        """Of the images."""
-
-
 class ImageInputs(NamedTuple):
     """Inputs of one frame.
 
@@ -87,6 +71,9 @@ class ImageInputs(NamedTuple):
         start: Mean of the first state (d,): mm and radians.
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,).
+        activity: What a learned motion takes the random walk's place with; None of a walk.
+        limits: Least and largest coordinates (d, 2), where they were learned.
+        features: Those of the start (eta,), likewise.
     """
 
     cameras: Cameras
@@ -95,6 +82,9 @@ class ImageInputs(NamedTuple):
     start: Array
     start_scale: Array
     step_scale: Array
+    activity: Any = None
+    limits: Any = None
+    features: Any = None
 
 
 def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, Constraint] | None = None) -> StateSpaceModel:
@@ -115,7 +105,7 @@ def image_program(body: ConeBody, score: CameraScore, constraints: Mapping[str, 
     return walking_body(body.tree.coordinates, observe)
 
 
-def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, Array, SeenInputs], Array]:
+def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, Array, ImageInputs], Array]:
     """Log-likelihood () of params, a state (d,) and the inputs: the weighted sum over cameras."""
 
     def score_states(state: Array, tree: KinematicTree, flesh: Flesh, cameras: Cameras, evidence: Any, params: Any) -> Array:
@@ -123,7 +113,7 @@ def camera_likelihood(body: ConeBody, score: CameraScore) -> Callable[[Any, Arra
 
     scored = batched_score(score_states, chunk=CHUNK)
 
-    def likelihood(params: Any, pose: Array, inputs: SeenInputs) -> Array:
+    def likelihood(params: Any, pose: Array, inputs: ImageInputs) -> Array:
         values = scored(pose, body.tree, body.flesh, inputs.cameras, inputs.evidence, jax.tree.map(jnp.asarray, params))
         weight = inputs.camera_weight
         return jnp.sum(jnp.where(weight > 0, weight * values, 0.0))

@@ -8,7 +8,7 @@ half of the largest change between frames (section 6.2), the limits of the joint
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,42 +19,15 @@ from jax import Array
 from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.motion.bodies.image_system import ImageSystem, LearnedMotion, SeenPerson, Sight
-from poseppl.motion.geometry import Cameras
 from poseppl.motion.learned import MotionModel, read_motion_model
 from poseppl_models.body_constraints import parts_apart
 from poseppl_models.cone_body import ConeBody
 from poseppl_models.darby_body import darby_body
-from poseppl_models.image_program import camera_likelihood
+from poseppl_models.image_program import ImageInputs, camera_likelihood
 from poseppl_models.image_systems import BETA, darby_weight, limbs_of, measured_body, two_way_inputs
 from poseppl_models.joint_limits import hard_limits
 from poseppl_models.learned_motion import Activity, learned_motion
 from poseppl_models.random_walk import walking_body
-
-
-class LearnedInputs(NamedTuple):
-    """Inputs of one frame: those of :class:`poseppl_models.image_program.ImageInputs`, and what was learned.
-
-    Attributes:
-        cameras: C cameras, px.
-        camera_weight: Shape (C,): 0 for a camera that drops out.
-        evidence: What the likelihood wants to know of the images.
-        start: Pose that the first one is near (d,): mm and radians.
-        start_scale: How near (d,), standard deviations.
-        step_scale: Standard deviations of the walk's step (d,).
-        limits: Least and largest coordinates (d, 2).
-        features: Those of the start (eta,).
-        activity: The learned motion.
-    """
-
-    cameras: Cameras
-    camera_weight: Array
-    evidence: Any
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    limits: Array
-    features: Array
-    activity: Activity
 
 
 def darby_learned_system(
@@ -86,21 +59,21 @@ def darby_learned_system(
     _check(trained, body, person.rate, model)
     likelihood = camera_likelihood(body, darby_weight(equation))
 
-    def observe(params: Any, pose: Array, inputs: LearnedInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: ImageInputs) -> None:
         numpyro.factor("images", likelihood(params, pose, inputs))
         numpyro.factor("limits", hard_limits(inputs.limits, pose))
         numpyro.factor("parts", parts_apart(body, pose, params))
 
-    def taught(inputs: Any, model: MotionModel) -> LearnedInputs:
+    def taught(inputs: ImageInputs, model: MotionModel) -> ImageInputs:
         walk = jnp.asarray(model.largest_step / 2, float)
         limits = jnp.asarray(model.limits if subject else body.limits, float)
         features = jnp.asarray(model.features(fitted[0], subject), float)
-        seen = inputs.cameras, inputs.camera_weight, inputs.evidence, inputs.start
-        return LearnedInputs(*seen, walk, walk, limits, features, Activity.of_model(model, subject))
+        activity = Activity.of_model(model, subject)
+        return inputs._replace(start_scale=walk, step_scale=walk, activity=activity, limits=limits, features=features)
 
     seen = two_way_inputs(person, views, fitted[0], scale)
 
-    def inputs_of(sight: Sight) -> LearnedInputs:
+    def inputs_of(sight: Sight) -> ImageInputs:
         return taught(seen(sight), trained)
 
     coordinates, params = body.tree.coordinates, {"beta": BETA, "gamma": gamma}
@@ -124,7 +97,7 @@ def _guided(model: MotionModel, taught: Any) -> LearnedMotion:
     free, learned, count = model.free, model.learned, 1 + model.components.shape[1]
     order = jnp.asarray(np.argsort(np.concatenate([free, learned])))
 
-    def first(inputs: LearnedInputs) -> Array:
+    def first(inputs: ImageInputs) -> Array:
         return jnp.concatenate([jnp.zeros(1), inputs.features, inputs.start[free]])
 
     def pose(state: Array, activity: Activity) -> Array:

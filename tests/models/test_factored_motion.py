@@ -23,7 +23,7 @@ PHASES, ROTATIONS, BINS, FRAMES = 2, 2, 3, 3
 class Inputs(NamedTuple):
     """Of the programs."""
 
-    motion: FactoredTables
+    activity: FactoredTables
     start: object = None
     start_scale: object = None
     step_scale: object = None
@@ -84,8 +84,8 @@ def enumerated(tables: FactoredTables, seen: np.ndarray) -> tuple[float, np.ndar
 def rotations_model():
     """Phase and rotations alone."""
     return StateSpaceModel(
-        lambda params, inputs: first_frame(inputs.motion),
-        lambda params, state, inputs: next_frame(inputs.motion, state),
+        lambda params, inputs: first_frame(inputs.activity),
+        lambda params, state, inputs: next_frame(inputs.activity, state),
         lambda params, state, inputs: observe(params, state["bins"], inputs),
     )
 
@@ -95,7 +95,7 @@ SEEN = np.array([0.4, 2.1, 1.2])
 
 def run(tables, builder, **settings):
     program = rotations_model()
-    inputs = [Inputs(motion=tables) for _ in range(FRAMES)]
+    inputs = [Inputs(activity=tables) for _ in range(FRAMES)]
     model = program.compile(inputs[0], {})
     filter = builder(model, **settings)
     total, phases, state = 0.0, [], None
@@ -137,7 +137,7 @@ def test_a_body_goes_where_it_faces_or_stays():
     coordinates = [("root", "tx"), ("root", "ty"), ("root", "tz"), ("root", "Z"), ("knee", "X"), ("hip", "X")]
     tables = tiny()._replace(strides=jnp.asarray([[30.0, 0.0, 0.0], [30.0, 0.0, 0.0]]))
     inputs = Inputs(
-        motion=tables, start=jnp.zeros(6), start_scale=jnp.full(6, 1e-3), step_scale=jnp.asarray([1.0, 1.0, 1.0, 1e-3, 0, 0])
+        activity=tables, start=jnp.zeros(6), start_scale=jnp.full(6, 1e-3), step_scale=jnp.asarray([1.0, 1.0, 1.0, 1e-3, 0, 0])
     )
     model = factored_motion(coordinates, lambda params, pose, inputs: numpyro.factor("seen", 0.0)).compile(inputs, {})
     keys = jax.random.split(jax.random.key(0), 4000)
