@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +23,8 @@ import numpyro.distributions as dist
 from jax import Array
 from numpy.typing import NDArray
 
-from poseppl.motion.geometry import Cameras, KinematicTree
-from poseppl.motion.geometry.superquadrics import Superquadrics
+from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.geometry import Cameras
 from poseppl.motion.vision import (
     EnergySettings,
     dense_flow,
@@ -44,33 +44,9 @@ Images = Sequence[NDArray[Any]]
 Levels = Sequence[float]
 
 
-class CostInputs(NamedTuple):
-    """Inputs of one frame.
-
-    Attributes:
-        cameras: C cameras, px.
-        seen: What was seen.
-        noise: Standard deviations of edges and flow, and the cameras' weights.
-        start: Mean of the first state (d,).
-        start_scale: Its standard deviations (d,).
-        step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
-        tree: The person's own tree.
-        flesh: The person's own flesh.
-    """
-
-    cameras: Cameras
-    seen: ImageSeen
-    noise: CostNoise
-    start: Array
-    start_scale: Array
-    step_scale: Array
-    tree: KinematicTree
-    flesh: Superquadrics
-
-
 @lru_cache(maxsize=8)
 def image_programs(kind: Kind = "full", *, parts: bool = True) -> StateSpaceModel:
-    """Write the programs; their inputs are :class:`CostInputs`.
+    """Write the programs; in their inputs ``seen`` is an :class:`ImageSeen` and ``noise`` a :class:`CostNoise`.
 
     Args:
         kind: Which body.
@@ -79,7 +55,7 @@ def image_programs(kind: Kind = "full", *, parts: bool = True) -> StateSpaceMode
     body, settings = superquadric_body(kind), CostSettings()
     repelled = non_penetration_residuals(body.flesh.names)
 
-    def observe(params: Any, pose: Array, inputs: CostInputs) -> None:
+    def observe(params: Any, pose: Array, inputs: BodyInputs) -> None:
         arguments = (inputs.tree, inputs.flesh, inputs.cameras, pose, inputs.seen, inputs.noise)
         numpyro.sample("image", ContourAndFlow(*arguments, settings))
         if parts:

@@ -10,18 +10,13 @@ import numpy as np
 import pytest
 from poseppl_models.sminchisescu_body import superquadric_body
 from poseppl_models.sminchisescu_cost import ENTRIES, NODES, CostSettings, residuals_of
-from poseppl_models.sminchisescu_image import (
-    CostInputs,
-    at_levels,
-    cost_noise,
-    image_programs,
-    seen_in_images,
-)
+from poseppl_models.sminchisescu_image import at_levels, cost_noise, image_programs, seen_in_images
 from poseppl_models.sminchisescu_likelihood import ContourAndFlow
 from precision import precision
 from scipy.ndimage import gaussian_filter
 
 from poseppl.errors import PosepplError
+from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import Joint, Marker, kinematic_tree, look_at, marker_positions
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.geometry.superquadrics import Superquadric, part_axes, superquadrics_of
@@ -198,7 +193,8 @@ def test_the_truth_costs_least_on_a_rendered_frame():
 
 def arm_model(parts=True):
     body, camera, pose, seen = arm_scene(np.float32)
-    inputs = CostInputs(camera, seen, cost_noise(), pose, jnp.full(8, 0.1), jnp.full(8, 0.1), body.tree, body.flesh)
+    walk = pose, jnp.full(8, 0.1), jnp.full(8, 0.1)
+    inputs = BodyInputs(camera, cost_noise(), *walk, body.tree, seen=seen, flesh=body.flesh)
     program = image_programs("arm", parts=parts)
     model = program.compile(inputs, {})
     return model, model.observe({name: np.zeros(site.shape) for name, site in model.observation_sites.items()}), inputs

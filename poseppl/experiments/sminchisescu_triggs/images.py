@@ -19,7 +19,7 @@ from poseppl.experiments.sminchisescu_triggs.motions import moving
 from poseppl.experiments.sminchisescu_triggs.trackers import TRACKERS, search_settings
 from poseppl.experiments.sminchisescu_triggs.tracks import Estimate, follow, marker_error, walk_scales
 from poseppl.filters import covariance_scaled_filter
-from poseppl.motion.bodies.body import load_builder
+from poseppl.motion.bodies.body import BodyInputs, load_builder
 from poseppl.motion.geometry import Cameras, marker_positions
 from poseppl.motion.io import CameraRecord
 from poseppl.motion.rendering import Stage, build_setting
@@ -140,16 +140,15 @@ def _track_one(job: Pictures, seed: int) -> dict[str, float]:
     return found | {"ratio": float("nan")}
 
 
-def _inputs(job: Pictures, filmed: Filmed, frame: int, previous: Any) -> Any:
+def _inputs(job: Pictures, filmed: Filmed, frame: int, previous: Any) -> BodyInputs:
     """Inputs of a frame, given the pose in the one before."""
-    names = ("CostInputs", "seen_in_images", "at_levels", "cost_noise")
-    make_inputs, see, at_levels, noise = (load_builder(f"poseppl_models.sminchisescu_image:{name}") for name in names)
+    names = ("seen_in_images", "at_levels", "cost_noise")
+    see, at_levels, noise = (load_builder(f"poseppl_models.sminchisescu_image:{name}") for name in names)
     before = [filmed.pictures[frame - 1]] if frame else None
     seen = see([filmed.pictures[frame]], previous, before, levels=LEVELS)
     body = filmed.body
     start, step = walk_scales(body, _START, (POSITION_STEP, ANGLE_STEP), job.rate)
     spread = noise(edges=EDGES, flow=FLOW, weight=WEIGHT, levels=LEVELS)
-    known = (filmed.states[0], start, step)
-    return make_inputs(
-        at_levels(filmed.cameras, LEVELS), seen, spread, *(jnp.asarray(part, float) for part in known), body.tree, body.flesh
-    )
+    mean, scale, steps = (jnp.asarray(part, float) for part in (filmed.states[0], start, step))
+    cameras = at_levels(filmed.cameras, LEVELS)
+    return BodyInputs(cameras, spread, mean, scale, steps, body.tree, seen=seen, flesh=body.flesh)

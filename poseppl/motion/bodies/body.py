@@ -154,20 +154,21 @@ class BodyInputs(NamedTuple):
 
     Attributes:
         cameras: C cameras; of silhouettes in pixels.
-        noise: Standard deviation of the image noise (C, markers), in image units; of a silhouette's distances (C,), px.
+        noise: Standard deviation of the image noise (C, markers), in image units; of a silhouette's distances (C,), px; or what
+            else a model knows of it.
         start: Mean of the first state (d,).
         start_scale: Its standard deviations (d,).
         step_scale: Standard deviations of the random walk's step from the frame before to this one (d,), mm and radians.
         tree: The person's own tree: offsets are arguments of the programs, so that all people share one compiled program.
         activity: What a learned prior takes the random walk's place with.
-        seen: Contours and distance maps of the silhouettes; None of points.
-        flesh: The person's own, of silhouettes.
+        seen: Contours and distance maps of the silhouettes, or what else is seen of pictures; None of points.
+        flesh: The person's own, of pictures.
         errors: Those of points that last; None where each frame has its own.
         posture: What the walk comes back to; None where all coordinates walk.
     """
 
     cameras: Cameras
-    noise: Array
+    noise: Any
     start: Array
     start_scale: Array
     step_scale: Array
