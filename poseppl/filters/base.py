@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, Protocol
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from poseppl.compilation import with_full_precision
@@ -75,11 +76,13 @@ def filter_info(
     step_size: Any = math.nan,
 ) -> Info:
     """Fill in a diagnosis, in the dtype of `log_evidence`; N for `ancestors` stands for particles of which each is its own."""
-    dtype = log_evidence.dtype
+    dtype, own = log_evidence.dtype, ancestors
+    if isinstance(ancestors, int):
+        own = np.arange(ancestors, dtype=np.int32)  # of NumPy: known when a program is traced
     return Info(
         log_evidence=log_evidence,
         ess=jnp.asarray(ess, dtype),
-        ancestors=jnp.arange(ancestors, dtype=jnp.int32) if isinstance(ancestors, int) else ancestors,
+        ancestors=own,
         acceptance=jnp.asarray(acceptance, dtype),
         divergences=jnp.asarray(divergences, jnp.int32),
         num_likelihood=jnp.asarray(num_likelihood, jnp.int32),

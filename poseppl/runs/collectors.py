@@ -120,9 +120,13 @@ def collect_draws(
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
         numbers = (min(_NUM_QUANTILE_DRAWS, states.shape[0]), min(max_draws, states.shape[0]))
-        chosen, thinned = systematic_draws(jax.random.split(rng_key), log_weights, numbers)
+        exact, keys = getattr(state, "marginals", None), jax.random.split(rng_key)
+        if exact is None or len(values) > 1:
+            chosen, thinned = systematic_draws(keys, log_weights, numbers)
+        else:  # whose quantiles need no draws
+            chosen = thinned = systematic(keys[1], log_weights, numbers[1])
         sample = {name: value[chosen] for name, value in values.items()}
-        summary = summarise(values, weights, sample, getattr(state, "marginals", None))
+        summary = summarise(values, weights, sample, exact)
         kept = {name: value[thinned][None] for name, value in values.items() if name not in mean_only}
         return told(kept, summary, inputs)
 

@@ -1,6 +1,7 @@
 """The compiled calls of the driver: the filter's `init`, and scans of frames, from host arrays to host arrays.
 
-What is kept of a frame, and its predictive checks, are in the scan alone: it takes the first frame as `init` left it. Both
+What is kept of a frame, and its predictive checks, are in the scan alone: it takes the first frame as `init` left it. Keys of
+frames are made beforehand, by a program that all filters share. Both
 programs are compiled before either runs, so that no compilation counts as time of the frames. The filter keeps what was
 compiled for it: a run whose filter, collector and shapes are those of an earlier one compiles nothing, and what was compiled
 goes with the filter.
@@ -19,6 +20,7 @@ from jax import Array
 
 from poseppl.compilation import compile_lowered, compile_to_run_once, jit
 from poseppl.filters.base import Filter, FilterState, Info
+from poseppl.particles.stacks import rows_of
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
 from poseppl.runs.frame_sequence import FrameSequence, Layout
@@ -35,6 +37,8 @@ _LARGE = 2**20
 """Bytes of a frame's data, and of what is kept of it, beyond which it is large."""
 _CHECKS = 2
 """Number that the key of the predictive checks is folded with, beside the two of :func:`frame_keys`."""
+_KEY_PROGRAMS: dict[Any, Any] = {}
+"""What makes the keys of frames, by the kind of the run's key."""
 
 
 class Kept(NamedTuple):
@@ -61,16 +65,38 @@ def frame_keys(rng_key: Array, frame: Any) -> tuple[Array, Array]:
     return key_filter, key_collect
 
 
-def _prediction_key(rng_key: Array, frame: Any) -> Array:
-    """Key of the predictive checks at a frame; those of filter and collector do not depend on whether it is used."""
-    return jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS)
+def _key_data(rng_key: Array, start: int, checks: bool) -> tuple[Any, ...]:
+    """Data of the keys of filter, collector and, if there are any, predictive checks at _LONG frames."""
+
+    def of_frame(rng_key: Array, frame: Array) -> tuple[Array, ...]:
+        key_checks = (jax.random.fold_in(jax.random.fold_in(rng_key, frame), _CHECKS),) if checks else ()
+        return tuple(map(jax.random.key_data, (*frame_keys(rng_key, frame), *key_checks)))
+
+    kind, frames = (kind_of(rng_key), checks), np.arange(start, start + _LONG, dtype=np.int32)
+    if kind not in _KEY_PROGRAMS:
+        lowered = jit(jax.vmap(of_frame, (None, 0))).lower(rng_key, frames)
+        _KEY_PROGRAMS[kind] = compile_to_run_once(lowered, num_particles=1, num_numbers=1)
+    made: tuple[Any, ...] = jax.tree.map(np.asarray, _KEY_PROGRAMS[kind](rng_key, frames))
+    return made
+
+
+def _key_like(rng_key: Array, data: Array) -> Array:
+    """The key of some data, typed if another one is."""
+    typed = jnp.issubdtype(rng_key.dtype, jax.dtypes.prng_key)
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(rng_key)) if typed else data
 
 
 def _keep(collect: Collect, rng_key: Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None) -> Kept:
-    offspring = jnp.zeros(info.ancestors.shape, jnp.int32).at[info.ancestors].set(1, mode="drop")
     outputs = collect(rng_key, state, info, inputs)
     told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-    return Kept(outputs, told, jnp.sum(offspring), is_finite(state), prediction)
+    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state), prediction)
+
+
+def _num_unique(ancestors: Any) -> Any:
+    """How many particles have offspring; known when the program is traced where a filter names none."""
+    if isinstance(ancestors, np.ndarray):
+        return np.int32(len(np.unique(ancestors)))
+    return jnp.sum(jnp.zeros(ancestors.shape, jnp.int32).at[ancestors].set(1, mode="drop"))
 
 
 def is_finite(state: FilterState) -> Array:
@@ -102,12 +128,15 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         build: Any = filter.initial_state
         return build(observation, layout.join(varying, constant))
 
-    def init(rng_key: Array, observation: Observation, varying: list[Any], constant: list[Any]) -> tuple[Any, Info]:
-        return filter.init(frame_keys(rng_key, 0)[0], observation, layout.join(varying, constant))
+    def init(
+        rng_key: Array, keys: tuple[Array, ...], observation: Observation, varying: list[Any], constant: list[Any]
+    ) -> tuple[Any, Info]:
+        return filter.init(_key_like(rng_key, keys[0]), observation, layout.join(varying, constant))
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(
         rng_key: Array,
+        keys: tuple[Array, ...],
         frame: Any,
         before: Any,
         begun: Info | None,
@@ -115,9 +144,9 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         varying: list[Any],
         constant: list[Any],
     ) -> tuple[Any, Kept]:
-        key_filter, key_collect = frame_keys(rng_key, frame)
+        key_filter, key_collect, *key_checks = (_key_like(rng_key, data) for data in keys)
         inputs, first = layout.join(varying, constant), frame == 0
-        prediction = predict(_prediction_key(rng_key, frame), before, first, observation, inputs) if predict else None
+        prediction = predict(key_checks[0], before, first, observation, inputs) if predict else None
 
         def step(state: Any) -> tuple[Any, Info]:
             return filter.step(key_filter, state, observation, inputs)
@@ -129,22 +158,23 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         state: Any,
         begun: Info | None,
         rng_key: Array,
+        keys: tuple[Array, ...],
         frames: Array,
         active: Array,
         observations: Observation,
         varying: list[Any],
         constant: list[Any],
     ) -> tuple[Any, Kept]:
-        """Frames of the numbers `frames` (length,), of which the `active` (length,) ones count.
+        """Frames of the numbers `frames` (length,) with their `keys`, of which the `active` (length,) ones count.
 
         Where the first is among them, `state` and `begun` are those of `init`; None where `step` takes the first one, too.
         """
 
         def body(state: Any, row: Any) -> tuple[Any, Kept]:
-            frame, wanted, observation, varying = row
+            keys, frame, wanted, observation, varying = row
 
             def run(state: Any) -> tuple[Any, Kept]:
-                result: tuple[Any, Kept] = one_frame(rng_key, frame, state, begun, observation, varying, constant)
+                result: tuple[Any, Kept] = one_frame(rng_key, keys, frame, state, begun, observation, varying, constant)
                 return result
 
             def skip(state: Any) -> tuple[Any, Kept]:
@@ -153,7 +183,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
             result: tuple[Any, Kept] = jax.lax.cond(wanted, run, skip, state)
             return result
 
-        return jax.lax.scan(body, state, (frames, active, observations, varying))
+        return jax.lax.scan(body, state, (keys, frames, active, observations, varying))
 
     return Programs(jit(before), jit(init), one_frame, jit(scan_frames), {})
 
@@ -185,6 +215,8 @@ class Calls:
         single: bool = False,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
+        self._keys: tuple[Any, ...] = ()
+        self._keys_from, self._checks = -_LONG, predict is not None
         self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
         self._made = self._programs.made.setdefault(kind_of(self._first_data()), {})
         self.state, self._begun, self.blank = self._once("blank", self._blank)
@@ -224,7 +256,7 @@ class Calls:
         if self.filter.initial_state is None:
             state, begun = self._begin(*self._first_data())
             return state, jax.tree.map(np.asarray, begun)  # of no device, so that the scan may place it
-        return self._begin(*self._first_data()[1:]), None
+        return self._begin(*self._first_data()[2:]), None
 
     def _once(self, name: str, make: Callable[[], Any]) -> Any:
         """What an earlier run on data of the same kind made, or what is made now."""
@@ -236,8 +268,9 @@ class Calls:
         if self.filter.initial_state is None:
             lowered = self._programs.init.lower(*self._first_data())
         else:
-            lowered = self._programs.before.lower(*self._first_data()[1:])
-        return compile_to_run_once(lowered, self.state.log_weights.size, self.state.particles.size)
+            lowered = self._programs.before.lower(*self._first_data()[2:])
+        particles, chains = self.state.particles.size, self.state.particles.ndim == 3
+        return compile_to_run_once(lowered, self.state.log_weights.size, particles, chains)
 
     def _compiled_scan(self) -> Any:
         lowered = self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1))
@@ -249,20 +282,28 @@ class Calls:
         if self.filter.initial_state is None:
             state, begun = self._programs.init.eval_shape(*self._first_data())
         else:
-            state = self._programs.before.eval_shape(*self._first_data()[1:])
+            state = self._programs.before.eval_shape(*self._first_data()[2:])
         frame = *sequence.frame(0), sequence.constant
-        state, kept = self._programs.frame.eval_shape(self._rng_key, np.int32(0), state, begun, *frame)
+        state, kept = self._programs.frame.eval_shape(*self._first_data()[:2], np.int32(0), state, begun, *frame)
         blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, begun, kept))
         return blank
 
     def _first_data(self) -> tuple[Any, ...]:
-        return self._rng_key, *self._sequence.frame(0), self._sequence.constant
+        return self._rng_key, rows_of(self._frame_keys(0, 1), 0), *self._sequence.frame(0), self._sequence.constant
+
+    def _frame_keys(self, start: int, length: int) -> tuple[Any, ...]:
+        """Data of the keys of frames, which are made for more at once."""
+        if not self._keys_from <= start <= self._keys_from + _LONG - length:
+            self._keys, self._keys_from = _key_data(self._rng_key, start, self._checks), start
+        begin = start - self._keys_from
+        return rows_of(self._keys, slice(begin, begin + length))
 
     def _scan_data(self, state: Any, begun: Info | None, start: int, stop: int) -> tuple[Any, ...]:
         numbers = np.arange(start, start + self._length, dtype=np.int32)
         rows, varying = self._sequence.rows(start, self._length)
         placed, constant = self.filter.to_devices(state), self._sequence.constant
-        return placed, begun, self._rng_key, numbers, numbers < stop, rows, varying, constant
+        keys = self._frame_keys(start, self._length)
+        return placed, begun, self._rng_key, keys, numbers, numbers < stop, rows, varying, constant
 
 
 def joined(parts: list[Kept]) -> Kept:

@@ -101,6 +101,12 @@ def test_a_sequence_of_any_length_is_one_compilation() -> None:
     assert runs[19].state.particles.shape == (64, 2)
 
 
+def test_each_particle_of_a_closed_form_is_its_own_ancestor() -> None:
+    model, observations = toy(5)
+    run = run_filter(kalman_filter(model, 64), jax.random.key(0), observations, collect=collect_draws(model, max_draws=4))
+    assert np.all(run.unique_ancestors == 64)
+
+
 def test_chunks_do_not_change_the_result() -> None:
     model, observations = toy(11)
     filter, collect = particle_filter(model, 50), collect_draws(model, max_draws=10)
