@@ -91,7 +91,8 @@ def log_likelihood(
         A scalar; -inf where the data are impossible.
 
     Raises:
-        InputError: Params with other names than the parameters program; when differentiated, a filter that has no gradient.
+        InputError: Params with other names than the parameters program, or the model's own; when differentiated, a filter that
+            has no gradient.
         ValueError: Data or inputs that do not fit the model, a filter that is no function of the model, or one that has no
             evidence.
     """
@@ -124,4 +125,6 @@ def _with_params(model: CompiledModel, params: Mapping[str, Any]) -> CompiledMod
         known = list(jax.eval_shape(model.sample_parameters, jax.random.key(0)))
         if set(params) != set(known):
             raise InputError(f"params are {sorted(params)}", expected=f"those of the parameters program, {sorted(known)}")
+    elif isinstance(model.params, Mapping) and set(params) != set(model.params):
+        raise InputError(f"params are {sorted(params)}", expected=f"those that the model has, {sorted(model.params)}")
     return model.with_params(params)

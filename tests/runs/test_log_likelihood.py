@@ -204,6 +204,10 @@ def test_gradients_that_know_nothing_of_moves_are_refused_and_so_is_what_has_no_
 def test_other_params_and_data_are_refused():
     with pytest.raises(InputError, match="params are .*memory.*expected those of the parameters program"):
         log_likelihood(MODEL, {"memory": 0.5}, DATA, kalman_filter)
+    programs = MODEL.programs._replace(parameters=None)
+    bound = programs.compile(params=PARAMS)
+    with pytest.raises(InputError, match="params are .*memory.*expected those that the model has"):
+        log_likelihood(bound, {"memory": 0.5}, DATA, kalman_filter)
     with pytest.raises(InputError, match="y: the data are not those of a sequence"):
         log_likelihood(MODEL, PARAMS, MODEL.observe({"y": YS[0]}), kalman_filter)
 
