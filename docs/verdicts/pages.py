@@ -28,6 +28,7 @@ from verdicts import (
     modes,
     motion_peers,
     named_points,
+    one_camera,
     predictions,
     sampling,
     simulated_keypoints,
@@ -73,6 +74,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "keypoints.md": {
         "keypoints": keypoints.keypoints,
         "simulated-keypoints": simulated_keypoints.recorded,
+        "one-camera": one_camera.one_camera,
         "simulated-clocks": simulated_keypoints.clocks,
         "smoother-ranks": simulated_keypoints.ranks,
     },

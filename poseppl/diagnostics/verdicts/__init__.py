@@ -28,7 +28,7 @@ from poseppl.diagnostics.verdicts.predictive import (
     prediction,
     unreached,
 )
-from poseppl.diagnostics.verdicts.residuals import point_residuals
+from poseppl.diagnostics.verdicts.residuals import one_camera, point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
@@ -56,6 +56,7 @@ CHECKS: tuple[Callable[[xr.DataTree], Iterable[Verdict]], ...] = (
     overlap,
     silhouette_jumps,
     estimated_steps,
+    one_camera,
     point_residuals,
     divergences,
     mixing,

@@ -14,6 +14,7 @@ from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
 from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, of_walk
 from poseppl.runs.contents import names_of
+from poseppl.runs.results import provenance
 
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
@@ -35,6 +36,13 @@ def point_residuals(tree: xr.DataTree) -> Findings:
         yield from _overall(tree, errors, markers)
         yield from _of_cameras(errors)
         yield from _of_markers(errors, markers)
+
+
+def one_camera(tree: xr.DataTree) -> Findings:
+    """A detector's keypoints of a single camera, of which intervals hold less than they say (benchmarks/one_camera.py)."""
+    if "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1:
+        text = "One camera: joints tend to be nearer to it than they are, by more than intervals say; take another camera, too."
+        yield Verdict(WARNING, text)
 
 
 def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Findings:

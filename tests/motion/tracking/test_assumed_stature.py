@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from poseppl.diagnostics.verdicts import verdicts
 from poseppl.motion.bodies.body import body_builder
 from poseppl.motion.geometry import marker_positions, project
 from poseppl.motion.io import read_calibration
@@ -52,6 +53,12 @@ def test_draws_are_those_of_a_normal_distribution() -> None:
     assert np.isclose(draws.mean(), POPULATION[0]) and abs(draws.std() / POPULATION[1] - 1) < 0.01
     assert np.array_equal(draws, stature_draws(POPULATION, (4, 250)))
     assert abs(np.corrcoef(draws.ravel(), np.arange(1000))[0, 1]) < 5 / np.sqrt(1000)
+
+
+@pytest.mark.parametrize("name", ["filtered", "smoothed"])
+def test_the_user_is_told_that_one_camera_is_not_to_be_trusted(name: str, request: pytest.FixtureRequest) -> None:
+    told = [verdict for verdict in verdicts(request.getfixturevalue(name)) if verdict.text.startswith("One camera: ")]
+    assert [verdict.severity for verdict in told] == ["warning"]
 
 
 @pytest.mark.parametrize("name", ["filtered", "smoothed"])

@@ -1,0 +1,80 @@
+"""Recorded walks as the keypoints of one camera: how far off is a person of unknown stature, and do intervals hold?
+
+    POSEPPL_DATA=FOLDER python benchmarks/one_camera.py [--quick] [--output one-camera]
+
+The people and the errors of simulated_keypoints.py without clutter, one of the laboratory's cameras for each, tracked as
+`poseppl track --keypoints` does with one camera: a body of the mean adult's lengths, draws of whose stature are moved along
+the rays. With steps of the walk as published, and mean-reverting ones; by the filter, and smoothed by Laplace's. A row a
+recording, walk and method: median error of the joints, mm, how much farther from the camera than the truth they are on average,
+mm, and the shares of their coordinates in central intervals. Rows go to one_camera.csv in the folder, and what is there is not
+run again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from kept_runs import keep_run, read_runs
+from laboratory_rig import LAYOUT, RIG, detect, rig_records
+from simulated_keypoints import OPENSIM, WALKS, recorded
+from timing import DATA, arguments, show
+
+from poseppl.arrays import Floats
+from poseppl.cli.console import start_jax
+from poseppl.experiments.tables import Table
+from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
+from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from poseppl.motion.tracking.keypoint_sources import Clocks
+from poseppl.motion.tracking.keypoints import scene_of_keypoints
+
+NAMES, LEVELS = (*WALKS, OPENSIM), (0.5, 0.9)
+COLUMNS = ("recording", "walk", "method", "error", "farther", "coverage_50", "coverage_90")
+_ABOUT = "Joints seen by one camera: median error and how much farther than the truth, mm, and shares in 50 and 90 % intervals."
+
+
+def answers(name: str, walk: Any) -> dict[str, tuple[float, ...]]:
+    """Error, distance and coverage of a recording, by method."""
+    seed = NAMES.index(name)
+    subject = recorded(DATA, name, seed)
+    records = [rig_records(DATA)[RIG[4][seed % 4]]]
+    detected = detect(subject, records, np.random.default_rng([seed, 1]), clutter=False)
+    clocks = Clocks(subject.rate, find=False)
+    found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks)
+    filtered = track(found.scene, TrackSettings(walk=walk))
+    trees = {"filter": filtered, "smoother": smooth(filtered, SmoothSettings("laplace"))}
+    markers = list(subject.body.tree.marker_names)
+    seen = [markers.index(marker) for marker in markers_of_names(LAYOUTS[LAYOUT]) if marker in markers]
+    truth = detected.places[found.scene.frames][:, seen]
+    centre = np.asarray(found.scene.cameras.centre[0], np.float64)
+    return {
+        method: scores(np.asarray(tree["posterior/markers"].values, np.float64)[..., seen, :], truth, centre)
+        for method, tree in trees.items()
+    }
+
+
+def scores(draws: Floats, truth: Floats, centre: Floats) -> tuple[float, ...]:
+    """Median error, mean distance beyond the truth, and coverage of draws (chains, draws, T, K, 3)."""
+    flat = draws.reshape(-1, *truth.shape)
+    error, away = flat.mean(0) - truth, truth - centre
+    farther = np.sum(error * away, -1) / np.linalg.norm(away, axis=-1)
+    ends = [np.quantile(flat, [(1 - level) / 2, (1 + level) / 2], axis=0) for level in LEVELS]
+    shares = [float(((low <= truth) & (truth <= high)).mean()) for low, high in ends]
+    return float(np.median(np.linalg.norm(error, axis=-1))), float(farther.mean()), *shares
+
+
+def main() -> None:
+    options = arguments(__doc__, output="one-camera")
+    start_jax()
+    table = Table("one_camera", COLUMNS, read_runs(options.output / "one_camera.csv"), _ABOUT)
+    done = {tuple(row[:2]) for row in table.rows}
+    for walk in ("fixed", "mean-reverting"):
+        for name in NAMES[:1] if options.quick else NAMES:
+            if (name, walk) not in done:
+                for method, values in answers(name, walk).items():
+                    keep_run(table, (name, walk, method, *(f"{value:.4g}" for value in values)), options.output)
+    show("Joints in one camera", COLUMNS, [[str(value) for value in row] for row in table.rows])
+
+
+if __name__ == "__main__":
+    main()
