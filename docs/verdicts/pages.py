@@ -73,8 +73,8 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "compared.md": {"motion-peers": motion_peers.motion_peers},
     "keypoints.md": {
         "keypoints": keypoints.keypoints,
-        "simulated-keypoints": simulated_keypoints.recorded,
         "one-camera": one_camera.one_camera,
+        "simulated-keypoints": simulated_keypoints.recorded,
         "simulated-clocks": simulated_keypoints.clocks,
         "smoother-ranks": simulated_keypoints.ranks,
     },
