@@ -95,9 +95,10 @@ def window_filter(
     check_at_least(0, num_mode_steps=num_mode_steps)
     dimension = model.dimension
 
-    def run(
-        rng_key: Array, past: WindowState, prediction: Gaussian, observation: Observation, inputs: Any
-    ) -> tuple[WindowState, Info]:
+    def step(rng_key: Array, past: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+        first, predicted = past.window.num_frames == 0, predict(model, past.particles, inputs)
+        initial = jax.tree.map(lambda leaf: leaf[-1], past.window.predictions)
+        prediction: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
         key_climb, key_past, key_chains, key_even = jax.random.split(rng_key, 4)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
         starts, _ = draw_mixture(key_climb, prior, num_starts)
@@ -137,12 +138,6 @@ def window_filter(
         nothing = jnp.broadcast_to(mean, (num_chains, settings.num_updates - settings.num_warmup, window, dimension))
         log_step_size = jnp.log(jnp.asarray(settings.step_size, mean.dtype))
         return WindowState(nothing[:, :, -1], jnp.zeros(nothing.shape[:2], mean.dtype), log_step_size, nothing, empty)
-
-    def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
-        first, predicted = state.window.num_frames == 0, predict(model, state.particles, inputs)
-        initial = jax.tree.map(lambda leaf: leaf[-1], state.window.predictions)
-        prediction: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
-        return run(rng_key, state, prediction, observation, inputs)
 
     return filter_of_steps(initial_state, step, differentiable=False)
 
