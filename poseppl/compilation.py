@@ -35,8 +35,6 @@ MOST_SMOOTHED = 1000
 """Particles of smoothers that are."""
 MOST_NUMBERS = 1000
 """In the particles, as many as they are times their dimension, of programs of few numbers."""
-MOST_ONCE = 30_000
-"""Of programs that run once and are not optimised, if they have no chains."""
 _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 _LEVEL = "xla_backend_optimization_level"
 
@@ -83,10 +81,9 @@ def compile_smoother(lowered: Any, num_particles: int) -> Any:
     return _compiled(lowered, _emitters(num_particles, MOST_SMOOTHED))
 
 
-def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int, chains: bool = False) -> Any:
-    """The program of `jit(...).lower(...)` that runs once a sequence, perhaps with chains, which take many steps."""
-    least = num_numbers <= (MOST_NUMBERS if chains else MOST_ONCE)
-    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | {_LEVEL: 0 if least else 1})
+def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:
+    """The program of `jit(...).lower(...)` that runs once a sequence."""
+    return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | {_LEVEL: 0 if num_numbers <= MOST_NUMBERS else 1})
 
 
 def _emitters(num_particles: int, most: int) -> dict[str, Any]:

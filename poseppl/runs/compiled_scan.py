@@ -269,8 +269,7 @@ class Calls:
             lowered = self._programs.init.lower(*self._first_data())
         else:
             lowered = self._programs.before.lower(*self._first_data()[2:])
-        particles, chains = self.state.particles.size, self.state.particles.ndim == 3
-        return compile_to_run_once(lowered, self.state.log_weights.size, particles, chains)
+        return compile_to_run_once(lowered, self.state.log_weights.size, self.state.particles.size)
 
     def _compiled_scan(self) -> Any:
         lowered = self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1))
