@@ -95,9 +95,9 @@ def window_filter(
     check_at_least(0, num_mode_steps=num_mode_steps)
     dimension = model.dimension
 
-    def step(rng_key: Array, past: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
-        first, predicted = past.window.num_frames == 0, predict(model, past.particles, inputs)
-        initial = jax.tree.map(lambda leaf: leaf[-1], past.window.predictions)
+    def step(rng_key: Array, state: WindowState, observation: Observation, inputs: Any = None) -> tuple[WindowState, Info]:
+        first, predicted = state.window.num_frames == 0, predict(model, state.particles, inputs)
+        initial = jax.tree.map(lambda leaf: leaf[-1], state.window.predictions)
         prediction: Gaussian = jax.tree.map(lambda a, b: jnp.where(first, a, b), initial, predicted)
         key_climb, key_past, key_chains, key_even = jax.random.split(rng_key, 4)
         prior = GaussianMixture(jnp.zeros(1, prediction.mean.dtype), prediction.mean[None], prediction.covariance[None])
@@ -105,7 +105,7 @@ def window_filter(
         starts = starts.at[0].set(prediction.mean)
         failed = ~jnp.any(jnp.isfinite(log_likelihoods(model, starts, observation, inputs)))
         seen = _masked(model, drop_impossible(model, observation, failed))
-        frames = move_on(past.window, prediction, seen, inputs)
+        frames = move_on(state.window, prediction, seen, inputs)
         precision = precision_of(prediction.covariance)
         newest = find_modes(
             starts,
@@ -114,7 +114,7 @@ def window_filter(
             num_mode_steps,
         )
         target = window_target(model, frames)
-        pasts = _pasts(model, key_past, past, newest.states, inputs)
+        pasts = _pasts(model, key_past, state, newest.states, inputs)
         whole = find_modes(
             jnp.concatenate([pasts, newest.states[:, None]], 1).reshape(num_starts, -1),
             target.log_density,
@@ -123,7 +123,7 @@ def window_filter(
         )
         modes = whole._replace(log_masses=mode_log_weights(whole))
         draws, log_weights, chains = chains_from_modes(
-            key_chains, modes, target.log_density, past.log_step_size, num_chains, settings
+            key_chains, modes, target.log_density, state.log_step_size, num_chains, settings
         )
         even = draws[systematic(key_even, log_weights, num_chains)]
         trajectories = even.reshape(*draws.shape[:2], window, dimension)
