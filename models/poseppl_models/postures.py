@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from poseppl_models.sides import mirrored_angle
+
 LEFT: Mapping[tuple[str, str], tuple[float, float]] = {
     ("head", "Y"): (0.0, 0.13),
     ("head", "X"): (0.16, 0.15),
@@ -28,14 +30,12 @@ LEFT: Mapping[tuple[str, str], tuple[float, float]] = {
 
 
 def _both_sides() -> dict[tuple[str, str], tuple[float, float]]:
-    found: dict[tuple[str, str], tuple[float, float]] = {}
-    for (joint, axis), (mean, deviation) in LEFT.items():
-        if joint in ("head", "pelvis", "girdle"):
-            found[joint, axis] = mean, deviation
-            continue
-        found[f"{joint}_l", axis] = mean, deviation
-        found[f"{joint}_r", axis] = (mean if axis == "X" else -mean), deviation
-    return found
+    means = {angle: mean for angle, (mean, _) in LEFT.items()}
+    return {
+        (name, axis): (mirrored_angle(means, name, axis), deviation)
+        for (joint, axis), (_, deviation) in LEFT.items()
+        for name in ((joint,) if joint in ("head", "pelvis", "girdle") else (f"{joint}_l", f"{joint}_r"))
+    }
 
 
 POSTURES: Mapping[tuple[str, str], tuple[float, float]] = _both_sides()
