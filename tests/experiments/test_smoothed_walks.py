@@ -29,7 +29,7 @@ NAMES = ("FSHHMM-PF, 1,000", "Simple-PF, 1,000")
 class Inputs(NamedTuple):
     """Of the programs."""
 
-    motion: FactoredTables
+    activity: FactoredTables
     start: object
     start_scale: object
     step_scale: object
