@@ -6,14 +6,12 @@ from poseppl.report.compare import (
     write_comparison_table as write_comparison_table,
 )
 from poseppl.report.figures import (
-    plot_autocorrelation as plot_autocorrelation,
     plot_error as plot_error,
     plot_inefficiency as plot_inefficiency,
     plot_overlay as plot_overlay,
     plot_pose3d as plot_pose3d,
     plot_ranks as plot_ranks,
     plot_state as plot_state,
-    plot_trace as plot_trace,
     plot_track as plot_track,
 )
 from poseppl.report.picture import new_picture as new_picture, save_picture as save_picture

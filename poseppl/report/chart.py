@@ -13,10 +13,11 @@ from plotly import graph_objects as go
 from plotly.subplots import make_subplots
 
 from poseppl.diagnostics.selection import Array, evenly
-from poseppl.report.picture import BAND, MUTED
+from poseppl.report.picture import BAND, MUTED, POSTERIOR
 
 Traces = list[go.Scatter]
 MAX_POINTS = 600
+INTERVAL = ("central 90 %", "posterior mean")
 DOTTED: dict[str, Any] = {"line_width": 1, "line_dash": "dot", "hoverinfo": "skip"}
 
 
@@ -46,11 +47,12 @@ def line(x: Any, y: Array, name: str, color: str, most: int = MAX_POINTS, **more
     return scatter(np.asarray(x)[chosen], np.asarray(y)[chosen], name, color, **mode | more)
 
 
-def band(x: Any, low: Array, high: Array, name: str, color: str = BAND, most: int = MAX_POINTS) -> Traces:
-    """Fill what lies between two lines."""
+def fan(x: Any, lines: Any, names: Sequence[str] = INTERVAL, colors: Sequence[str] = (BAND, POSTERIOR), **more: Any) -> Traces:
+    """Draw an interval over x: the band between the first and the last of three lines, and the one in the middle."""
+    (low, middle, high), (name, middle_name), (ground, color), most = lines, names, colors, more.pop("most", MAX_POINTS)
     ends: dict[str, Any] = {"line_width": 0, "mode": "lines", "hoverinfo": "skip", "most": most}
-    upper = line(x, high, name, color, fill="tonexty", fillcolor=color, **ends)
-    return [line(x, low, name, color, showlegend=False, **ends), upper]
+    upper = line(x, high, name, ground, fill="tonexty", fillcolor=ground, **ends)
+    return [line(x, low, name, ground, showlegend=False, **ends), upper, line(x, middle, middle_name, color, most, **more)]
 
 
 def points(x: Any, y: Array, name: str, color: str, error: Array) -> go.Scatter:
@@ -89,12 +91,13 @@ def log_ticks(low: float, high: float) -> Array:
     return np.asarray([float(f"{tick:.3g}") for tick in every if 0.999 * low <= tick <= 1.001 * high])
 
 
-def log_axis(values: Any) -> dict[str, Any]:
-    """A logarithmic axis with labels at powers of ten, at 2 and 5 times them, too, where it is short."""
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known) & (known > 0)]
-    short = known.size == 0 or np.log10(known.max() / known.min()) < 2
-    return {"type": "log", "dtick": "D2" if short else 1, "exponentformat": "power"}
+def log_axis(title: str, values: Array) -> dict[str, Any]:
+    """A logarithmic axis around what is positive of values, with ticks at 1, 3, 10, ..."""
+    known = values[np.isfinite(values) & (values > 0)]
+    low, high = known.min() / 2, 2 * known.max()
+    ticks = log_ticks(low, high)
+    labels = {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
+    return {"type": "log", "title_text": title, "range": np.log10([low, high])} | labels
 
 
 def chart(traces: Sequence[Any], ylabel: str, *, xlabel: str = "frame", height: int = 320, **layout: Any) -> go.Figure | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -20,11 +19,11 @@ from poseppl.report.chart import (
     DOTTED,
     Panel,
     Traces,
-    band,
     bars,
     chart,
     color_axis,
     coverage_chart,
+    fan,
     grid,
     heat,
     line,
@@ -38,7 +37,6 @@ from poseppl.runs.results import is_weighted
 MAX_CHAINS = 40
 BINS = 10
 FEW_POINTS = 300
-Pairs = Sequence[tuple[int, str]]
 
 
 def charts(tree: xr.DataTree) -> dict[str, Any]:
@@ -70,9 +68,8 @@ def error_traces(tree: xr.DataTree) -> Traces:
     relative = variable(tree, "diagnostics", "joint_error_relative")
     if expected is None:
         return []
-    x, (low, middle, high) = frame_numbers(tree), expected
-    traces = band(x, low, high, "posterior expects (90 %)")
-    traces.append(line(x, middle, "posterior expects (median)", POSTERIOR, line_width=1.2))
+    x = frame_numbers(tree)
+    traces = fan(x, expected, ("posterior expects (90 %)", "posterior expects (median)"), line_width=1.2)
     if error is not None and relative is not None:
         traces.append(line(x, error.mean(axis=1), "error against the truth", TRUTH))
         traces.append(line(x, relative.mean(axis=1), "error relative to the root", OBSERVED))
@@ -82,44 +79,44 @@ def error_traces(tree: xr.DataTree) -> Traces:
 def state_traces(tree: xr.DataTree, dof: int) -> Traces:
     """Filtered mean of a coordinate over the frames, on its central 90 % interval, with the truth."""
     x, summary, truth = frame_numbers(tree), tree["summary"].dataset, variable(tree, "truth", "state")
-    traces: Traces = []
-    if "state_quantile" in summary:
-        ends = summary["state_quantile"].values[:, :, dof]
-        traces += band(x, ends[:, 0], ends[:, -1], "central 90 %")
-    traces.append(line(x, summary["state_mean"].values[:, dof], "posterior mean", POSTERIOR))
+    low, *_, high = summary["state_quantile"].values[:, :, dof].T
+    traces = fan(x, (low, summary["state_mean"].values[:, dof], high))
     return traces if truth is None else [*traces, line(x, truth[:, dof], "truth", TRUTH)]
 
 
-def inefficiency_heat(tree: xr.DataTree) -> tuple[go.Heatmap, float] | None:
-    """Inefficiency factors of every frame and coordinate, and the largest, at least 10; none of particles and short chains."""
-    tau = variable(tree, "diagnostics", "tau")
+def inefficiency_panel(tree: xr.DataTree) -> Panel:
+    """Inefficiency factors of every frame and coordinate; of weighted particles their effective number over the frames."""
+    tau, effective = variable(tree, "diagnostics", "tau"), variable(tree, "diagnostics", "ess")
+    x, count = frame_numbers(tree), tree.attrs.get("num_particles")
+    if is_weighted(tree) and effective is not None and count is not None:
+        axis = {"type": "log", "range": np.log10([0.8, 1.3 * int(count)])}
+        return Panel([line(x, effective[:, 0], "", POSTERIOR)], f"Effective number of {count} particles", axis)
     if is_weighted(tree) or tau is None or np.isnan(tau).all():
-        return None
-    drawn = heat(frame_numbers(tree), names_of(tree, "dof"), tau.T, "τ =", logarithmic=True)
-    return drawn, max(float(np.nanmax(tau)), 10.0)
+        return Panel([], "Inefficiency factor τ", missing="too few draws a chain")
+    return Panel([heat(x, names_of(tree, "dof"), tau.T, "τ =", logarithmic=True)], "Inefficiency factor τ")
 
 
-def autocorrelation_traces(tree: xr.DataTree, pairs: Pairs | None = None) -> Traces:
+def autocorrelation_traces(tree: xr.DataTree) -> Traces:
     """Autocorrelation functions where the chains mix worst, on the band that the middle 90 % of all fill."""
     rho = variable(tree, "diagnostics", "autocorrelation")
     if rho is None:
         return []
-    lags, series, chosen = np.arange(len(rho)), rho.reshape(len(rho), -1), _places(tree, pairs)
+    lags, series, chosen = np.arange(len(rho)), rho.reshape(len(rho), -1), worst_pairs(tree, 6)
     series = series[:, np.isfinite(series).all(axis=0)]
     traces: Traces = []
     if series.size:
-        low, middle, high = np.quantile(series, [0.05, 0.5, 0.95], axis=1)
-        traces += [*band(lags, low, high, "middle 90 % of all", GRID), line(lags, middle, "median of all", MUTED)]
+        ends = np.quantile(series, [0.05, 0.5, 0.95], axis=1)
+        traces += fan(lags, ends, ("middle 90 % of all", "median of all"), (GRID, MUTED))
     for (frame, dof), color in zip(chosen, _viridis(len(chosen)), strict=True):
         traces.append(line(lags, rho[:, frame, dof], _label(tree, frame, dof), color))
     return traces
 
 
-def trace_panels(tree: xr.DataTree, pairs: Pairs | None = None) -> list[Panel]:
+def trace_panels(tree: xr.DataTree) -> list[Panel]:
     """Traces of the chains where they mix worst, with the truth where there is one; every k-th draw and chain of many."""
     state, truth = flat_draws(tree).values, variable(tree, "truth", "state")
     chains, draws, panels = evenly(state.shape[0], MAX_CHAINS), np.arange(state.shape[1]), []
-    for frame, dof in _places(tree, pairs) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
+    for frame, dof in worst_pairs(tree, 6) or [(frame_index(tree, None), dof) for dof in range(min(6, state.shape[3]))]:
         traces = [
             line(draws, state[chain, :, frame, dof], f"chain {chain}", color, line_width=0.9)
             for chain, color in zip(chains, _viridis(len(chains)), strict=True)
@@ -141,12 +138,13 @@ def _coverage(tree: xr.DataTree) -> go.Figure | None:
 
 
 def _inefficiency(tree: xr.DataTree) -> go.Figure | None:
-    found = inefficiency_heat(tree)
-    if found is None:
+    drawn = inefficiency_panel(tree).traces
+    if is_weighted(tree) or not drawn:
         return None
     axis = {"autorange": "reversed", "type": "category", "tickfont_size": 10, "automargin": True}
-    colors, height = color_axis(1, found[1], "τ", logarithmic=True), 130 + 17 * max(len(names_of(tree, "dof")), 6)
-    return chart([found[0]], "", height=height, coloraxis=colors, hovermode="closest", yaxis=axis)
+    colors = color_axis(1, max(10.0, np.nanmax(drawn[0].customdata)), "τ", logarithmic=True)
+    height = 130 + 17 * max(len(names_of(tree, "dof")), 6)
+    return chart(drawn, "", height=height, coloraxis=colors, hovermode="closest", yaxis=axis)
 
 
 def _progress(tree: xr.DataTree) -> go.Figure | None:
@@ -180,17 +178,17 @@ def prediction_chart(tree: xr.DataTree) -> go.Figure | None:
     if transform is None or not np.isfinite(transform).any():
         return None
     share, error = transform_shares(np.asarray(transform, np.float64))
-    drawn = go.Bar(
-        x=(np.arange(BINS) + 0.5) / BINS,
-        y=100 * share,
-        width=1 / BINS,
-        name="share of the data (± 2 standard errors)",
-        marker={"color": SAMPLE, "line": {"color": "white", "width": 1}},
-        error_y=bars(200 * error, color=POSTERIOR),
-    )
-    ideal = line([0, 1], np.full(2, 100 / BINS), "predictions that hold", MUTED, **DOTTED)
+    drawn = histogram(100 * share, 200 * error, "share of the data (± 2 standard errors)", "predictions that hold", 100.0)
     label = "place among the predicted data"
-    return chart([drawn, ideal], "data (%)", xlabel=label, height=260, xaxis_range=[0, 1], hovermode="closest")
+    return chart(drawn, "data (%)", xlabel=label, height=260, xaxis_range=[0, 1], hovermode="closest")
+
+
+def histogram(share: Array, error: Array, name: str, ideal: str, whole: float = 1.0) -> list[Any]:
+    """Bars of what each bin between 0 and 1 holds of a whole, with their error, and the line where all are equal."""
+    look = {"color": SAMPLE, "line": {"color": "white", "width": 1}}
+    places = {"x": (np.arange(BINS) + 0.5) / BINS, "width": 1 / BINS}
+    drawn = go.Bar(y=share, name=name, marker=look, error_y=bars(error, color=POSTERIOR), **places)
+    return [drawn, line([0, 1], np.full(2, whole / BINS), ideal, MUTED, **DOTTED)]
 
 
 def transform_shares(transform: Array) -> tuple[Array, Array]:
@@ -225,8 +223,7 @@ def joint_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
         panels, widths = [], []
         for axis, label in enumerate("xyz"):
             at = (slice(None), k, axis)
-            traces = band(x, low[at], high[at], "central 90 %", most=FEW_POINTS)
-            traces.append(line(x, mean[at], "posterior mean", POSTERIOR, FEW_POINTS, line_width=1.4))
+            traces = fan(x, (low[at], mean[at], high[at]), most=FEW_POINTS, line_width=1.4)
             if truth is not None:
                 traces.append(line(x, truth[at], "truth", TRUTH, FEW_POINTS, line_width=1.2))
             panels.append(Panel(traces, f"{label}, mm"))
@@ -246,12 +243,6 @@ def mode_chart(modes: Modes) -> go.Figure | None:
 
 def _viridis(count: int) -> list[str]:
     return [to_hex(color) for color in colormaps["viridis"](np.linspace(0.0, 0.88, count))]
-
-
-def _places(tree: xr.DataTree, pairs: Pairs | None) -> list[tuple[int, int]]:
-    if pairs is None:
-        return worst_pairs(tree, 6)
-    return [(frame_index(tree, frame), names_of(tree, "dof").index(name)) for frame, name in pairs]
 
 
 def _label(tree: xr.DataTree, frame: int, dof: int) -> str:

@@ -14,7 +14,6 @@ from poseppl.report.compare_tables import (
     forecasts_table,
     runs_table,
     settings_table,
-    winners_legend,
     winners_table,
 )
 from poseppl.report.page import DASH, page_html
@@ -59,7 +58,6 @@ def comparison_html(tree: xr.DataTree) -> str:
         charts=drawn,
         found=findings(tree),
         runs=runs_table(tree),
-        legend=winners_legend(tree),
         winners=winners_table(tree),
         by_coordinate=coordinates_table(tree),
         foretold=forecasts_table(tree),

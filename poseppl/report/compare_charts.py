@@ -25,7 +25,6 @@ from poseppl.report.chart import (
     heat,
     line,
     log_axis,
-    log_ticks,
     points,
     scatter,
     stack,
@@ -115,7 +114,7 @@ def _cost(tree: xr.DataTree) -> go.Figure | None:
             yaxis = {"tickvals": list(range(len(dofs))), "ticktext": dofs, "tickfont_size": 10, "automargin": True}
             yaxis |= {"range": [len(dofs) - 0.5, -0.5], "showgrid": False, "showticklabels": not panels}
             known = np.concatenate([trace.x for trace in traces])
-            panels.append(Panel(traces, "", yaxis, log_axis(known) | {"title_text": title}))
+            panels.append(Panel(traces, "", yaxis, log_axis(title, known)))
     shade = {"xref": "paper", "x0": 0, "x1": 1, "fillcolor": GRID, "layer": "below", "opacity": 0.5, "line_width": 0}
     rows = [shade | {"y0": row - 0.5, "y1": row + 0.5} for row in range(0, len(dofs), 2)]
     height = 110 + len(dofs) * (10 + 4 * min(len(runs), 8))
@@ -161,7 +160,7 @@ def _progress(tree: xr.DataTree) -> go.Figure | None:
         "rejected (%)": 100 * figures["rejection"].values,
     }
     panels = [
-        Panel(_lines(tree, values), label, log_axis(values) if label == "mean τ" else {})
+        Panel(_lines(tree, values), label, log_axis("", values) if label == "mean τ" else {})
         for label, values in found.items()
         if np.isfinite(values).any()
     ]
@@ -233,17 +232,9 @@ def _variance_layout(traces: Traces) -> dict[str, Any]:
         "hovermode": "closest",
         "margin": {"l": 70, "r": 16, "t": 12, "b": 48},
         "shapes": [shared | {"y0": cost / low, "y1": cost / high, "line_color": color} for cost, color in costs],
-        "xaxis": _ticked("seconds a frame", x),
-        "yaxis": _ticked("variance of the mean / posterior variance", np.concatenate(ends)),
+        "xaxis": log_axis("seconds a frame", x),
+        "yaxis": log_axis("variance of the mean / posterior variance", np.concatenate(ends)),
     }
-
-
-def _ticked(title: str, values: Array) -> dict[str, Any]:
-    """A logarithmic axis around values, with ticks at 1, 3, 10, ..."""
-    low, high = values.min() / 2, 2 * values.max()
-    ticks = log_ticks(low, high)
-    labels = {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
-    return {"type": "log", "title_text": title, "range": np.log10([low, high])} | labels
 
 
 def _bars(values: Array, errors: Array) -> dict[str, Any]:

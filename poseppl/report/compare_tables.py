@@ -21,7 +21,6 @@ COLORS = (
     *("#1f6f8b", "#e4572e", "#6a994e", "#9b5de5", "#dfa32b", "#b5179e", "#4d4d4d", "#00a896"),
     *("#8c5a3c", "#5b8def", "#f08fc0", "#a3b18a", "#7f1d1d", "#14213d", "#c9ada7", "#84cc16"),
 )
-_TIE = ("#dfe3e8", TIE)
 MAX_LEADS, MAX_SITES = 4, 12
 _BY_COORDINATE = ("tau", "ess", "ess_per_second", "ess_per_evaluation", "rhat", "error", "error_over_sd")
 _JUDGED = {"ess_per_second": "ess_per_second_all", "ess_per_evaluation": "ess_per_evaluation_all", "error": "joint_error_all"}
@@ -35,9 +34,9 @@ class ShownRun(NamedTuple):
     color: str
 
     @property
-    def dot(self) -> tuple[str, str]:
-        """Its colour and what it stands for."""
-        return self.color, self.name
+    def cell(self) -> Cell:
+        """Its name after a dot of its colour."""
+        return Cell(self.name, ((self.color, self.name),))
 
 
 def shown_runs(tree: xr.DataTree) -> list[ShownRun]:
@@ -53,7 +52,7 @@ def runs_table(tree: xr.DataTree) -> list[Row]:
     figures = tree["summary"].dataset.assign(tree["figures"].dataset[["kind", "seconds", "draws"]])
     for index, run in enumerate(shown_runs(tree)):
         row: Row = {str(name): each[index].item() for name, each in figures.data_vars.items() if each.dims == ("run",)}
-        row |= {"run": Cell(run.name, (run.dot,)), "evidence": evidence_words(tree["evidence"].dataset.isel(run=index))}
+        row |= {"run": run.cell, "evidence": evidence_words(tree["evidence"].dataset.isel(run=index))}
         row |= {f"cover_{level}": covered(figures, index, level / 100) for level in (50, 90)}
         rows.append(row | {"bold": [_JUDGED[name] for name in QUANTITIES if winner.sel(quantity=name) == run.name]})
     return rows
@@ -67,7 +66,7 @@ def coordinates_table(tree: xr.DataTree) -> list[Row]:
         for index, run in enumerate(shown_runs(tree)):
             row: Row = {name: columns[name].values[index, dof] for name in _BY_COORDINATE}
             row |= {f"cover_{level}": covered(summary.isel(dof=dof), index, level / 100, "coverage") for level in (50, 90)}
-            rows.append(row | {"dof": label, "run": Cell(run.name, (run.dot,))})
+            rows.append(row | {"dof": label, "run": run.cell})
     return rows
 
 
@@ -85,29 +84,19 @@ def forecasts_table(tree: xr.DataTree) -> list[Row]:
         for lead in evenly(runs[0][1].sizes["lead"], MAX_LEADS):
             for run, scores in runs:
                 at = scores.isel(lead=lead)
-                row: Row = {"site": site, "lead": at["lead"].item(), "run": Cell(run.name, (run.dot,))}
-                row |= {"crps": _told(at, "crps", "_error")}
-                rows.append(row | {name: _told(100 * at, name, "_se") for name in ("coverage", "overall")})
+                row: Row = {"site": site, "lead": at["lead"].item(), "run": run.cell}
+                row |= {"crps": with_error(at, "crps", "crps_error")}
+                rows.append(row | {name: with_error(100 * at, name, f"{name}_se") for name in ("coverage", "overall")})
     return rows
 
 
 def winners_table(tree: xr.DataTree) -> list[Row]:
-    """List who wins in which coordinate, and how far ahead of the next; and a colour for each quantity."""
-    data, dots = tree["winner_by_dof"].dataset, {run.name: run.dot for run in shown_runs(tree)}
-    colors = {name: color for name, (color, _) in dots.items()} | {TIE: _TIE[0], "": "white"}
-    rows = []
-    for dof, label in enumerate(data["dof"].values.tolist()):
-        here = data.isel(dof=dof)
-        row: Row = {quantity: _outcome(here.sel(quantity=quantity), dots) for quantity in QUANTITIES}
-        winners = {quantity: str(here["winner"].sel(quantity=quantity).item()) for quantity in QUANTITIES}
-        rows.append(row | {"dof": label, "strip": {name: (each or DASH, colors[each]) for name, each in winners.items()}})
-    return rows
-
-
-def winners_legend(tree: xr.DataTree) -> list[Cell]:
-    """Name the colours of those who win somewhere, and that of ties."""
-    won = set(tree["winner_by_dof"].dataset["winner"].values.ravel().tolist())
-    return [Cell(run.name, (run.dot,)) for run in shown_runs(tree) if run.name in won] + [Cell(TIE, (_TIE,))]
+    """List who wins in which coordinate, and how far ahead of the next."""
+    data, cells = tree["winner_by_dof"].dataset, {run.name: run.cell for run in shown_runs(tree)}
+    return [
+        {quantity: _outcome(data.isel(dof=dof).sel(quantity=quantity), cells) for quantity in QUANTITIES} | {"dof": label}
+        for dof, label in enumerate(data["dof"].values.tolist())
+    ]
 
 
 def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
@@ -117,28 +106,28 @@ def settings_table(tree: xr.DataTree) -> dict[str, list[str]]:
     return {label: [column.get(label, DASH) for column in columns.values()] for label in labels}
 
 
-def _outcome(row: xr.Dataset, dots: dict[str, tuple[str, str]]) -> Cell:
+def _outcome(row: xr.Dataset, cells: dict[str, Cell]) -> Cell:
     winner = str(row["winner"].item())
     if not winner:
         return Cell(DASH)
     if winner == TIE:
-        return Cell("tie", tuple(dots[name] for name in row["run"].values[row["not_worse"].values].tolist()))
+        return Cell("tie", tuple(cells[name].dots[0] for name in row["run"].values[row["not_worse"].values].tolist()))
     others = row["ratio"].drop_sel(run=winner).values
     factor = f" {1 / np.nanmax(others):.2g} ×" if np.isfinite(others).any() else ""
-    return Cell(f"{winner}{factor}", (dots[winner],))
+    return Cell(f"{winner}{factor}", cells[winner].dots)
 
 
 def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage_all") -> str:
     """Coverage of a run and its standard error, in per cent."""
-    at = summary.isel(run=index).sel(level=level, method="nearest")
-    share, error = (100 * float(at[column]) for column in (name, name.replace("coverage", "coverage_se")))
-    return f"{share:.0f} ± {error:.0f}" if np.isfinite(share) else DASH
+    at = 100 * summary.isel(run=index).sel(level=level, method="nearest")
+    return with_error(at, name, name.replace("coverage", "coverage_se"), 0)
 
 
-def _told(at: xr.Dataset, name: str, ending: str) -> str:
-    """A figure and its standard error, to two digits of this."""
-    value, spread = float(at[name]), float(at[name + ending])
+def with_error(at: xr.Dataset, name: str, error: str, digits: int | None = None) -> str:
+    """A figure and its standard error, to so many digits, or to two of this."""
+    value, spread = float(at[name]), float(at[error])
     if not np.isfinite(value):
         return DASH
-    digits = max(0, 1 - int(np.floor(np.log10(spread)))) if np.isfinite(spread) and spread > 0 else 2
+    if digits is None:
+        digits = max(0, 1 - int(np.floor(np.log10(spread)))) if np.isfinite(spread) and spread > 0 else 2
     return f"{value:.{digits}f} ± {spread:.{digits}f}"

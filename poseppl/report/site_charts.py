@@ -14,8 +14,8 @@ import xarray as xr
 from plotly import graph_objects as go
 
 from poseppl.diagnostics.selection import Array, told
-from poseppl.report.chart import Traces, band, chart, line
-from poseppl.report.picture import MODES, OBSERVED, POSTERIOR, TRUTH
+from poseppl.report.chart import Traces, chart, fan, line
+from poseppl.report.picture import MODES, OBSERVED, TRUTH
 from poseppl.runs.contents import frame_numbers, group_of, names_of, variable
 
 MAX_ENTRIES = 40
@@ -32,8 +32,8 @@ def data_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
             continue
         traces: Traces = []
         if name in predicted:
-            low, middle, high = np.quantile(_draws(predicted[name], at), LEVELS, axis=0)
-            traces += [*band(x, low, high, "predicted, central 90 %"), line(x, middle, "predicted, median", POSTERIOR)]
+            ends = np.quantile(_draws(predicted[name], at), LEVELS, axis=0)
+            traces += fan(x, ends, ("predicted, central 90 %", "predicted, median"))
         traces.append(line(x, values, "data", OBSERVED, mode="markers", marker_size=5))
         made[label] = _drawn(traces, _unit(tree, name))
     return made
@@ -56,8 +56,7 @@ def site_charts(tree: xr.DataTree) -> dict[str, go.Figure | None]:
         else:
             draws = _draws(posterior[name], at)
             mean, (low, high) = draws.mean(axis=0), np.quantile(draws, LEVELS[::2], axis=0)
-        traces = [*band(x, low, high, "central 90 %"), line(x, mean, "posterior mean", POSTERIOR)]
-        made[label] = _drawn(traces + _truth(tree, label, mean), _unit(tree, name))
+        made[label] = _drawn(fan(x, (low, mean, high)) + _truth(tree, label, mean), _unit(tree, name))
     return made
 
 

@@ -92,8 +92,10 @@ def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
     )
     for title in ("ESS a second", "mean joint error (mm)", "seconds a frame", "frame", "truth inside (%)", "rejected (%)"):
         assert title in titles
-    cells = driver.execute_script("return [...document.querySelectorAll('.strip tr:first-child td')].map((c) => c.title)")
-    assert cells == [f"{dof}: a" for dof in DOFS]
+    cells = driver.execute_script(
+        "return [...document.querySelectorAll('#where tbody tr')].map((r) => r.innerText.split('\\t'))"
+    )
+    assert [row[0] for row in cells] == list(DOFS) and all(row[1].startswith("a ") and row[3] for row in cells)
     assert errors(driver) == []
 
 

@@ -32,7 +32,7 @@ def test_a_result_without_a_body_has_a_picture() -> None:
         report.plot_pose3d(tree)
 
 
-@pytest.mark.parametrize("name", ["overlay", "pose3d", "inefficiency", "autocorrelation", "trace", "error", "state"])
+@pytest.mark.parametrize("name", ["overlay", "pose3d", "inefficiency", "error", "state"])
 def test_one_call_each(name: str) -> None:
     picture = getattr(report, f"plot_{name}")(synthetic_result(num_frames=8))
     assert len(picture._repr_png_()) > 5000
@@ -41,11 +41,10 @@ def test_one_call_each(name: str) -> None:
 def test_chosen_frames_and_coordinates() -> None:
     tree = synthetic_result(num_frames=8)
     assert report.plot_overlay(tree, frame=12).axes[0].get_title(loc="left") == "frame 12"
-    assert report.plot_trace(tree, [(12, "knee_r.X")]).axes[0].get_title(loc="left").startswith("knee_r.X, frame 12")
+    chosen = ["knee_r.X", "root.tx"]
+    assert [axes.get_title(loc="left") for axes in report.plot_state(tree, chosen).axes] == chosen
     with pytest.raises(ValueError, match="no frame 99; expected 10 to 17"):
         report.plot_pose3d(tree, frame=99)
-    with pytest.raises(ValueError, match="no autocorrelation"):
-        report.plot_autocorrelation(synthetic_result(weighted=True))
 
 
 def test_overlay_shows_observations_where_they_are() -> None:
