@@ -119,8 +119,8 @@ def _outcome(row: xr.Dataset, cells: dict[str, Cell]) -> Cell:
 
 def covered(summary: xr.Dataset, index: int, level: float, name: str = "coverage_all") -> str:
     """Coverage of a run and its standard error, in per cent."""
-    at = 100 * summary.isel(run=index).sel(level=level, method="nearest")
-    return with_error(at, name, name.replace("coverage", "coverage_se"), 0)
+    error = name.replace("coverage", "coverage_se")
+    return with_error(100 * summary[[name, error]].isel(run=index).sel(level=level, method="nearest"), name, error, 0)
 
 
 def with_error(at: xr.Dataset, name: str, error: str, digits: int | None = None) -> str:

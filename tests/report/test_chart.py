@@ -9,7 +9,7 @@ from synthetic import synthetic_result, two_sided_result
 from poseppl import report
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.modes import modes_over_time
-from poseppl.report.chart import Panel, band, grid, line, log_ticks, stack
+from poseppl.report.chart import Panel, fan, grid, line, log_ticks, stack
 from poseppl.report.charts import charts, mode_chart
 from poseppl.report.page import to_json
 from poseppl.report.pose_data import ghosts
@@ -49,7 +49,7 @@ def test_pictures_draw_the_charts_of_the_page() -> None:
     assert set(lines) | {"posterior expects (90 %)"} == set(drawn)
     for name, values in lines.items():
         np.testing.assert_allclose(values, drawn[name]["y"])
-    lower, upper = band(X, X - 1.0, X + 1.0, "band")
+    lower, upper, _ = fan(X, (X - 1.0, X, X + 1.0))
     assert upper["fill"] == "tonexty" and not lower["showlegend"] and (upper["y"] > lower["y"]).all()
 
 
