@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import chosen, common_options
+from poseppl.cli.options import chosen, common_options, worker_options
 from poseppl.cli.run import model_options
 from poseppl.cli.settings import CommandWithSettings
 from poseppl.errors import InputError
@@ -38,12 +38,7 @@ _KINDS = (".csv", ".parquet", ".pq", ".nc")
 @click.option("--model", metavar="MODEL", required=True, help="FILE.py[:NAME] or package.module[:NAME].")
 @model_options
 @click.option("--output", "-o", metavar="DIR", default="batch", show_default=True, help="Where everything goes.")
-@click.option("--workers", metavar="N", type=click.IntRange(1), help="Processes; 1 is this one. [default: one a core]")
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Dask scheduler, such as tcp://host:8786, instead of processes; its workers read and write these folders.",
-)
+@worker_options
 @common_options
 def batch(folder: str, model: str, **options: Any) -> None:
     """Run a filter of the model on every table in FOLDER (.csv, .parquet, .nc), in several processes, resumed after a kill."""
@@ -53,8 +48,6 @@ def batch(folder: str, model: str, **options: Any) -> None:
     from poseppl.experiments.jobs import Inline, Processes, run_jobs
     from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 
-    if options["workers"] is not None and options["scheduler"]:
-        raise click.UsageError("--workers does not go with --scheduler")
     FILTERS[options["filter_name"]].check(options["settings"])
     if options["smooth"]:
         SMOOTHERS[options["smooth"]]

@@ -28,7 +28,9 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
 @click.option("--skeleton", metavar="ASF", type=click.Path(), help="Skeleton of an .amc recording.")
 @click.option("--frames", metavar="A:B:C", help="Frames A to B - 1 in steps of C, counted from 0. [default: all]")
 @click.option("--rate", metavar="HZ", type=float, help="Frames a second, where the file does not tell. [default: 120 for .amc]")
-@click.option("--harmonics", metavar="K", type=int, default=4, show_default=True, help="Harmonics of the gait cycle, 1 to 20.")
+@click.option(
+    "--harmonics", metavar="K", type=click.IntRange(1, 20), default=4, show_default=True, help="Harmonics of the gait cycle."
+)
 @click.option("--output", "-o", metavar="FILE.json", default="walk.json", show_default=True, help="The gait.")
 @common_options
 def fit_gait(
@@ -50,8 +52,6 @@ def fit_gait(
     from poseppl.motion.bodies.body import load_builder
     from poseppl.motion.io import read_motion, slice_frames
 
-    if not 1 <= harmonics <= 20:
-        raise InputError(f"{harmonics}", field="--harmonics", expected="1 to 20")
     target = Path(output)
     check_writable([target], [recording, skeleton])
     start_jax()

@@ -144,6 +144,33 @@ camera_options = option_group(
 """From where the subject is seen."""
 
 
+max_draws_option = click.option(
+    "--max-draws",
+    metavar="N",
+    type=click.IntRange(1),
+    help="Draws kept of each chain, or of all particles; means and intervals are made from all of them anyway. "
+    "[default: as many as fit into 256 MiB]",
+)
+
+
+def _alone(context: click.Context, option: click.Parameter, address: str | None) -> str | None:
+    if address and context.params["workers"] is not None:
+        raise click.UsageError("--workers does not go with --scheduler")
+    return address
+
+
+worker_options = option_group(
+    click.option("--workers", metavar="N", type=click.IntRange(1), is_eager=True, help="Processes. [default: one a core]"),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        callback=_alone,
+        help="Dask scheduler, such as tcp://host:8786, instead of processes; its workers read and write these folders.",
+    ),
+)
+"""Who does the jobs."""
+
+
 common_options = option_group(
     click.option("--quiet", "-q", is_flag=True, help="No progress and no table; warnings are still told."),
     click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error."),

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options
+from poseppl.cli.options import common_options, worker_options
 from poseppl.errors import InputError
 from poseppl.experiments.catalogue import EXPERIMENTS, find_experiment
 
@@ -47,10 +47,7 @@ Exit status: 0 done, 1 bad input or jobs that failed, 2 wrong usage, 130 Ctrl-C.
     help="A recording to look at, .amc, .bvh, .c3d or DeepMimic's .txt, with its skeleton where it has one; may be given "
     "several times. Sequences and tuning take the first. [default: the built-in walk]",
 )
-@click.option(
-    "--workers", metavar="N", type=int, default=None, help="Processes, each with its share of cores. [default: one a core]"
-)
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, instead of processes.")
+@worker_options
 @common_options
 def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None:
     """Run the experiments of a paper again and say which of its claims hold.
@@ -66,8 +63,6 @@ def reproduce(paper: str | None, parts: tuple[str, ...], **options: Any) -> None
     if paper is None:
         _list_papers()
         return
-    if options["workers"] is not None and (options["workers"] < 1 or options["scheduler"]):
-        raise InputError(f"{options['workers']}", field="--workers", expected="at least 1, and no --scheduler")
     recordings = [_recording(word) for word in options["motions"]] or [BUILT_IN]
     start_jax()
     experiment = find_experiment(paper)

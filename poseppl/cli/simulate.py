@@ -6,8 +6,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import camera_options, common_options, subject_options
-from poseppl.cli.subject import check_seed
+from poseppl.cli.options import camera_options, common_options, seed_option, subject_options
 from poseppl.errors import InputError
 
 EXAMPLES = """
@@ -77,7 +76,7 @@ Exit status: 0 done, 1 bad input, 2 wrong usage, 130 Ctrl-C.
     show_default=True,
     help="Fraction of the markers that are not seen, at random.",
 )
-@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise, and of the room.")
+@seed_option("Of the noise, and of the room.")
 @click.option(
     "--video",
     is_flag=True,
@@ -103,7 +102,6 @@ def simulate(recording: str | None, **options: Any) -> None:
     RECORDING is a motion capture file (.bvh, .c3d, .trc; .amc, DeepMimic's or exponential maps' .txt with --skeleton);
     without it, the built-in walk is seen.
     """
-    check_seed(options)
     if options["video"]:
         from poseppl.cli.video import simulate_video
 

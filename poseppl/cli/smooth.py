@@ -7,10 +7,8 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options
+from poseppl.cli.options import chosen, common_options, max_draws_option, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
-from poseppl.cli.subject import check_seed
-from poseppl.errors import InputError
 
 EXAMPLES = """
 \b
@@ -61,13 +59,8 @@ class SmoothCommand(CommandWithSettings):
     help="The body that was tracked, package.module:builder or FILE.py:builder; needed where it is not an installed one, for "
     "RESULT does not choose what is run. [default: the one that RESULT names]",
 )
-@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the smoother.")
-@click.option(
-    "--max-draws",
-    metavar="N",
-    type=int,
-    help="Draws kept of each chain, or of all particles. [default: as many as fit into 256 MiB]",
-)
+@seed_option("Of the smoother.")
+@max_draws_option
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: NAME-METHOD.nc, here]")
 @common_options
 def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -> None:
@@ -85,10 +78,6 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     from poseppl.motion.tracking import SmoothSettings, smooth as smooth_result
     from poseppl.runs.results import load_result
 
-    if options["max_draws"] is not None and options["max_draws"] < 1:
-        raise InputError(f"{options['max_draws']}", field="--max-draws", expected="at least 1")
-    check_seed(options)
-    chosen = {name: options[name] for name in ("seed", "max_draws", "model", "errors")}
     tree = load_result(result)
     target = output_path(options["output"], f"{Path(result).stem}-{method}", ".nc")
     check_writable([target, target.with_suffix(".png")], [result])
@@ -96,7 +85,9 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
     start_jax()
     with contents_of(result), progress.running():
         progress.stage(f"smoothing {tree['posterior'].sizes['frame']} frames")
-        smoothed = smooth_result(tree, SmoothSettings(method, settings, **chosen))
+        smoothed = smooth_result(
+            tree, SmoothSettings(method, settings, **chosen(options, "seed", "max_draws", "model", "errors"))
+        )
         progress.stage("drawing")
         files = write_outputs(smoothed, target, progress.note)
     if not options["quiet"]:

@@ -41,12 +41,6 @@ def given_rate(options: dict[str, Any]) -> float | None:
     return rate
 
 
-def check_seed(options: dict[str, Any]) -> None:
-    """Raise `InputError` for a --seed out of range."""
-    if not 0 <= options["seed"] < 2**32:
-        raise InputError(f"{options['seed']}", field="--seed", expected="0 to 4294967295")
-
-
 def look_at_subject(subject: Any, options: dict[str, Any]) -> tuple[Any, tuple[str, ...]]:
     """Cameras and their names: from a file, or placed around the subject."""
     from poseppl.motion.io import read_cameras

@@ -14,7 +14,9 @@ from poseppl.cli.options import (
     camera_options,
     chosen,
     common_options,
+    max_draws_option,
     refuse,
+    seed_option,
     subject_options,
 )
 from poseppl.cli.overlay import overlay_paths
@@ -148,7 +150,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     is_flag=True,
     help="With --prior: nothing but the learned activity, as --filter activity-guided needs it.",
 )
-@click.option("--seed", metavar="N", type=int, default=0, show_default=True, help="Of the noise and of the filter.")
+@seed_option("Of the noise and of the filter.")
 @click.option(
     "--devices",
     metavar="N",
@@ -157,13 +159,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     show_default=True,
     help="JAX devices that share the particles or chains, such as GPUs; one CPU is no faster as several.",
 )
-@click.option(
-    "--max-draws",
-    metavar="N",
-    type=int,
-    help="Draws kept of each chain, or of all particles; means and intervals are made from all of them anyway. "
-    "[default: as many as fit into 256 MiB]",
-)
+@max_draws_option
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
 @click.option("--checkpoint", metavar="DIR", type=click.Path(), help="Save the run in this folder as it goes.")
 @click.option("--resume", is_flag=True, help="Go on with the run that --checkpoint holds, if it holds one.")
@@ -262,7 +258,7 @@ def _run(
 ) -> tuple[Any, str | None, Any]:
     """The result, why it ends before its scene does, if it does, and the scene, where it was all there."""
     from poseppl.cli.files import tell_replaced
-    from poseppl.cli.subject import check_seed, given_rate
+    from poseppl.cli.subject import given_rate
     from poseppl.motion.io import read_cameras
     from poseppl.motion.tracking import TrackSettings, TrackStopped, observe_motion, scene_of_observations, track
     from poseppl.motion.tracking.subjects import DEFAULT_MODEL
@@ -303,7 +299,6 @@ def _run(
             **chosen(options, "frames", "noise", "stature", "lengths"),
         )
     else:
-        check_seed(options)
         scene = observe_motion(*_seen(recording, options, progress), **chosen(options, "noise", "seed"))
     if scene.rate is None:
         progress.note(f"nobody says how many frames a second there are: {ASSUMED_RATE:g} are assumed (--rate)")

@@ -68,7 +68,6 @@ def test_the_built_in_walk_without_clutter(drawable: Callable[..., Setting]) -> 
         (["--video", "--noise", "-1"], "--noise"),
         (["--video", "--size", "95", "72", "--frames", "0:1"], "--size"),
         (["--video", "--cameras", "5", "--frames", "0:1"], "--cameras"),
-        (["--video", "--seed", "-1"], "--seed"),
         (["--video", "--turn", "10"], "--turn"),
         (["--video", "-o", "absent/scene"], "does not exist"),
         (["--video", "-o", "."], "exists"),
