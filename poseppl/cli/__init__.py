@@ -12,6 +12,7 @@ from io import TextIOWrapper
 
 import click
 
+from poseppl import small_loops
 from poseppl.cli.batch import batch as batch_command
 from poseppl.cli.calibrate_detector import calibrate_detector as calibrate_detector_command
 from poseppl.cli.compare import compare as compare_command
@@ -62,6 +63,8 @@ Examples:
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
     """Track people in 2-D images by sequential Bayesian inference, with calibrated intervals."""
+    if "jax" not in sys.modules:
+        small_loops.as_functions()
 
 
 for command in (
