@@ -39,6 +39,8 @@ _MAX_JOINT = 400
 """Entries of a frame's data up to which the chi-square knows their covariances."""
 _MAX_MEMORY = 10
 """Coordinates of a state up to which its memory is told."""
+_MAX_TRANSFER = 40
+"""Coordinates of a state up to which it is told, of more than ten by the data's information, what errors hand on."""
 _STRATA = 20
 """Draws that are kept of the weighted states."""
 _RIDGE = 1e-4
@@ -85,6 +87,7 @@ class StatePrediction(NamedTuple):
         weighted_ess: Their effective number, a scalar.
         memory: What an error in each coordinate of the frame before makes in each of this one (d, d), after its data.
         weighted_draws: Of each coordinate twenty stratified draws (20, d) of them, in ascending order.
+        transfer: What `memory` tells, by the data's information at the predicted mean; of 11 to 40 real coordinates.
     """
 
     predicted_mean: Any
@@ -97,6 +100,7 @@ class StatePrediction(NamedTuple):
     weighted_ess: Any = None
     memory: Any = None
     weighted_draws: Any = None
+    transfer: Any = None
 
 
 class Prediction(NamedTuple):
@@ -131,13 +135,14 @@ class Predict(Protocol):
 
 
 @built_once
-def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: bool = True) -> Predict:
+def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: bool = True, of_points: bool = True) -> Predict:
     """Build the checks for :func:`poseppl.runs.run.run_filter`.
 
     Args:
         model: The model that the filter was built for.
         num_draws: S, at least 8.
         of_state: Whether what is told of the state's coordinates is wanted, too.
+        of_points: Whether `transfer` is, of which only the verdict on filters that tell their `points` makes use.
 
     Returns:
         The checks; they raise a ValueError where the observation program has a heuristic likelihood, which predicts no data
@@ -187,14 +192,18 @@ def predictive_checks(model: CompiledModel, num_draws: int = 200, *, of_state: b
             gradient: Array = jax.grad(lambda x: model.log_observation(x, data, inputs))(x)
             return gradient
 
+        slopes, left = _autoregression(previous, states), None
+        if of_points and _MAX_MEMORY < len(finite) <= _MAX_TRANSFER and not finite.any():
+            left = _left(states, model.observation_information(jnp.mean(states, 0), observation, inputs)) * slopes
         of_states = StatePrediction(
             predicted_mean=jnp.mean(states, 0),
             predicted_variance=jnp.var(states, 0, ddof=1),
             predicted_error=jnp.std(states, 0, ddof=1) / np.sqrt(num_draws),
-            autoregression=_autoregression(previous, states),
+            autoregression=slopes,
             # the scores of finite sites are no derivatives
             explained=jnp.where(finite, jnp.nan, _explained(states, jax.vmap(score)(drawn.sites, states))),
             **_weighted(previous, states, log_likelihoods(model, states, observation, inputs), offset),
+            transfer=left,
         )
         return Prediction(of_data, of_states)
 
@@ -293,3 +302,9 @@ def _explained(states: Array, scores: Array) -> Array:
     gains = rank - jnp.sum(left**2)
     residual = jnp.sum((left @ root) ** 2, 0) / jnp.maximum(jnp.sum(root**2, 0), _LEAST)
     return 1 - residual * (number - 1) / jnp.maximum(number - 1 - gains, 1.0)
+
+
+def _left(states: Array, information: Array) -> Array:
+    """What data of an information J (d, d) leave of errors of states (S, d), were both Gaussian: (I + P J)^-1 (d, d)."""
+    left: Array = jnp.linalg.inv(jnp.eye(states.shape[1]) + jnp.cov(states.T) @ information)
+    return left

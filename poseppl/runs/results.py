@@ -66,7 +66,7 @@ _INPUT_AXES = {"step_scale": ("frame", "dof"), "marker_offsets": ("marker", "axi
 _CHECK_AXES = {
     **dict.fromkeys(("predicted_mean", "predicted_variance", "predicted_error", "autoregression"), ("frame", "dof")),
     **dict.fromkeys(("explained", "weighted_mean"), ("frame", "dof")),
-    **dict.fromkeys(("weighted_covariance", "memory"), ("frame", "dof", "other_dof")),
+    **dict.fromkeys(("weighted_covariance", "memory", "transfer"), ("frame", "dof", "other_dof")),
     "weighted_draws": ("frame", "weighted_draw", "dof"),
 }
 """Axes of predictive checks that are of the state's coordinates, rather than of the data's entries."""

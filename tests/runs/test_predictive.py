@@ -18,7 +18,7 @@ from scipy.stats import kstest
 from poseppl.filters import Filter, kalman_filter, particle_filter
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.predictive import _explained, _stratified, predictive_checks
+from poseppl.runs.predictive import _explained, _left, _stratified, predictive_checks
 from poseppl.runs.run import Run, run_filter
 
 FRAMES = 300
@@ -243,6 +243,18 @@ def test_more_coordinates_than_draws():
     gains = np.trace(covariance @ information @ np.linalg.inv(np.eye(30) + covariance @ information))
     np.testing.assert_allclose(found, 1 - np.diag(left) / np.diag(covariance) * 19 / (19 - gains), atol=1e-4)
     assert found[0] > 0.7 > np.abs(found[1:]).max()
+
+
+def test_what_data_leave_of_errors_is_what_the_exact_filter_does() -> None:
+    """In twelve coordinates of which four are seen; of 200 draws estimates err by 0.07 and less, of 400 means by 0.004."""
+    rng = np.random.default_rng(3)
+    root, seen = rng.normal(size=(12, 12)), np.eye(12)[:4] * 2.0
+    covariance, information = root @ root.T, seen.T @ seen
+    states = (rng.normal(size=(400, 200, 12)) @ root.T).astype(np.float32)
+    found = np.asarray(jax.vmap(_left, (0, None))(jnp.asarray(states), jnp.asarray(information, jnp.float32))).mean(0)
+    exact = np.linalg.inv(np.eye(12) + covariance @ information)
+    np.testing.assert_allclose(found, exact, atol=0.02)
+    assert np.abs(exact - exact.T).max() > 0.2
 
 
 def test_weighted_draws_have_the_weighted_distribution() -> None:

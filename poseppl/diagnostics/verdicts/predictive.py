@@ -115,7 +115,8 @@ def few_points(tree: xr.DataTree) -> Findings:
     points = known.get("points of the past")
     if points is None or prediction is None:
         return
-    found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points)
+    draws = tree["unconstrained_posterior/state"].stack(all=("chain", "draw")).transpose("all", "frame", "dof").values
+    found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
     shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
     if shares and np.mean(shares) < implied_coverage(INFLATION_HIGH):
         ways = [f"raise {settings_among(tree, 'num_chains')}", *(f"use {other}" for other in suited_filter(tree))]

@@ -193,7 +193,8 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
         "versions": versions(),
     }
     told = {**described, "seed": settings.seed, "devices": settings.devices}
-    predict = None if obstacle else predictive_checks(problem.model, of_state=problem.pose is None)
+    of_state, of_points = problem.pose is None, built.points is not None
+    predict = None if obstacle else predictive_checks(problem.model, of_state=of_state, of_points=of_points)
     record = {key: value for key, value in told.items() if value is not None}
     return Tracking(scene, problem, built, problem.collector(max_draws), predict, described, record)
 
