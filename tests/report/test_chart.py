@@ -9,7 +9,7 @@ from synthetic import synthetic_result, two_sided_result
 from poseppl import report
 from poseppl.diagnostics.diagnosis import diagnosed
 from poseppl.diagnostics.modes import modes_over_time
-from poseppl.report.chart import Panel, fan, grid, line, log_ticks, stack
+from poseppl.report.chart import Panel, fan, grid, line, log_axis, log_ticks, stack
 from poseppl.report.charts import charts, mode_chart
 from poseppl.report.page import to_json
 from poseppl.report.pose_data import ghosts
@@ -73,6 +73,9 @@ def test_panels_stand_in_rows_and_names_once_in_the_legend() -> None:
 def test_ticks_of_logarithmic_axes() -> None:
     assert log_ticks(0.9, 40.0).tolist() == [1, 3, 10, 30]
     assert log_ticks(1.0, 1e6).tolist() == [10.0**power for power in range(7)]
+    axis = log_axis("s", np.array([np.nan, -1.0, 0.0, 0.02, 4.0]))
+    np.testing.assert_allclose(axis["range"], np.log10([0.01, 8.0]), rtol=1e-12)
+    assert axis["ticktext"] == ["0.01", "0.03", "0.1", "0.3", "1", "3"]
 
 
 def test_modes_are_shown_where_a_result_has_several() -> None:

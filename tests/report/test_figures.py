@@ -10,6 +10,7 @@ from synthetic import EDGES, synthetic_result
 
 from poseppl import report
 from poseppl.diagnostics.selection import evenly, expected_error, segments
+from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.runs.results import Names, build_result
 
 
@@ -45,6 +46,17 @@ def test_chosen_frames_and_coordinates() -> None:
     assert [axes.get_title(loc="left") for axes in report.plot_state(tree, chosen).axes] == chosen
     with pytest.raises(ValueError, match="no frame 99; expected 10 to 17"):
         report.plot_pose3d(tree, frame=99)
+
+
+def test_bars_of_ranks_are_shares_of_all_simulations() -> None:
+    ranks = np.random.default_rng(0).beta(0.5, 1.0, (20, 30, 2))
+    unused = dict.fromkeys(("bias", "bias_error", "excess", "excess_error"), np.zeros(2))
+    axes = report.plot_ranks(Calibration(ranks, ("x", "y"), **unused, chance=1.0)).axes
+    for each, name, values in zip(axes, ("x", "y"), np.moveaxis(ranks, -1, 0), strict=True):
+        assert each.get_title(loc="left") == name
+        bars = each.patches
+        np.testing.assert_allclose([bar.get_height() for bar in bars], np.histogram(values, 10, (0, 1))[0] / 600, rtol=1e-12)
+        np.testing.assert_allclose([bar.get_x() for bar in bars], np.arange(10) / 10, atol=1e-12)
 
 
 def test_overlay_shows_observations_where_they_are() -> None:
