@@ -25,7 +25,6 @@ from poseppl.motion.learned.principal_components import principal_components
 
 HEADS = ("neck", "head")
 """Joints of the line of sight, which is left free as is the root."""
-_TRANSLATIONS = ("tx", "ty", "tz")
 _PACKAGES = ("poseppl", "hmmlearn", "scikit-learn", "numpy")
 
 

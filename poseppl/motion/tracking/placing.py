@@ -15,7 +15,6 @@ from poseppl.motion.geometry import Cameras, depth, join_cameras, look_at
 from poseppl.motion.geometry.cameras import NEAREST
 from poseppl.motion.io import CameraRecord
 
-VIEWS = ("side", "front", "back")
 _WALKS = 300.0
 """A subject that goes less far (mm) is seen in the direction of its first and last place's heading instead."""
 
