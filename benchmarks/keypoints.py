@@ -144,7 +144,7 @@ def main() -> None:
         filtered = track(found.scene, TrackSettings())
         answers = {"filter": filtered}
         if len(cameras) == 1:
-            answers["smoother, Laplace, independent errors"] = smooth(filtered, SmoothSettings("laplace"))
+            answers["smoother, assumed density"] = smooth(filtered, SmoothSettings("assumed-density"))
         else:
             rows.append(row("linear triangulation", cameras, places_of(found), reference, []))
             rows.append(row("gates and low-pass", cameras, gated(found), reference, []))

@@ -2,12 +2,13 @@
 
     POSEPPL_DATA=FOLDER python benchmarks/one_camera.py [--quick] [--output one-camera]
 
-The people and the errors of simulated_keypoints.py without clutter, one of the laboratory's cameras for each, tracked as
-`poseppl track --keypoints` does with one camera: a body of the mean adult's lengths, draws of whose stature are moved along
-the rays. With steps of the walk as published, and mean-reverting ones; by the filter, and smoothed by Laplace's. A row a
-recording, walk and method: median error of the joints, mm, how much farther from the camera than the truth they are on average,
-mm, and the shares of their coordinates in central intervals. Rows go to one_camera.csv in the folder, and what is there is not
-run again.
+The people and the errors of simulated_keypoints.py without clutter, two of the laboratory's cameras for each, one at a time.
+They are tracked as `poseppl track --keypoints` does with one camera: a body of the mean adult's lengths, draws of whose stature
+are moved along the rays; noise by poseppl.motion.tracking.single_camera ("beside"), and the body's own ("body"); steps of
+the walk as published, and mean-reverting ones; by the filter, by its own backward pass, and by Laplace's approximation. A row a
+recording, camera, noise, walk and method: median error of the joints, mm, how much farther from the camera than the truth they
+are on average, mm, and the shares of their coordinates in central intervals. Rows go to one_camera.csv in the folder, and what
+is there is not run again.
 """
 
 from __future__ import annotations
@@ -29,20 +30,24 @@ from poseppl.motion.tracking.keypoint_sources import Clocks
 from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
 NAMES, LEVELS = (*WALKS, OPENSIM), (0.5, 0.9)
-COLUMNS = ("recording", "walk", "method", "error", "farther", "coverage_50", "coverage_90")
+CASES = (("beside", "mean-reverting"), ("beside", "fixed"), ("body", "fixed"))
+"""Noise and walk."""
+SMOOTHERS = ("assumed-density", "laplace")
+COLUMNS = ("recording", "camera", "noise", "walk", "method", "error", "farther", "coverage_50", "coverage_90")
 _ABOUT = "Joints seen by one camera: median error and how much farther than the truth, mm, and shares in 50 and 90 % intervals."
 
 
-def answers(name: str, walk: Any) -> dict[str, tuple[float, ...]]:
+def answers(name: str, camera: int, noise: str, walk: Any) -> dict[str, tuple[float, ...]]:
     """Error, distance and coverage of a recording, by method."""
     seed = NAMES.index(name)
     subject = recorded(DATA, name, seed)
-    records = [rig_records(DATA)[RIG[4][seed % 4]]]
-    detected = detect(subject, records, np.random.default_rng([seed, 1]), clutter=False)
+    records = [rig_records(DATA)[RIG[4][(seed + camera) % 4]]]
+    detected = detect(subject, records, np.random.default_rng([seed, 1 + camera]), clutter=False)
     clocks = Clocks(subject.rate, find=False)
-    found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks)
+    known = subject.body.noise if noise == "body" else None
+    found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks, noise=known)
     filtered = track(found.scene, TrackSettings(walk=walk))
-    trees = {"filter": filtered, "smoother": smooth(filtered, SmoothSettings("laplace"))}
+    trees = {"filter": filtered} | {method: smooth(filtered, SmoothSettings(method)) for method in SMOOTHERS}
     markers = list(subject.body.tree.marker_names)
     seen = [markers.index(marker) for marker in markers_of_names(LAYOUTS[LAYOUT]) if marker in markers]
     truth = detected.places[found.scene.frames][:, seen]
@@ -67,12 +72,12 @@ def main() -> None:
     options = arguments(__doc__, output="one-camera")
     start_jax()
     table = Table("one_camera", COLUMNS, read_runs(options.output / "one_camera.csv"), _ABOUT)
-    done = {tuple(row[:2]) for row in table.rows}
-    for walk in ("fixed", "mean-reverting"):
-        for name in NAMES[:1] if options.quick else NAMES:
-            if (name, walk) not in done:
-                for method, values in answers(name, walk).items():
-                    keep_run(table, (name, walk, method, *(f"{value:.4g}" for value in values)), options.output)
+    done = {tuple(row[:4]) for row in table.rows}
+    runs = [(name, camera, *case) for case in CASES for camera in (0, 1) for name in NAMES]
+    for run in runs[: 1 if options.quick else None]:
+        if (key := tuple(map(str, run))) not in done:
+            for method, values in answers(*run).items():
+                keep_run(table, (*key, method, *(f"{value:.4g}" for value in values)), options.output)
     show("Joints in one camera", COLUMNS, [[str(value) for value in row] for row in table.rows])
 
 

@@ -29,6 +29,7 @@ from poseppl.program import CompiledModel
 from poseppl.smoothers import (
     MixtureSettings,
     Smoother,
+    assumed_density_smoother,
     backward_simulation_smoother,
     ensemble_kalman_smoother,
     fixed_lag_smoother,
@@ -404,6 +405,12 @@ SMOOTHERS: list[SmootherRow] = [
         "rauch-tung-striebel",
         rauch_tung_striebel_smoother,
         lambda model: rauch_tung_striebel_smoother(model, num_draws=500),
+        multimodal=False,
+    ),
+    SmootherRow(
+        "assumed-density",
+        assumed_density_smoother,
+        lambda model: assumed_density_smoother(model, num_draws=500),
         multimodal=False,
     ),
     SmootherRow(

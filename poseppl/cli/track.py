@@ -72,8 +72,8 @@ Files written:
   poseppl-NAME.nc   the result: an xarray DataTree that ArviZ takes as it is
   poseppl-NAME.png  a picture of it
   poseppl-NAME-METHOD.nc  smoothed, each frame given all, and its picture: with --smooth, and of
-                    keypoints by laplace, unless --online
-  poseppl-NAME-laplace.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
+                    keypoints by laplace, or assumed-density in one camera, unless --online
+  poseppl-NAME-METHOD.trc, .mot  of keypoints, unless --no-export: joints and angles for OpenSim, as
                     poseppl export writes them, with _lower.trc and _upper.trc, the ends of intervals
   poseppl-NAME_live.csv  of --live: a line a frame as it comes: joints in mm with 90 % intervals
   poseppl-NAME-CAMERA.mp4  of videos, each with the skeletons over it
@@ -125,10 +125,9 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
 @click.option(
     "--walk",
     type=click.Choice(["fixed", "learned", "mean-reverting"]),
-    default="fixed",
-    show_default=True,
     help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under; or "
-    "angles come back to how people hold themselves, and the root's scales are learned: for fast motion in one camera.",
+    "angles come back to how people hold themselves, and the root's scales are learned: for fast motion in one camera. "
+    "[default: mean-reverting for --keypoints of one camera, unless --live or the scales above are given; otherwise fixed]",
 )
 @click.option(
     "--markers",

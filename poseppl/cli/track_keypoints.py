@@ -105,7 +105,7 @@ keypoint_options = option_group(
         is_flag=True,
         default=None,
         help="--keypoints: the filter's answer alone, of each frame given those before it. [default: NAME-laplace.nc beside "
-        "it, smoothed with errors that last]",
+        "it, smoothed with errors that last; NAME-assumed-density.nc of one camera]",
     ),
     click.option(
         "--no-export",

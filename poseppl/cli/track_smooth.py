@@ -16,7 +16,8 @@ smooth_option = click.option(
     "smooth_method",
     metavar="METHOD",
     help="Smooth the result, too: every frame given all; poseppl smoothers lists the methods. Results of videos, which hold no "
-    "pictures, can be smoothed here alone. [default: laplace for --keypoints, otherwise none]",
+    "pictures, can be smoothed here alone. [default: laplace for --keypoints, assumed-density for those of one camera, "
+    "otherwise none]",
 )
 
 
@@ -32,10 +33,14 @@ def check_smooth_usage(options: dict[str, Any]) -> None:
 
 
 def smoothing_method(options: dict[str, Any]) -> str | None:
-    """The smoother that is asked for, or that keypoints get unless somebody says otherwise."""
+    """The smoother that is asked for, or that keypoints get unless somebody says otherwise.
+
+    In one camera the likeliest trajectory is far from most that are likely: one that is too near (benchmarks/one_camera.py).
+    """
     given: str | None = options["smooth_method"]
     by_default = options["keypoints"] and not (options["online"] or options.get("live"))
-    return given or ("laplace" if by_default else None)
+    alone = len(options["keypoints"]) == 1
+    return given or (("assumed-density" if alone else "laplace") if by_default else None)
 
 
 def smoothed_target(options: dict[str, Any], target: Path) -> Path | None:

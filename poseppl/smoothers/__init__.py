@@ -1,5 +1,6 @@
 """Smoothers: one algorithm a file, each a pure function from a filter's history to smoothed states."""
 
+from poseppl.smoothers.assumed_density import assumed_density_smoother as assumed_density_smoother
 from poseppl.smoothers.backward_simulation import backward_simulation_smoother as backward_simulation_smoother
 from poseppl.smoothers.base import (
     History as History,

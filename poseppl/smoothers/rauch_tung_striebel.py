@@ -53,9 +53,9 @@ def rauch_tung_striebel_smoother(
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         forward = _passes(model, observations, inputs, linearisation, num_iterations)
-        particles = _draw(rng_key, forward, num_draws)
+        particles = draw_backwards(rng_key, forward, num_draws)
         num_frames = len(particles)
-        marginals = gaussian_marginals(*_backward(forward))
+        marginals = gaussian_marginals(*backward_moments(forward))
         return smoothed_draws(particles, marginals, num_transition=float(num_frames), num_gradient=2.0 * num_frames)
 
     return Smoother(smooth, joint=True, closed_form=True)
@@ -71,10 +71,10 @@ def smoothed_moments(
     num_iterations: int = 1,
 ) -> Gaussian:
     """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
-    return _backward(_passes(model, observations, inputs, linearisation, num_iterations))
+    return backward_moments(_passes(model, observations, inputs, linearisation, num_iterations))
 
 
-class _Forward(NamedTuple):
+class ForwardPass(NamedTuple):
     """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
 
     filtered: Gaussian
@@ -82,20 +82,21 @@ class _Forward(NamedTuple):
     gains: Array
 
 
-def _passes(model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int) -> _Forward:
+def _passes(model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int) -> ForwardPass:
     """The last forward pass."""
     found = _forward(model, observations, inputs, method)
 
-    def again(_: int, found: _Forward) -> _Forward:
-        new = _forward(model, observations, inputs, method, _backward(found))
+    def again(_: int, found: ForwardPass) -> ForwardPass:
+        new = _forward(model, observations, inputs, method, backward_moments(found))
         usable = jnp.all(jnp.isfinite(new.filtered.mean)) & jnp.all(jnp.isfinite(new.gains))
-        kept: _Forward = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
+        kept: ForwardPass = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
         return kept
 
     return found if num_iterations == 1 else jax.lax.fori_loop(1, num_iterations, again, found)
 
 
-def _backward(forward: _Forward) -> Gaussian:
+def backward_moments(forward: ForwardPass) -> Gaussian:
+    """Means (T, d) and covariances (T, d, d) of the smoothed Gaussians."""
     filtered, predicted, gains = forward
     last = rows_of(filtered, -1)
 
@@ -113,28 +114,35 @@ def _backward(forward: _Forward) -> Gaussian:
 
 def _forward(
     model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: Gaussian | None = None
-) -> _Forward:
+) -> ForwardPass:
     """The forward pass, linearised around given Gaussians (T, ...), or as a Kalman filter if None."""
     first, later = split_first((observations, inputs))
     predicted = Gaussian(*model.initial_moments(first[1]))
     filtered = update(model, predicted, *first, method, about=rows_of(about, 0))[0]
 
-    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, _Forward]:
+    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, ForwardPass]:
         (observation, inputs), before, now = row
         around = filtered if before is None else before
-        linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
-        predicted = predict(filtered, linear)
-        whiten = lower_inverse(jnp.linalg.cholesky(predicted.covariance))
-        gain = (whiten @ linear.jacobian @ filtered.covariance).T @ whiten
+        predicted, gain = predict_with_gain(model, filtered, around, inputs, method)
         new = update(model, predicted, observation, inputs, method, about=now)[0]
-        return new, _Forward(new, predicted, gain)
+        return new, ForwardPass(new, predicted, gain)
 
     rows = later, rows_of(about, slice(-1)), rows_of(about, slice(1, None))
     _, rest = jax.lax.scan(advance, filtered, rows)
-    return prepend(_Forward(filtered, predicted, jnp.zeros_like(filtered.covariance)), rest)
+    return prepend(ForwardPass(filtered, predicted, jnp.zeros_like(filtered.covariance)), rest)
 
 
-def _draw(rng_key: Array, forward: _Forward, num_draws: int) -> Array:
+def predict_with_gain(
+    model: CompiledModel, filtered: Gaussian, around: Gaussian, inputs: Any, method: Method
+) -> tuple[Gaussian, Array]:
+    """The Gaussian of the next frame, whose inputs these are, and G (d, d); the transition is linearised around another."""
+    linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
+    predicted = predict(filtered, linear)
+    whiten = lower_inverse(jnp.linalg.cholesky(predicted.covariance))
+    return predicted, (whiten @ linear.jacobian @ filtered.covariance).T @ whiten
+
+
+def draw_backwards(rng_key: Array, forward: ForwardPass, num_draws: int) -> Array:
     """Draw trajectories (T, N, d); directions in which rounding left no variance stay where they are."""
     filtered, predicted, gains = forward
     earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))

@@ -55,7 +55,8 @@ def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.Capture
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--no-export", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1), *small]) == 0
     assert "taken to be 1.69 +- 0.09 m tall" in capsys.readouterr().err
-    assert provenance(load_result("out-laplace.nc"))["errors"] == "independent"
+    best = provenance(load_result("out-assumed-density.nc"))
+    assert (best["errors"], best["settings"]["walk"]) == ("independent", "mean-reverting")
 
 
 def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,13 +72,14 @@ def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> N
     ("options", "expected"),
     [
         ({}, ["a-laplace.trc", "a-laplace_lower.trc", "a-laplace_upper.trc", "a-laplace.mot"]),
+        ({"keypoints": ("cam=pose",)}, [f"a-assumed-density{end}" for end in (".trc", "_lower.trc", "_upper.trc", ".mot")]),
         ({"online": True}, ["a.trc", "a_lower.trc", "a_upper.trc", "a.mot"]),
         ({"no_export": True}, []),
         ({"keypoints": ()}, []),
     ],
 )
 def test_where_exports_go(options: dict[str, object], expected: list[str]) -> None:
-    asked = {"keypoints": ("cam=pose",), "online": None, "no_export": None, "smooth_method": None} | options
+    asked = {"keypoints": ("cam=pose", "cam2=pose"), "online": None, "no_export": None, "smooth_method": None} | options
     best = smoothed_target(asked, Path("out/a.nc")) or Path("out/a.nc")
     assert exported_targets(asked, best) == [Path("out") / name for name in expected]
 

@@ -17,6 +17,7 @@ from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, 
 QUICK = ("forward-backward", "backward-simulation-metropolis")
 QUICK_FILTERS = ("kalman", "particle")
 GAUSSIAN = (
+    "assumed-density",
     "rauch-tung-striebel",
     "ensemble-kalman",
     "ensemble-kalman-stochastic",

@@ -122,7 +122,11 @@ EXCUSES = [
         ANCESTRAL,
         "ancestors tell all: the model is not asked",
     ),
-    Excuse(("initial density twice",), (*REWEIGHED, *TWO_FILTER), "the filter's weights have it, and it is not asked again"),
+    Excuse(
+        ("initial density twice",),
+        (*REWEIGHED, *TWO_FILTER, "assumed-density"),
+        "the filter's weights have it, and it is not asked again",
+    ),
     Excuse(
         ("initial density twice",),
         ("gibbs", "variational", FRAMES_OF_ONE_COMPONENT.name),

@@ -39,10 +39,14 @@ def point_residuals(tree: xr.DataTree) -> Findings:
 
 
 def one_camera(tree: xr.DataTree) -> Findings:
-    """A detector's keypoints of a single camera, of which intervals hold less than they say (benchmarks/one_camera.py)."""
-    if "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1:
-        text = "One camera: joints tend to be nearer to it than they are, by more than intervals say; take another camera, too."
-        yield Verdict(WARNING, text)
+    """A detector's keypoints of a single camera, where intervals hold less than they say (benchmarks/one_camera.py)."""
+    if _alone(tree):
+        known = provenance(tree)
+        mends = ["leave out --walk and --live"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
+        mends += ["smooth by assumed-density"] if known.get("smoother") == "laplace" else []
+        if mends:
+            text = "One camera: joints tend to be nearer to it than they are, by more than intervals say"
+            yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or take another camera, too.")
 
 
 def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Findings:
@@ -56,7 +60,7 @@ def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Find
         follows = of_walk(tree, "raise --sigma-angle and --sigma-position")
         advice = f"raise --noise by that factor, mend calibration or lengths, or {follows}"
         yield Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")
-    if scale < SCALE_LOW and high < 1:
+    if scale < SCALE_LOW and high < 1 and not _alone(tree):
         yield Verdict(WARNING, f"{text}: intervals are too wide; lower --noise by that factor.")
 
 
@@ -85,6 +89,11 @@ def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
         named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
         advice = "the lengths (--stature, --model) or the detector's idea of them differ"
         yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}: {advice}.")
+
+
+def _alone(tree: xr.DataTree) -> bool:
+    """Whether keypoints are of one camera, whose noise holds more than what differs from frame to frame."""
+    return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1
 
 
 def _interval(errors: ImageErrors) -> tuple[float, float, float]:

@@ -2,9 +2,9 @@
 
 Small errors of the cameras' poses are found first (:mod:`poseppl.motion.tracking.camera_refinement`). The noise of each camera
 is what remains between its points and the projections of the places that all cameras' rays pass by; or that of a detector whose
-errors are known (:mod:`poseppl.motion.tracking.detector_errors`). Where only one camera sees the person, nothing tells it, and
-the body's own is taken. Segment lengths are measured in those places, too; one camera's person is assumed to be of any adult's
-stature (:mod:`poseppl.motion.tracking.assumed_stature`).
+errors are known (:mod:`poseppl.motion.tracking.detector_errors`). A single camera does not tell its noise
+(:mod:`poseppl.motion.tracking.single_camera`). Segment lengths are measured in those places, too; one camera's person is
+assumed to be of any adult's stature (:mod:`poseppl.motion.tracking.assumed_stature`).
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.point_data import PointData
 from poseppl.motion.tracking.scene import LEAST_CONFIDENCE, Scene, noise_of
+from poseppl.motion.tracking.single_camera import noise_in_one_camera
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk import ASSUMED_RATE
 
@@ -232,6 +233,8 @@ def scene_of_keypoints(
     known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
     body = build(_measured(build(None), places) if size == "measured" else known_lengths)
     errors = camera_errors(cameras, points, places)
+    if len(folders) == 1:
+        errors = errors._replace(scale=np.array([noise_in_one_camera(body, cameras, points)]))
     spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
     data = PointData(points, spread, faults=faults)

@@ -101,7 +101,8 @@ class LiveTrack:
             note(told)
         self._strays = {name for name in people if any(told.startswith(f"{name}: ") for told in found.told)}
         scene = found.scene._replace(source=", ".join(map(str, folders.values())))
-        self._tracking = prepare(scene, settings._replace(max_draws=settings.max_draws or MAX_DRAWS))
+        own = settings._replace(walk=settings.walk or "fixed", max_draws=settings.max_draws or MAX_DRAWS)
+        self._tracking = prepare(scene, own)
         self.markers = scene.body.tree.marker_names
         self._layout, self._names = found.layout, next(iter(people.values())).names
         placed = [with_markers(each, self.markers) for each in people.values()]

@@ -49,6 +49,7 @@ class TrackSettings(NamedTuple):
         walk: "fixed" scales, or "learned" ones: those of each joint that the recording is most likely under, which start from
             the fixed ones; see :mod:`poseppl.motion.tracking.walk_learning`. With "mean-reverting" angles come back to how
             people hold themselves (:func:`~poseppl.motion.tracking.walk.mean_reverting_steps`); the other scales are learned.
+            If None, "mean-reverting" for keypoints in one camera, and "fixed" for all else; see :func:`usual_walk`.
         markers: "fixed" places on the body, or "learned" ones: those that the recording is most likely under, of points in two
             cameras or more; see :mod:`poseppl.motion.tracking.marker_learning`.
         prior: File of a learned activity that takes the random walk's place; see :mod:`poseppl.motion.tracking.learned_prior`.
@@ -65,7 +66,7 @@ class TrackSettings(NamedTuple):
     options: Mapping[str, Any] = {}
     sigma_position: float | None = None
     sigma_angle: float | None = None
-    walk: Walk = "fixed"
+    walk: Walk | None = None
     markers: Literal["fixed", "learned"] = "fixed"
     prior: str | None = None
     other_motion: bool = True
@@ -172,6 +173,7 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     Raises:
         InputError: A setting is out of range, or the body's walk cannot be learned.
     """
+    settings = settings._replace(walk=settings.walk or usual_walk(scene, settings))
     _check(settings)
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
@@ -197,6 +199,13 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     predict = None if obstacle else predictive_checks(problem.model, of_state=of_state, of_points=of_points)
     record = {key: value for key, value in told.items() if value is not None}
     return Tracking(scene, problem, built, problem.collector(max_draws), predict, described, record)
+
+
+def usual_walk(scene: Scene[SceneData], settings: TrackSettings) -> Walk:
+    """The walk of a scene where none is asked for: one camera knows a person's distance by how people hold themselves."""
+    scales = (settings.prior, settings.sigma_position, settings.sigma_angle)
+    alone = "layout" in scene.data.provenance and len(scene.camera_names) == 1
+    return "mean-reverting" if alone and scene.body.postures and scales == (None,) * 3 else "fixed"
 
 
 def _check(settings: TrackSettings) -> None:

@@ -1,0 +1,67 @@
+"""The backward pass of assumed density filtering: Rauch-Tung-Striebel smoothing between the Gaussians of a filter's particles.
+
+N(m_t, P_t) are the moments of the particles of any filter that keeps to one mode, chiefly
+:mod:`poseppl.filters.assumed_density`, whose own idea of the past they are; the pass is that of
+:mod:`poseppl.smoothers.rauch_tung_striebel`. Observations, about which the filter's particles have told all, are not looked at
+again: they may be as nonlinear as they like. The transition is linearised. For a linear Gaussian model it is exact up to the
+Monte Carlo error of the moments.
+
+Where a posterior leans to one side, as of how far a person is from the only camera, its mode is no mean, and Laplace's
+approximation is off where this is not (``benchmarks/one_camera.py``).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from poseppl.checks import check_at_least, check_choice
+from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.linearisation import Method
+from poseppl.gaussians.marginals import gaussian_marginals
+from poseppl.particles.stacks import prepend, rows_of
+from poseppl.particles.weights import weighted_covariance, weighted_mean
+from poseppl.program import CompiledModel, Observation
+from poseppl.program.built_once import built_once
+from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.effective import smoothed_draws
+from poseppl.smoothers.rauch_tung_striebel import ForwardPass, backward_moments, draw_backwards, predict_with_gain
+
+
+@built_once
+def assumed_density_smoother(model: CompiledModel, *, num_draws: int = 1000, linearisation: Method = "first-order") -> Smoother:
+    """The backward pass of assumed density filtering, between the Gaussians of the filter's particles: fast, of one mode.
+
+    Args:
+        model: The compiled model, its transition with Gaussian moments; the filter has many more particles than the state
+            coordinates.
+        num_draws: Trajectories to draw.
+        linearisation: Of the transition: "first-order", "unscented" or "gauss-hermite" (up to 6 coordinates).
+
+    Raises:
+        ValueError: A number below 1 or an unknown linearisation.
+    """
+    check_at_least(1, num_draws=num_draws)
+    check_choice(Method, linearisation=linearisation)
+
+    def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
+        forward = _forward(model, history, inputs, linearisation)
+        particles = draw_backwards(rng_key, forward, num_draws)
+        return smoothed_draws(particles, gaussian_marginals(*backward_moments(forward)), num_transition=float(len(particles)))
+
+    return Smoother(smooth, joint=True, closed_form=True)
+
+
+def _forward(model: CompiledModel, history: History, inputs: Any, method: Method) -> ForwardPass:
+    """The filter's Gaussians, and what is predicted from each."""
+    means, covariances = (jax.vmap(of)(history.particles, history.log_weights) for of in (weighted_mean, weighted_covariance))
+    filtered = Gaussian(means, covariances)
+
+    def advance(before: Gaussian, inputs: Any) -> tuple[Gaussian, Array]:
+        return predict_with_gain(model, before, before, inputs, method)
+
+    predicted, gains = jax.vmap(advance)(rows_of(filtered, slice(-1)), rows_of(inputs, slice(1, None)))
+    return ForwardPass(filtered, prepend(rows_of(filtered, 0), predicted), prepend(jnp.zeros_like(covariances[0]), gains))
