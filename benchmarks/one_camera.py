@@ -30,6 +30,7 @@ from poseppl.motion.tracking.keypoint_sources import Clocks
 from poseppl.motion.tracking.keypoints import scene_of_keypoints
 
 NAMES, LEVELS = (*WALKS, OPENSIM), (0.5, 0.9)
+CAMERAS = ("first", "second")
 CASES = (("beside", "mean-reverting"), ("beside", "fixed"), ("body", "fixed"))
 """Noise and walk."""
 SMOOTHERS = ("assumed-density", "laplace")
@@ -37,12 +38,12 @@ COLUMNS = ("recording", "camera", "noise", "walk", "method", "error", "farther",
 _ABOUT = "Joints seen by one camera: median error and how much farther than the truth, mm, and shares in 50 and 90 % intervals."
 
 
-def answers(name: str, camera: int, noise: str, walk: Any) -> dict[str, tuple[float, ...]]:
+def answers(name: str, camera: str, noise: str, walk: Any) -> dict[str, tuple[float, ...]]:
     """Error, distance and coverage of a recording, by method."""
-    seed = NAMES.index(name)
+    seed, later = NAMES.index(name), CAMERAS.index(camera)
     subject = recorded(DATA, name, seed)
-    records = [rig_records(DATA)[RIG[4][(seed + camera) % 4]]]
-    detected = detect(subject, records, np.random.default_rng([seed, 1 + camera]), clutter=False)
+    records = [rig_records(DATA)[RIG[4][(seed + later) % 4]]]
+    detected = detect(subject, records, np.random.default_rng([seed, 1 + later]), clutter=False)
     clocks = Clocks(subject.rate, find=False)
     known = subject.body.noise if noise == "body" else None
     found = scene_of_keypoints(detected.people, records, rate=subject.rate, clocks=clocks, noise=known)
@@ -73,11 +74,11 @@ def main() -> None:
     start_jax()
     table = Table("one_camera", COLUMNS, read_runs(options.output / "one_camera.csv"), _ABOUT)
     done = {tuple(row[:4]) for row in table.rows}
-    runs = [(name, camera, *case) for case in CASES for camera in (0, 1) for name in NAMES]
+    runs = [(name, camera, *case) for case in CASES for camera in CAMERAS for name in NAMES]
     for run in runs[: 1 if options.quick else None]:
-        if (key := tuple(map(str, run))) not in done:
+        if run not in done:
             for method, values in answers(*run).items():
-                keep_run(table, (*key, method, *(f"{value:.4g}" for value in values)), options.output)
+                keep_run(table, (*run, method, *(f"{value:.4g}" for value in values)), options.output)
     show("Joints in one camera", COLUMNS, [[str(value) for value in row] for row in table.rows])
 
 
