@@ -13,7 +13,16 @@ from poseppl.diagnostics.predictive import PredictiveFigures, farthest_stretch, 
 from poseppl.diagnostics.smoothing import fits_model
 from poseppl.diagnostics.unreached import unreached_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, settings_among, statistic
+from poseppl.diagnostics.verdicts.verdict import (
+    ERROR,
+    INFO,
+    WARNING,
+    Findings,
+    Verdict,
+    in_one_camera,
+    settings_among,
+    statistic,
+)
 from poseppl.runs.contents import group_of, names_of
 from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
 from poseppl.runs.results import provenance
@@ -24,6 +33,7 @@ CHANCE_LOW = 0.025
 """Chance of innovations as large as these, below which they are more than chance: one side of a 95 % interval."""
 INFLATION_LOW = 0.5
 OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter, or widen the model's noise or transition."
+UNDER_CONFIDENT = "Under-confident: the model's noise or transition is wider than the data need."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
@@ -37,11 +47,14 @@ def prediction(tree: xr.DataTree) -> Findings:
         yield Verdict(INFO, f"Predictive checks are {known['predictive checks']}.")
     elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
         yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
-    elif checks is not None and "smoother" not in known:
-        yield from check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
     elif checks is not None:
+        found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
+        found = [each for each in found if not (in_one_camera(tree) and each.text.endswith(UNDER_CONFIDENT))]
+        if "smoother" not in known:
+            yield from found
+            return
         # a smoother that is not bound to the filter's particles may be right where the filter is not
-        for each in check_predictions(checks.data, group_of(tree, "predictive")["frame"].values):
+        for each in found:
             yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
 
 
@@ -84,8 +97,7 @@ def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = Non
         text = f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased."
         return [Verdict(WARNING, text)]
     if found + reach < INFLATION_LOW:
-        text = "Under-confident: the model's noise or transition is wider than the data need."
-        return [Verdict(WARNING, f"{_words(figures)}. {text}")]
+        return [Verdict(WARNING, f"{_words(figures)}. {UNDER_CONFIDENT}")]
     return []
 
 

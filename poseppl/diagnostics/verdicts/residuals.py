@@ -12,7 +12,7 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, of_walk
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -40,7 +40,7 @@ def point_residuals(tree: xr.DataTree) -> Findings:
 
 def one_camera(tree: xr.DataTree) -> Findings:
     """A detector's keypoints of a single camera, where intervals hold less than they say (benchmarks/one_camera.py)."""
-    if _alone(tree):
+    if in_one_camera(tree):
         known = provenance(tree)
         mends = ["leave out --walk and --live"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
         mends += ["smooth by assumed-density"] if known.get("smoother") == "laplace" else []
@@ -60,7 +60,7 @@ def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Find
         follows = of_walk(tree, "raise --sigma-angle and --sigma-position")
         advice = f"raise --noise by that factor, mend calibration or lengths, or {follows}"
         yield Verdict(ERROR if scale > SCALE_ERROR else WARNING, f"{text}: {advice}.")
-    if scale < SCALE_LOW and high < 1 and not _alone(tree):
+    if scale < SCALE_LOW and high < 1 and not in_one_camera(tree):
         yield Verdict(WARNING, f"{text}: intervals are too wide; lower --noise by that factor.")
 
 
@@ -89,11 +89,6 @@ def _of_markers(errors: ImageErrors, markers: list[str]) -> Findings:
         named = ", ".join(f"{markers[i]} {scales[i]:.1f}" for i in high[:MAX_NAMED])
         advice = "the lengths (--stature, --model) or the detector's idea of them differ"
         yield Verdict(WARNING, f"Markers lie too far from the body, by factors of {named}: {advice}.")
-
-
-def _alone(tree: xr.DataTree) -> bool:
-    """Whether keypoints are of one camera, whose noise holds more than what differs from frame to frame."""
-    return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1
 
 
 def _interval(errors: ImageErrors) -> tuple[float, float, float]:

@@ -17,7 +17,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, array_of, of_walk, statistic, where
+from poseppl.diagnostics.verdicts.verdict import (
+    ERROR,
+    INFO,
+    WARNING,
+    Findings,
+    Verdict,
+    array_of,
+    in_one_camera,
+    of_walk,
+    statistic,
+    where,
+)
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -93,7 +104,7 @@ def _scale(tree: xr.DataTree, steps: Steps, group: str) -> Findings:
         severity = ERROR if scale > STEPS_ERROR else WARNING
         wider = of_walk(tree, f"raise {_OPTIONS[group]}")
         yield Verdict(severity, f"{text}: it cannot follow; {wider}, or check the frame rate.")
-    if scale < STEPS_LOW and "smoother" not in provenance(tree):
+    if scale < STEPS_LOW and "smoother" not in provenance(tree) and not in_one_camera(tree):
         lower = of_walk(tree, f"lower {_OPTIONS[group]}")
         yield Verdict(WARNING, f"{text}: intervals are wide and means jitter; {lower}, or check the frame rate.")
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from poseppl.arrays import Floats, Integers
 from poseppl.diagnostics.selection import told
-from poseppl.runs.contents import variable
+from poseppl.runs.contents import names_of, variable
 from poseppl.runs.results import provenance
 
 ERROR, WARNING, INFO = "error", "warning", "info"
@@ -71,6 +71,11 @@ def of_walk(tree: xr.DataTree, advice: str) -> str:
     if array_of(tree, "inputs", "posture_mean") is not None:
         return "take --walk learned or fixed"
     return _OTHER_PRIOR if provenance(tree).get("prior") else advice
+
+
+def in_one_camera(tree: xr.DataTree) -> bool:
+    """Whether these are keypoints in one camera: errors that last count as noise, which is wider than frames differ by."""
+    return "layout" in provenance(tree) and len(names_of(tree, "camera")) == 1
 
 
 def array_of(tree: xr.DataTree, group: str, name: str) -> Floats | None:

@@ -32,11 +32,15 @@ from poseppl.smoothers.laplace import laplace_smoother
 FRAMES = 4
 
 
-@pytest.fixture(scope="module")
-def found(data_dir: Path) -> KeypointScene:
+def _scene(data_dir: Path, frames: str) -> KeypointScene:
     records = read_calibration(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml", "m")
     people = {"cam_03": read_openpose(data_dir / "pose2sim_balancing" / "pose" / "cam03_json")}
-    return scene_of_keypoints(people, records, rate=60, frames=f"0:{3 * FRAMES}:3")
+    return scene_of_keypoints(people, records, rate=60, frames=frames)
+
+
+@pytest.fixture(scope="module")
+def found(data_dir: Path) -> KeypointScene:
+    return _scene(data_dir, f"0:{3 * FRAMES}:3")
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +73,18 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
     usual = track(found.scene, TrackSettings(filter="kalman", max_draws=500))
     assert not told_of_one_camera(usual) and not told_of_one_camera(smooth(usual, SmoothSettings("assumed-density")))
     assert len(told_of_one_camera(smooth(usual, SmoothSettings("laplace")))) == 1
+
+
+def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
+    """It is wider than frames differ by, as results of several cameras would be told."""
+    tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100))
+    several = tree.copy()
+    several.attrs = {name: value for name, value in tree.attrs.items() if name != "layout"}
+    wide = ("intervals are too wide", "intervals are wide", "Under-confident")
+    alone, others = (
+        [word for word in wide if any(word in verdict.text for verdict in verdicts(each))] for each in (tree, several)
+    )
+    assert not alone and others == list(wide)
 
 
 def test_the_walk_of_one_camera_is_mean_reverting_where_nobody_says_otherwise(found: KeypointScene) -> None:
