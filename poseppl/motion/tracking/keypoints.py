@@ -232,9 +232,7 @@ def scene_of_keypoints(
     size = _size(stature, lengths, places)
     known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
     body = build(_measured(build(None), places) if size == "measured" else known_lengths)
-    errors = camera_errors(cameras, points, places)
-    if len(folders) == 1:
-        errors = errors._replace(scale=np.array([noise_in_one_camera(body, cameras, points)]))
+    errors = _errors(body, cameras, points, places)
     spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
     data = PointData(points, spread, faults=faults)
@@ -289,6 +287,12 @@ def _refined(cameras: Cameras, points: Floats, confidence: Floats, rate: float) 
         return None
     raw = float(np.nanmin(camera_errors(cameras, points, places).scale))
     return refine_cameras(cameras, points, confidence, raw, rate)
+
+
+def _errors(body: Body, cameras: Cameras, points: Floats, places: Floats) -> CameraErrors:
+    """What remains of the cameras' points, or is assumed of a single one's."""
+    errors, alone = camera_errors(cameras, points, places), points.shape[1] == 1
+    return errors._replace(scale=np.array([noise_in_one_camera(body, cameras, points)])) if alone else errors
 
 
 def _agreement(people: Sequence[DetectedPeople], chosen: Integers) -> Floats:
