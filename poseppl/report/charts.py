@@ -79,8 +79,11 @@ def error_traces(tree: xr.DataTree) -> Traces:
 def state_traces(tree: xr.DataTree, dof: int) -> Traces:
     """Filtered mean of a coordinate over the frames, on its central 90 % interval, with the truth."""
     x, summary, truth = frame_numbers(tree), tree["summary"].dataset, variable(tree, "truth", "state")
-    low, *_, high = summary["state_quantile"].values[:, :, dof].T
-    traces = fan(x, (low, summary["state_mean"].values[:, dof], high))
+    mean = summary["state_mean"].values[:, dof]
+    traces = [line(x, mean, "posterior mean", POSTERIOR)]
+    if "state_quantile" in summary:
+        low, *_, high = summary["state_quantile"].values[:, :, dof].T
+        traces = fan(x, (low, mean, high))
     return traces if truth is None else [*traces, line(x, truth[:, dof], "truth", TRUTH)]
 
 

@@ -59,6 +59,13 @@ def test_bars_of_ranks_are_shares_of_all_simulations() -> None:
         np.testing.assert_allclose([bar.get_x() for bar in bars], np.arange(10) / 10, atol=1e-12)
 
 
+def test_a_mean_without_quantiles_has_no_interval() -> None:
+    tree = synthetic_result(num_frames=8)
+    tree["summary"] = tree["summary"].to_dataset().drop_vars("state_quantile")
+    axes = report.plot_state(tree, ["knee_r.X"]).axes[0]
+    assert [line.get_label() for line in axes.get_lines()] == ["posterior mean", "truth"] and not axes.collections
+
+
 def test_overlay_shows_observations_where_they_are() -> None:
     tree = synthetic_result(num_frames=8)
     lines = report.plot_overlay(tree, frame=11).axes[0].get_lines()
