@@ -5,7 +5,7 @@ Pose p_t and what is beside it:
     p_t ~ N(p_(t-1), step_scale^2)                                 the body's walk, mean-reverting or not
     s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
     e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
-    l_t = l_0 ~ N(0, length_scale^2)                 (L,) mm       errors of the segment lengths
+    l_t = l_0 ~ N(0, S S^T)                          (L,) mm       errors of the segment lengths
     c_t = c_0 ~ N(0, R R^T)                          (C, 6)       errors of the cameras' poses, radians and mm
     y_t = project(markers(p_t; l_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
 
@@ -98,7 +98,8 @@ def seen_by_detector(
         numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.errors.shift_scale))
         numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
         if num_lengths:
-            numpyro.sample("length", dist.Normal(jnp.zeros(num_lengths), inputs.errors.length_scale))
+            normal = dist.MultivariateNormal(jnp.zeros(num_lengths), scale_tril=inputs.errors.length_root)
+            numpyro.sample("length", normal)
         if erring_cameras:
             normal = dist.MultivariateNormal(jnp.zeros(6 * num_cameras), scale_tril=inputs.errors.camera_root)
             numpyro.sample("camera_error", normal)

@@ -19,13 +19,15 @@ from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.motion.tracking import SmoothSettings, TrackSettings, smooth, track
+from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place, measured_lengths
 from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITION, refine_cameras
 from poseppl.motion.tracking.lasting_errors import (
     ERROR_SHARE,
     ERRORS_LAST,
+    ROUNDED,
     SHIFT,
     SHIFTS_LAST,
-    length_deviation,
+    mean_deviation,
     with_lasting_errors,
     with_no_errors,
 )
@@ -138,8 +140,9 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
 
 
 def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData], filtered: xr.DataTree) -> None:
-    per_length, lengths = offsets_per_length(filtered), dict(scene.body.lengths)
-    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, per_length=per_length)
+    lengths = dict(scene.body.lengths)
+    measured = MeasuredLengths(offsets_per_length(filtered), lengths_per_place(scene.body, scene.markers))
+    problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, lengths=measured)
     assert problem.num_static == len(lengths) and problem.markers is not None
     assert scene.states is not None
     errors = np.random.default_rng(0).normal(size=len(lengths)) * SHIFT
@@ -150,13 +153,33 @@ def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData],
     np.testing.assert_allclose(found, longer.places(scene.states[7:8])[0], atol=0.02)
 
 
+def test_lengths_are_off_as_the_places_are_that_they_were_measured_in(scene: Scene[PointData], filtered: xr.DataTree) -> None:
+    """Shifts d of places change lengths l by less than d^2 / l beside what is linear; variances are those of differences."""
+    places, body = np.asarray(scene.markers)[:1], scene.body
+    per_place = lengths_per_place(body, places)
+    shifts = 0.5 * np.random.default_rng(0).standard_normal((50, *places.shape))
+    before, *after = (
+        np.array(list(measured_lengths(body, places + shift).values())) for shift in (np.zeros_like(places), *shifts)
+    )
+    names = list(measured_lengths(body, places))
+    order = [list(body.lengths).index(name) for name in names]
+    found, told = np.stack(after) - before, shifts.reshape(50, -1) @ per_place[order].T
+    assert np.abs(found - told).max() < (6 * 0.5) ** 2 / 90 < 0.2 * found.std(), np.abs(found - told).max()
+    lengths = MeasuredLengths(offsets_per_length(filtered), per_place)
+    root = with_lasting_errors(make_problem(scene), scene.frames, scene.rate, lengths=lengths).inputs.errors.length_root.value
+    deviation, seconds = np.sqrt(np.square(root).sum(1) - ROUNDED**2), np.full(FRAMES, 1 / RATE)
+    of = dict(zip(body.lengths, deviation / mean_deviation(seconds), strict=True))
+    for name, known in (("spine", np.sqrt(2)), ("thigh", 1.0), ("shank", 1.0), ("hip_width", np.sqrt(0.5))):
+        assert abs(of[name] - known) < 1e-3, (name, of[name])
+
+
 def test_lengths_of_a_long_recording_are_known_better() -> None:
     """The variance of the mean of a stationary sequence, against that of many of them."""
     rng = np.random.default_rng(0)
     means = SHIFT * np.stack([stationary(rng, (2000,), SHIFTS_LAST).mean(0) for _ in range(5)])
-    told = length_deviation(np.full(FRAMES, 1 / RATE))
+    told = mean_deviation(np.full(FRAMES, 1 / RATE))
     assert abs(means.std() / told - 1) < 4 / np.sqrt(2 * means.size) + 1 / FRAMES
-    assert length_deviation(np.full(1, 1 / RATE)) == SHIFT
+    assert mean_deviation(np.full(1, 1 / RATE)) == SHIFT
 
 
 def test_what_was_measured_is_not_exact(scene: Scene[PointData]) -> None:

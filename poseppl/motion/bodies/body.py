@@ -135,7 +135,7 @@ class LastingErrors(NamedTuple):
         shift_kept: a, what is left of it () from the frame before.
         error_share: r^2 (), share of the errors that last in the variance.
         error_kept: b, what is left of them () from the frame before.
-        length_scale: Standard deviation () of the lengths' errors, mm.
+        length_root: S, lower triangular (L, L), whose S S^T is the covariance of the lengths' errors, mm.
         per_length: How the tree's offsets change with each of L lengths, these with a leading L; None for exact lengths.
         camera_root: R, lower triangular (6 C, 6 C): turns, radians, and shift of the centre, mm, of one camera after the other.
     """
@@ -144,7 +144,7 @@ class LastingErrors(NamedTuple):
     shift_kept: Any
     error_share: Any
     error_kept: Any
-    length_scale: Any
+    length_root: Any
     per_length: Any
     camera_root: Any
 

@@ -25,7 +25,7 @@ from poseppl.motion.io.frame_range import FrameRange
 from poseppl.motion.io.keypoint_layouts import markers_of_names
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import ATTRIBUTE
-from poseppl.motion.tracking.body_sizes import POPULATION, subject_lengths
+from poseppl.motion.tracking.body_sizes import POPULATION, measured_lengths, subject_lengths
 from poseppl.motion.tracking.calibration_checks import calibration_notes
 from poseppl.motion.tracking.calibration_units import infer_unit
 from poseppl.motion.tracking.camera_errors import LEAST_RESIDUALS, CameraErrors, camera_errors
@@ -56,8 +56,6 @@ _ASSUMED = (
     "the person is taken to be {:.2f} +- {:.2f} m tall, as these cameras do not tell (--stature, --lengths): one who is taller "
     "by a hundredth is farther away by a hundredth, too, which intervals {} in them"
 )
-_MIDDLES = {"pelvis": ("hip_l", "hip_r"), "neck": ("shoulder_l", "shoulder_r")}
-"""Markers that are between two others where the detector has none."""
 
 
 def _pose_notes(names: Sequence[str], refined: RefinedCameras) -> list[str]:
@@ -231,7 +229,7 @@ def scene_of_keypoints(
     places = triangulate(cameras, points, confidence)
     size = _size(stature, lengths, places)
     known_lengths = subject_lengths(model, POPULATION[0] if size == "assumed" else stature, lengths)
-    body = build(_measured(build(None), places) if size == "measured" else known_lengths)
+    body = build(measured_lengths(build(None), places) if size == "measured" else known_lengths)
     errors = _errors(body, cameras, points, places)
     spread = noise_of_points(detector_errors or noise, body, cameras, errors.scale, places, confidence)
     faults = {} if associated is None else {"wrong_person": 1 - associated.identity, "swaps": associated.swaps}
@@ -319,17 +317,3 @@ def with_markers(found: DetectedPeople, markers: Sequence[str]) -> DetectedPeopl
     points[:, :, into], confidence[:, :, into] = found.points[:, :, of], found.confidence[:, :, of]
     points = np.where((confidence >= LEAST_CONFIDENCE)[..., None], points, np.nan)
     return found._replace(points=points, confidence=confidence, names=tuple(markers))
-
-
-def _measured(body: Body, places: Floats) -> Mapping[str, float]:
-    """Segment lengths in places (T, K, 3)."""
-    seen = {name: places[:, k] for k, name in enumerate(body.tree.marker_names) if np.isfinite(places[:, k]).all(-1).any()}
-    for name, (left, right) in _MIDDLES.items():
-        if name not in seen and left in seen and right in seen:
-            seen[name] = (seen[left] + seen[right]) / 2
-    try:
-        return body.measure(seen)
-    except ValueError as error:
-        raise InputError(
-            f"the person's segments cannot be measured: {error}", field="--stature", expected="the person's height, mm"
-        ) from error

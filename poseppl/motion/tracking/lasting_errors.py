@@ -16,8 +16,8 @@ from jax import Array
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import BodyInputs, LastingErrors, compile_once, load_builder
-from poseppl.motion.geometry import KinematicTree
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
+from poseppl.motion.tracking.body_sizes import MeasuredLengths
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.walk import time_steps
 from poseppl.motion.tracking.walk_learning import learn_walk
@@ -30,6 +30,8 @@ SHIFT, SHIFTS_LAST = 20.0, 2.0
 """How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
 """Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
+ROUNDED = 1.0
+"""Standard deviation of a length, mm, beside what comes from the places that it was measured in; ours."""
 
 
 def with_lasting_errors(
@@ -37,7 +39,7 @@ def with_lasting_errors(
     frames: Integers,
     rate: float | None,
     camera_covariance: Floats | None = None,
-    per_length: KinematicTree | None = None,
+    lengths: MeasuredLengths | None = None,
 ) -> Problem:
     """Give a problem of points errors that last, and markers that may be beside their joints.
 
@@ -47,8 +49,7 @@ def with_lasting_errors(
         rate: Frames a second; 30 if None.
         camera_covariance: Of the cameras' errors (6 C, 6 C), radians and mm, which are then part of the state; None if they are
             taken for exact.
-        per_length: How the offsets of the body's tree change with each of its lengths, these with a leading axis, where they
-            were measured in the same points; None if they are exact.
+        lengths: How the body's lengths were measured, if in the same points; None if they are exact.
 
     Raises:
         InputError: The problem is not one of points of a whole body that walks at random.
@@ -66,12 +67,12 @@ def with_lasting_errors(
         shift_kept=jnp.asarray(np.exp(-seconds / SHIFTS_LAST), float),
         error_share=Constant(jnp.asarray(ERROR_SHARE, float)),
         error_kept=jnp.asarray(np.exp(-seconds / ERRORS_LAST), float),
-        length_scale=Constant(jnp.asarray(length_deviation(seconds), float)),
-        per_length=None if per_length is None else Constant(per_length),
+        length_root=Constant(jnp.asarray(_length_root(lengths, mean_deviation(seconds)), float)),
+        per_length=None if lengths is None else Constant(lengths.offsets),
         camera_root=Constant(jnp.asarray(root, float)),
     )
     inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
-    num_lengths = 0 if per_length is None else len(per_length.offsets)
+    num_lengths = 0 if lengths is None else len(lengths.per_place)
     seen: Any = load_builder(PROGRAMS)(
         tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
     )
@@ -82,14 +83,24 @@ def with_lasting_errors(
     )
 
 
-def length_deviation(seconds: Floats) -> float:
-    """Standard deviation, mm, of a length that was measured in frames so many seconds (T,) after those before them.
+def mean_deviation(seconds: Floats) -> float:
+    """Standard deviation, mm, of how far a marker is from its joint along an axis, on average over frames.
 
-    It is a mean over the recording of how far two places are from each other, on both sides of the body: its variance is that
-    of the mean of one place. Over a time t, of what lasts for s, that is 2 (s / t)^2 (t / s - 1 + exp(-t / s)) of a frame's.
+    Over a time t, of what lasts for s, the mean's variance is 2 (s / t)^2 (t / s - 1 + exp(-t / s)) of a frame's.
+
+    Args:
+        seconds: To each frame from the one before (T,).
     """
     lasts = float(seconds[1:].sum()) / SHIFTS_LAST
     return float(SHIFT * np.sqrt(2 * (lasts + np.expm1(-lasts)) / lasts**2)) if lasts > 1e-3 else SHIFT
+
+
+def _length_root(lengths: MeasuredLengths | None, deviation: float) -> Floats:
+    """S: errors of lengths measured in places that are all off by a deviation, mm, and by :data:`ROUNDED` each besides."""
+    if lengths is None:
+        return np.zeros((0, 0))
+    columns = np.hstack([deviation * lengths.per_place, ROUNDED * np.eye(len(lengths.per_place))])
+    return np.asarray(np.linalg.cholesky(columns @ columns.T))
 
 
 def with_no_errors(history: History, problem: Problem) -> History:

@@ -12,11 +12,13 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics import diagnose
 from poseppl.errors import InputError
+from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.io.text_parsing import some
 from poseppl.motion.tracking.assumed_stature import at_mean_stature, with_statures
+from poseppl.motion.tracking.body_sizes import MeasuredLengths, lengths_per_place
 from poseppl.motion.tracking.flesh_places import with_flesh
 from poseppl.motion.tracking.lasting_errors import with_lasting_errors, with_no_errors
-from poseppl.motion.tracking.problem import Problem, problem_of_result
+from poseppl.motion.tracking.problem import Problem, body_inputs, problem_of_result
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.scene import Scene, SceneData
@@ -88,7 +90,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     if lasting:
         cut, measured = settings.method == "laplace", known.get("lengths measured") is True
         cameras = _camera_covariance(known, problem) if cut else None
-        lengths = offsets_per_length(tree, settings.model) if cut and measured else None
+        lengths = _measured_lengths(tree, problem, settings.model) if cut and measured else None
         problem = with_lasting_errors(problem, frame_numbers(tree), tree.attrs.get("rate"), cameras, lengths)
     smoother, options = SMOOTHERS[settings.method].build(problem.model, settings.options)
     if problem.num_static:
@@ -131,6 +133,16 @@ def _seen(scene: Scene[SceneData], tree: xr.DataTree) -> SceneData:
         told = f"{len(own.frames)} frames from {own.frames[0]} on of {some(own.camera_names)}"
         raise InputError(f"the scene has {told}", field="scene", expected=f"{len(frames)} from {frames[0]} on of {some(names)}")
     return own.data
+
+
+def _measured_lengths(tree: xr.DataTree, problem: Problem, model: str | None) -> MeasuredLengths:
+    """How the lengths of a result's body were measured in its points, which weigh as much as they are sure."""
+    noise = np.asarray(tree["inputs"].dataset["noise"].values)
+    points = np.asarray(tree["observed_data"].dataset["points"].values)
+    places = triangulate(
+        body_inputs(problem.inputs).cameras.value, points, np.broadcast_to((noise.min() / noise) ** 2, points.shape[:-1])
+    )
+    return MeasuredLengths(offsets_per_length(tree, model), lengths_per_place(problem.body, places))
 
 
 def _camera_covariance(known: Mapping[str, Any], problem: Problem) -> Floats | None:
