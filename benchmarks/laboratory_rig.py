@@ -125,6 +125,7 @@ def detect(
     beside: float = SHIFT,
     calibration: float = CALIBRATION,
     clutter: bool = True,
+    exchange: bool = True,
 ) -> Detected:
     """Draw what a detector finds of a person.
 
@@ -135,6 +136,7 @@ def detect(
         beside: Standard deviation of the markers' places beside the joints, mm.
         calibration: Size of the cameras' errors in units of their prior's.
         clutter: Whether points may be anywhere in the picture.
+        exchange: Whether limbs may be exchanged.
     """
     names, rate = subject.body.tree.marker_names, subject.rate
     calibrated, count, cameras = cameras_of_records(records), len(subject.frames), len(records)
@@ -152,7 +154,7 @@ def detect(
     outside = np.any((points < 0) | (points > SIZE), -1)
     points[outside | spells(rng, count, sure.shape[1:], GAP_SHARE, GAPS_LAST, rate)] = np.nan
     pairs = limb_pairs(names)
-    swaps = spells(rng, count, (cameras, len(pairs)), SHARE, LASTS, rate)
+    swaps = exchange & spells(rng, count, (cameras, len(pairs)), SHARE, LASTS, rate)
     for number, (left, right) in enumerate(pairs.values()):
         swapped, (ours, others) = swaps[..., number], ([*left, *right], [*right, *left])
         for values in (points, sure):

@@ -5,7 +5,7 @@ A result is a file, perhaps somebody else's: what it says of its model is checke
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
@@ -74,7 +74,11 @@ def offsets_per_length(tree: xr.DataTree, model: str | None = None) -> Kinematic
         InputError: As :func:`recorded_model`.
     """
     name, body, _ = recorded_model(tree, model)
-    build = installed_builder(name) if model is None else body_builder(model)
+    return offsets_of_lengths(body, installed_builder(name) if model is None else body_builder(model))
+
+
+def offsets_of_lengths(body: Body, build: Callable[..., Body]) -> KinematicTree:
+    """How the offsets of a body's tree change with each of its lengths, these with a leading axis; ``build`` is its builder."""
     longer = [build({**body.lengths, length: value + 1.0}).tree for length, value in body.lengths.items()]
     changed: KinematicTree = jax.tree.map(lambda own, *each: jnp.stack(each) - own, build(body.lengths).tree, *longer)
     return changed
