@@ -127,7 +127,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     type=click.Choice(["fixed", "learned", "mean-reverting"]),
     help="Scales of the random walk: those above, or those of each joint that the whole recording is most likely under; or "
     "angles come back to how people hold themselves, and the root's scales are learned: for fast motion in one camera. "
-    "[default: mean-reverting for --keypoints of one camera, unless --live or the scales above are given; otherwise fixed]",
+    "[default: mean-reverting for --keypoints of one camera, unless the scales above are given; otherwise fixed]",
 )
 @click.option(
     "--markers",

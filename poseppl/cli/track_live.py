@@ -61,7 +61,7 @@ def check_live_usage(options: dict[str, Any]) -> None:
         raise click.UsageError("--checkpoint does not go with --live: all frames are in the folders, as a recording without it")
     refuse(_NOT_WITH, "does not go with --live")
     for name in ("walk", "markers"):
-        if options[name] not in (None, "fixed"):
+        if options[name] == "learned":
             raise click.UsageError(f"--{name} {options[name]} needs the whole recording, and does not go with --live")
     if options["skeleton"] is not None:
         raise click.UsageError("--live follows a person; points of a --skeleton need the whole recording")

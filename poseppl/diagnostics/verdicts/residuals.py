@@ -42,7 +42,7 @@ def one_camera(tree: xr.DataTree) -> Findings:
     """A detector's keypoints of a single camera, where intervals hold less than they say (benchmarks/one_camera.py)."""
     if in_one_camera(tree):
         known = provenance(tree)
-        mends = ["leave out --walk and --live"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
+        mends = ["leave out --walk"] if known.get("settings", {}).get("walk") != "mean-reverting" else []
         mends += ["smooth by assumed-density"] if known.get("smoother") == "laplace" else []
         if mends:
             text = "One camera: joints tend to be nearer to it than they are, by more than intervals say"

@@ -101,8 +101,7 @@ class LiveTrack:
             note(told)
         self._strays = {name for name in people if any(told.startswith(f"{name}: ") for told in found.told)}
         scene = found.scene._replace(source=", ".join(map(str, folders.values())))
-        own = settings._replace(walk=settings.walk or "fixed", max_draws=settings.max_draws or MAX_DRAWS)
-        self._tracking = prepare(scene, own)
+        self._tracking = prepare(scene, settings._replace(max_draws=settings.max_draws or MAX_DRAWS))
         self.markers = scene.body.tree.marker_names
         self._layout, self._names = found.layout, next(iter(people.values())).names
         placed = [with_markers(each, self.markers) for each in people.values()]
@@ -110,7 +109,6 @@ class LiveTrack:
         self._places = _last_known(triangulate(scene.cameras, scene.data.points, found.confidence))
         self._data, self._frames = [scene.data], scene.frames.tolist()
         problem = self._tracking.problem
-        self._step = np.asarray(problem.inputs.step_scale)[:1]
         self._run = OnlineRun(
             self._tracking.filter,
             jax.random.key(settings.seed),
@@ -131,7 +129,7 @@ class LiveTrack:
             RunError: The run cannot go on.
         """
         data = self._seen(frame)
-        problem = with_frames(self._tracking.problem, data, self._step)
+        problem = with_frames(self._tracking.problem, data, 1)
         kept = self._run.add(problem.observations, problem.inputs, [frame.number])
         self._data.append(data)
         self._frames.append(frame.number)
@@ -142,7 +140,7 @@ class LiveTrack:
         noise = np.concatenate([data.noise for data in self._data])
         data = self._data[0]._replace(points=np.concatenate([data.points for data in self._data]), noise=noise)
         scene = self._tracking.scene._replace(data=data, frames=np.array(self._frames))
-        problem = with_frames(self._tracking.problem, data, self._step.repeat(len(self._frames), axis=0))
+        problem = with_frames(self._tracking.problem, data, len(self._frames))
         return self._tracking._replace(scene=scene, problem=problem)
 
     def finish(self, **told: Any) -> xr.DataTree:

@@ -185,17 +185,19 @@ def make_problem(
     return _problem(body, params, scene.data, _walk(body, scene.cameras, mean, scale, *walk), scene.states)
 
 
-def with_frames(problem: Problem, data: SceneData, steps: Floats) -> Problem:
-    """The same problem of other frames, whose body's joints are all free.
+def with_frames(problem: Problem, data: SceneData, count: int) -> Problem:
+    """The same problem of other frames, whose body's joints are all free; the walk to each is that to the first.
 
     Args:
         problem: The problem of a scene.
-        data: What was seen in T frames.
-        steps: Standard deviations (T, d) of the random walk, from the frame before to each.
+        data: What was seen in these frames.
+        count: How many there are.
     """
-    own = problem.inputs._asdict()
-    walk = {name: own[name] for name in ("cameras", "start", "start_scale", "tree")}
-    inputs = data.inputs(problem.body, {**walk, "step_scale": jnp.asarray(steps, float)})
+    own = problem.inputs
+    walk = {name: getattr(own, name) for name in ("cameras", "start", "start_scale", "tree", "posture")}
+    if own.posture is not None:
+        walk["posture"] = own.posture._replace(kept=own.posture.kept[:1].repeat(count, axis=0))
+    inputs = data.inputs(problem.body, {**walk, "step_scale": own.step_scale[:1].repeat(count, axis=0)})
     return problem._replace(observations=data.observe(problem.model), inputs=inputs)
 
 
