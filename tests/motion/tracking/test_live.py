@@ -103,6 +103,8 @@ def test_one_cameras_intervals_have_the_stature_in_them(
     one = [frame._replace(people=frame.people[:1]) for frame in frames]
     live = LiveTrack({"cam_01": folders["cam_01"]}, calibration, one[:-1], SETTINGS, lambda note: None, rate=60)
     last, tree = live.add(one[-1]), live.finish()
+    kept = np.asarray(live.whole().problem.inputs.posture.kept)
+    assert kept.min() < 1 and (kept == kept[0]).all() and len(kept) == FRAMES
     quantiles = tree["summary"].dataset["markers_quantile"]
     for level, first, ends in ((0.05, live.estimate.lower, last.lower), (0.95, live.estimate.upper, last.upper)):
         np.testing.assert_allclose(np.concatenate([first, ends]), quantiles.sel(quantile=level).values, atol=0.01)
