@@ -2,8 +2,8 @@ r"""Monte Carlo error that a filter of few points hands on from frame to frame, 
 
 A posterior that n points carry to the next frame, by their mixture, has a mean with the error P_t / n, and a variance that is
 too small by P_t / n on average, P_t being the posterior's variance of a coordinate. Errors are then larger than the filter
-claims, by an excess of variance X_t. A frame hands on
-of all these what its data leave and the transition keeps, the matrix K_t of :mod:`poseppl.runs.predictive` (`transfer`):
+claims, by an excess of variance X_t. A frame hands on of all these what its data leave and the transition keeps, the matrix K_t
+of :mod:`poseppl.runs.predictive` (`transfer`):
 
     X_t = K_t (X_(t-1) + 2 P_(t-1) / n) K_t'.
 

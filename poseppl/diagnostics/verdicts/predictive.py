@@ -23,7 +23,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     settings_among,
     statistic,
 )
-from poseppl.runs.contents import group_of, names_of
+from poseppl.runs.contents import flat_draws, group_of, names_of
 from poseppl.runs.predictive import DataPrediction, Prediction, StatePrediction
 from poseppl.runs.results import provenance
 
@@ -127,7 +127,7 @@ def few_points(tree: xr.DataTree) -> Findings:
     points = known.get("points of the past")
     if points is None or prediction is None:
         return
-    draws = tree["unconstrained_posterior/state"].stack(all=("chain", "draw")).transpose("all", "frame", "dof").values
+    draws = np.concatenate(flat_draws(tree).values)  # of all chains
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
     shares = [implied_coverage(each) for each in found[np.isfinite(found)]]
     if shares and np.mean(shares) < implied_coverage(INFLATION_HIGH):

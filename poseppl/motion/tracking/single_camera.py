@@ -2,9 +2,8 @@
 
 Nobody has the mean adult's proportions, and a detector's idea of a joint is not a skeleton's: places of keypoints are some
 centimetres from where the skeleton of the same pose has them, in all frames alike. Several cameras tell that apart from the
-pose. One does not, and takes a limb that seems long for one that is near: of errors of which the body's noise knows nothing the
-largest, of any limb in any frame, draws the person nearer, for whoever is too near can bend, and whoever is too far away cannot
-stretch. So they count as noise, of the size that they have in the picture.
+pose, and one does not. With the body's noise alone people are taken to be nearer than they are, with too narrow intervals
+(``benchmarks/one_camera.py``). So what is beside the skeleton counts as noise, of the size that it has in the picture.
 """
 
 from __future__ import annotations
