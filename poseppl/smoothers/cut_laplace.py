@@ -27,7 +27,7 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother
-from poseppl.smoothers.curvature import damped_step, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import climb_to_mode, safe_cholesky, trajectory_precision
 from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
@@ -35,7 +35,7 @@ _TOGETHER = 50
 
 
 @built_once
-def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: int = 500, num_mode_steps: int = 20) -> Smoother:
+def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: int = 500, num_mode_steps: int = 100) -> Smoother:
     """Laplace's approximation, with coordinates that do not change and keep their prior.
 
     Args:
@@ -43,7 +43,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
             is independent of the rest in it.
         num_static: p, the number of the state's last coordinates that do not change.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps to the mode.
+        num_mode_steps: Gauss-Newton steps to the mode at most.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
@@ -59,11 +59,14 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         size = len(mean) - num_static
         static = mean[size:]
 
-        def step(moving: Array, _: None) -> tuple[Array, None]:
-            return _climb(model, moving, static, observations, inputs), None
+        def log_density(moving: Array) -> Array:
+            return model.log_joint(_whole(moving, static), observations, inputs)
 
-        moving, _ = jax.lax.scan(step, start[:, :size], None, length=num_mode_steps)
-        factor, cross = _curvature(model, moving, static, observations, inputs)
+        def curvature(moving: Array) -> tuple[BlockCholesky, Array]:
+            return _curvature(model, moving, static, observations, inputs)
+
+        moving, count = climb_to_mode(log_density, lambda xs: curvature(xs)[0], start[:, :size], num_mode_steps)
+        factor, cross = curvature(moving)
         response = jax.vmap(lambda column: solve(factor, column), in_axes=2, out_axes=2)(cross)
         first, second = jax.random.split(rng_key)
         root = jnp.linalg.cholesky(covariance[size:, size:])
@@ -80,7 +83,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         rest = jnp.broadcast_to(covariance[size:, size:], (len(start), num_static, num_static))
         around = jnp.block([[own, follow], [jnp.swapaxes(follow, 1, 2), rest]])
         marginals = gaussian_marginals(_whole(moving, static), around)
-        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(start) * num_mode_steps)
+        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(start) * count)
 
     return Smoother(smooth, joint=True, closed_form=True)
 
@@ -98,12 +101,3 @@ def _curvature(
     whole = trajectory_precision(model, _whole(moving, static), observations, inputs)
     factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
     return factor, whole.diagonal[:, :size, size:]
-
-
-def _climb(model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object) -> Array:
-    """A damped Gauss-Newton step of what moves."""
-
-    def log_density(moving: Array) -> Array:
-        return model.log_joint(_whole(moving, static), observations, inputs)
-
-    return damped_step(log_density, _curvature(model, moving, static, observations, inputs)[0], moving)

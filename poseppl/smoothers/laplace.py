@@ -16,12 +16,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.gaussians.block_tridiagonal import marginal_covariances, solve_upper
+from poseppl.gaussians.block_tridiagonal import BlockCholesky, marginal_covariances, solve_upper
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
-from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import climb_to_mode, safe_cholesky, trajectory_precision
 from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
@@ -29,13 +29,13 @@ _TOGETHER = 50
 
 
 @built_once
-def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_steps: int = 20) -> Smoother:
+def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_steps: int = 100) -> Smoother:
     """The mode of the whole trajectory with the Gaussian of its curvature: fast, and exact for linear Gaussian models.
 
     Args:
         model: The compiled model; all its sites are continuous.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps to the mode.
+        num_mode_steps: Gauss-Newton steps to the mode at most.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
@@ -48,11 +48,18 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
         start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
-        mode = climb(model, start, observations, inputs, num_mode_steps)
-        factor = safe_cholesky(trajectory_precision(model, mode, observations, inputs))
+
+        def log_density(xs: Array) -> Array:
+            return model.log_joint(xs, observations, inputs)
+
+        def curvature(xs: Array) -> BlockCholesky:
+            return safe_cholesky(trajectory_precision(model, xs, observations, inputs))
+
+        mode, count = climb_to_mode(log_density, curvature, start, num_mode_steps)
+        factor = curvature(mode)
         noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
         draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
         marginals = gaussian_marginals(mode, marginal_covariances(factor).own)
-        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(mode) * num_mode_steps)
+        return smoothed_draws(jnp.moveaxis(draws, 0, 1), marginals, num_gradient=len(mode) * count)
 
     return Smoother(smooth, joint=True, closed_form=True)

@@ -2,6 +2,9 @@
 
 The programs are those of ``poseppl_models.detected_points``, found by name. The walk's scales are learned first
 (:mod:`poseppl.motion.tracking.walk_learning`): what the errors may explain has to be weighed against how this person moves.
+
+A first pose that was sought in the points is not taken for its own prior: its errors are those of the points of all frames, which
+last, and would count twice (``python benchmarks/angle_ingredients.py``).
 """
 
 from __future__ import annotations
@@ -15,10 +18,11 @@ from jax import Array
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
-from poseppl.motion.bodies.body import BodyInputs, LastingErrors, compile_once, load_builder
+from poseppl.motion.bodies.body import Body, BodyInputs, LastingErrors, compile_once, load_builder
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.body_sizes import MeasuredLengths
 from poseppl.motion.tracking.problem import Problem
+from poseppl.motion.tracking.start import start_scales
 from poseppl.motion.tracking.walk import time_steps
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.program.built_once import built_once
@@ -30,6 +34,10 @@ SHIFT, SHIFTS_LAST = 20.0, 2.0
 """How far markers are from a skeleton's joints, mm, and for how many seconds they are; ours."""
 ERROR_SHARE, ERRORS_LAST = 0.5, 0.5
 """Share of the errors that last in the variance of a detector's points, and for how many seconds they do; ours."""
+REST_SPREAD = 0.5
+"""Standard deviation of a first pose's angles about the rest pose, radians; ours."""
+ANYWHERE = 10.0
+"""That of the root's place and turn, in units of how well a search tells them."""
 ROUNDED = 1.0
 """Standard deviation of a length, mm, beside what comes from the places that it was measured in; ours."""
 
@@ -71,6 +79,7 @@ def with_lasting_errors(
         per_length=None if lengths is None else Constant(lengths.offsets),
         camera_root=Constant(jnp.asarray(root, float)),
     )
+    own = _with_open_start(own, problem.body)
     inputs = own._replace(noise=jnp.broadcast_to(noise, (len(frames), *noise.shape[-2:])), errors=errors)
     num_lengths = 0 if lengths is None else len(lengths.per_place)
     seen: Any = load_builder(PROGRAMS)(
@@ -81,6 +90,16 @@ def with_lasting_errors(
     return Problem(
         problem.body, model, problem.observations, inputs, pose, markers=markers, cameras=cameras, num_static=seen.num_static
     )
+
+
+def _with_open_start(own: Any, body: Body) -> Any:
+    """The body's inputs with a first pose of which, if it was sought, no more is known than that it is a body's."""
+    start, scale = (np.asarray(each.value, np.float64) for each in (own.start, own.start_scale))
+    if not np.allclose(scale, start_scales(body)):
+        return own
+    root = np.array([joint == body.tree.coordinates[0][0] for joint, _ in body.tree.coordinates])
+    mean, spread = np.where(root, start, body.rest), np.where(root, ANYWHERE * scale, REST_SPREAD)
+    return own._replace(start=Constant(jnp.asarray(mean, float)), start_scale=Constant(jnp.asarray(spread, float)))
 
 
 def mean_deviation(seconds: Floats) -> float:
