@@ -24,6 +24,7 @@ from poseppl.motion.tracking.camera_refinement import PRIOR_ANGLE, PRIOR_POSITIO
 from poseppl.motion.tracking.lasting_errors import (
     ERROR_SHARE,
     ERRORS_LAST,
+    REST_SPREAD,
     ROUNDED,
     SHIFT,
     SHIFTS_LAST,
@@ -100,6 +101,18 @@ def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], f
     independent, other = excess(smooth(filtered, SmoothSettings("laplace")), scene)
     assert abs(error) < 4, lasting
     assert other < -4, independent
+
+
+def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scene[PointData]) -> None:
+    """A known start stays; else angles are those of people at rest, and the root may be far from where it was found."""
+    known, sought = (make_problem(each) for each in (scene, scene._replace(states=None)))
+    kept, opened = (with_lasting_errors(each, scene.frames, RATE).inputs for each in (known, sought))
+    for name in ("start", "start_scale"):
+        assert np.array_equal(getattr(kept, name).value, getattr(known.inputs, name).value)
+    root = np.arange(scene.body.tree.dimension) < 6
+    assert np.allclose(opened.start.value, np.where(root, sought.inputs.start.value, scene.body.rest))
+    assert np.allclose(np.asarray(opened.start_scale.value)[~root], REST_SPREAD)
+    assert np.all(np.asarray(opened.start_scale.value)[root] > 5 * np.asarray(sought.inputs.start_scale.value)[root])
 
 
 @pytest.mark.slow

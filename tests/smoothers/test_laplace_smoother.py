@@ -61,6 +61,12 @@ def test_the_mode_of_a_robust_model_is_found() -> None:
         assert (error.max() < 4.0) == near
 
 
+def test_it_climbs_until_a_step_promises_nothing() -> None:
+    taken = [float(smoothed(1, most).info.num_gradient) / len(DATA) for most in (100, 2)]
+    assert 2 < taken[0] < 20
+    assert taken[1] == 2
+
+
 def test_draws_have_the_spread_of_the_curvature() -> None:
     """Gauss-Newton's curvature of a robust site has no negative part: the exact Hessian's where residuals are small."""
     found = smoothed(4000)
