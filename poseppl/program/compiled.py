@@ -333,18 +333,25 @@ class CompiledModel:
         return flat_observation(self.observation_sites, observation.values, observation.mask)
 
     def observation_information(
-        self, x: Array, observation: Observation, inputs: Inputs = None, *, majorised: bool = False
+        self,
+        x: Array,
+        observation: Observation,
+        inputs: Inputs = None,
+        *,
+        majorised: bool = False,
+        spread: Array | None = None,
     ) -> Array:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite.
 
-        If ``majorised``, that of robust errors is of the quadratic that touches their potential from above.
+        If ``majorised``, that of robust errors is of the quadratic that touches their potential from above. With a covariance
+        ``spread`` (d, d) of the state about `x` it is taken at errors as large as they are expected to be, not at those of `x`.
         """
 
         def trace_of(state: Array) -> Any:
             arguments = self._arguments(inputs, state)
             return trace_program(self.programs.observation, arguments, values=observation.values)
 
-        return observation_information(trace_of, observation.mask, x, majorised=majorised)
+        return observation_information(trace_of, observation.mask, x, majorised=majorised, spread=spread)
 
     # Static parameters
 

@@ -125,7 +125,9 @@ def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) 
     return jnp.concatenate([_mean_jacobian(trace_of, trace[name], x) for name in sites])
 
 
-def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: bool = False) -> Array:
+def observation_information(
+    trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: bool = False, spread: Array | None = None
+) -> Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 
     Args:
@@ -134,6 +136,8 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Arr
         x: Flat state (d,).
         majorised: Whether that of a robust site is of the quadratic that touches its potential from above, of which a step
             never goes too far.
+        spread: Covariance (d, d) of the state about `x`: that of a robust site is then taken at squared errors as large as they
+            are expected to be, and not at those of `x` alone.
     """
     residual: list[str] = []
     other: list[str] = []
@@ -146,7 +150,11 @@ def observation_information(trace_of: TraceOf, mask: Mapping[str, Array], x: Arr
     for name in residual:
         jacobian = _whitened_jacobian(trace_of, name, mask.get(name), x)
         if isinstance(unwrap(trace[name]["fn"]), RobustError):
-            jacobian = _robust_rows(trace[name], jacobian, majorised)
+            jacobian = (
+                _robust_rows(trace[name], jacobian, majorised)
+                if spread is None
+                else _expected_rows(trace[name], jacobian, spread)
+            )
         information = information + jacobian.T @ jacobian
     if other:
 
@@ -168,6 +176,21 @@ def _whitened_jacobian(trace_of: TraceOf, name: str, mask: Array | None, x: Arra
         return known
     jacobian: Array = jax.jacrev(lambda state: _whitened_location(trace_of(state)[name], mask, here))(x)
     return jacobian
+
+
+def _expected_rows(site: Mapping[str, Any], jacobian: Array, spread: Array) -> Array:
+    """Rows of R^(-1/2) J (events, d), weighed by a robust site's curvature at the expected outer product of its errors."""
+    errors = unwrap(site["fn"])
+    white = errors.whitened_residual(site["value"]).reshape(-1, errors.size)
+    rows = jacobian.reshape(*white.shape, -1)
+    outer = white[:, :, None] * white[:, None] + jnp.einsum("end,dc,emc->enm", rows, spread, rows)
+    squared = jnp.trace(outer, axis1=1, axis2=2)
+    derivatives = errors.derivatives(squared.reshape(errors.batch_shape))
+    first, second = (jnp.broadcast_to(jnp.ravel(each), squared.shape)[:, None, None] for each in derivatives)
+    values, vectors = jnp.linalg.eigh(first * jnp.eye(errors.size, dtype=outer.dtype) + 2.0 * second * outer)
+    root = vectors * jnp.sqrt(jnp.maximum(values, 0.0))[:, None]
+    weighed: Array = jnp.einsum("emn,emd->end", root, rows).reshape(jacobian.shape)
+    return weighed
 
 
 def _robust_rows(site: Mapping[str, Any], jacobian: Array, majorised: bool) -> Array:

@@ -16,7 +16,6 @@ doi:10.1137/0804035); shortened until the density does not fall, such steps clim
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax
@@ -42,7 +41,13 @@ _FLOOR = 1e-6
 
 
 def trajectory_precision(
-    model: CompiledModel, xs: Array, observations: Observation, inputs: Any, *, majorised: bool = False
+    model: CompiledModel,
+    xs: Array,
+    observations: Observation,
+    inputs: Any,
+    *,
+    majorised: bool = False,
+    spread: Array | None = None,
 ) -> BlockTridiagonal:
     """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
 
@@ -52,9 +57,14 @@ def trajectory_precision(
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
         majorised: As of `CompiledModel.observation_information`: a step by this curvature is never too long for robust data.
+        spread: As of the same, (T, d, d).
     """
+
+    def information(x: Array, observation: Observation, inputs: Any, spread: Array | None) -> Array:
+        return model.observation_information(x, observation, inputs, majorised=majorised, spread=spread)
+
     later = rows_of(inputs, slice(1, None))
-    diagonal = jax.vmap(partial(model.observation_information, majorised=majorised))(xs, observations, inputs)
+    diagonal = jax.vmap(information)(xs, observations, inputs, spread)
     diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], rows_of(inputs, 0)))
     before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
     diagonal = diagonal.at[:-1].add(before).at[1:].add(after)

@@ -5,10 +5,11 @@ has told what is known. Draws are of
 
     c ~ its prior in the initial program,    x | c, z ~ N(m - R (c - c*), P^-1),    R = P^-1 B,
 
-c* being the prior's mean, m the mode of x there, P the curvature of -log p(x, z) there, block tridiagonal, and B_t the data's
-cross terms of x_t and c: to first order, intervals of x contain what is not known of c. That the data do not change what is
-known of c cuts the feedback (Plummer 2015, doi:10.1007/s11222-014-9503-z): a part of the model that is wrong, such as a body's
-lengths, does not spoil c. Where c was told by the same data, as errors of cameras are, they do not count twice.
+c* being the prior's mean, m the mode of x there, P the curvature of -log p(x, z) there, block tridiagonal, as in
+:mod:`poseppl.smoothers.laplace`, and B_t the data's cross terms of x_t and c: to first order, intervals of x contain what is
+not known of c. That the data do not change what is known of c cuts the feedback (Plummer 2015, doi:10.1007/s11222-014-9503-z):
+a part of the model that is wrong, such as a body's lengths, does not spoil c. Where c was told by the same data, as errors of
+cameras are, they do not count twice.
 
 The step of c in the transition program is not read. It costs p more solves than Laplace's approximation alone, and is exact for
 linear Gaussian models.
@@ -62,11 +63,11 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         def log_density(moving: Array) -> Array:
             return model.log_joint(_whole(moving, static), observations, inputs)
 
-        def curvature(moving: Array) -> tuple[BlockCholesky, Array]:
-            return _curvature(model, moving, static, observations, inputs)
+        def curvature(moving: Array, spread: Array | None = None) -> tuple[BlockCholesky, Array]:
+            return _curvature(model, moving, static, observations, inputs, spread)
 
         moving, count = climb_to_mode(log_density, lambda xs: curvature(xs)[0], start[:, :size], num_mode_steps)
-        factor, cross = curvature(moving)
+        factor, cross = curvature(moving, marginal_covariances(curvature(moving)[0]).own)
         response = jax.vmap(lambda column: solve(factor, column), in_axes=2, out_axes=2)(cross)
         first, second = jax.random.split(rng_key)
         root = jnp.linalg.cholesky(covariance[size:, size:])
@@ -94,10 +95,12 @@ def _whole(moving: Array, static: Array) -> Array:
 
 
 def _curvature(
-    model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object
+    model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object, spread: Array | None
 ) -> tuple[BlockCholesky, Array]:
-    """P, factorised, and B (T, n, p)."""
+    """P, factorised, and B (T, n, p); with a spread (T, n, n) of what moves."""
     size = moving.shape[1]
-    whole = trajectory_precision(model, _whole(moving, static), observations, inputs)
+    if spread is not None:
+        spread = jnp.pad(spread, ((0, 0), (0, len(static)), (0, len(static))))
+    whole = trajectory_precision(model, _whole(moving, static), observations, inputs, spread=spread)
     factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
     return factor, whole.diagonal[:, :size, size:]

@@ -5,6 +5,9 @@ each is a pass of an iterated Kalman smoother (:mod:`poseppl.smoothers.curvature
 anew in each. Draws are m + L^(-T) e with e standard normal and L L^T the block-tridiagonal curvature at m; means
 and standard deviations of the state are those of the Gaussian. It takes seconds where a Markov chain takes minutes.
 
+At the mode errors are smaller than those that were made, and robust sites, whose curvature falls with the error, too sure: it
+is therefore taken at squared errors as large as the Gaussian of the curvature at m expects them to be.
+
 It is exact for linear Gaussian models. Elsewhere it is an approximation that no number of draws mends: one mode alone, and
 symmetric tails; :mod:`poseppl.smoothers.trajectory` samples the same density. Sites must be continuous.
 """
@@ -52,11 +55,11 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
         def log_density(xs: Array) -> Array:
             return model.log_joint(xs, observations, inputs)
 
-        def curvature(xs: Array) -> BlockCholesky:
-            return safe_cholesky(trajectory_precision(model, xs, observations, inputs))
+        def curvature(xs: Array, spread: Array | None = None) -> BlockCholesky:
+            return safe_cholesky(trajectory_precision(model, xs, observations, inputs, spread=spread))
 
         mode, count = climb_to_mode(log_density, curvature, start, num_mode_steps)
-        factor = curvature(mode)
+        factor = curvature(mode, marginal_covariances(curvature(mode)).own)
         noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
         draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
         marginals = gaussian_marginals(mode, marginal_covariances(factor).own)

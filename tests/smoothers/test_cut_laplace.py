@@ -12,9 +12,10 @@ import numpyro.distributions as dist
 import pytest
 
 from poseppl.compilation import double_precision
-from poseppl.program import StateSpaceModel
+from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl.smoothers.base import History
 from poseppl.smoothers.cut_laplace import cut_laplace_smoother
+from poseppl.smoothers.laplace import laplace_smoother
 
 FRAMES, STEP, NOISE, WIDE = 6, 0.7, 0.5, 2.0
 
@@ -92,3 +93,22 @@ def test_what_does_not_change_keeps_its_prior_and_the_rest_follows(smoothed: tup
 def test_numbers_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match="num_static"):
         cut_laplace_smoother(StateSpaceModel(initial, transition, observation).compile(), 0)
+
+
+def test_robust_sites_are_as_sure_as_in_laplace_s_approximation() -> None:
+    """Where the data tell nothing of what does not change, the rest is what Laplace's smoother says, as near as climbs end."""
+
+    def robust(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("z", Lorentzian(dist.Normal(state["x"], NOISE), 4.0))
+
+    model = StateSpaceModel(initial, transition, robust).compile()
+    values = np.random.default_rng(1).normal(size=(FRAMES, 2)) * np.where(np.arange(FRAMES) == 2, 5.0, 1.0)[:, None]
+    blank = jnp.zeros((FRAMES, 1))
+    history = History(jnp.ones((FRAMES, 1, 4)), blank, blank.astype(int), blank[:, 0] > 0)
+    cut, whole = (
+        smoother.smooth(jax.random.key(0), history, model.observe({"z": values})).marginals
+        for smoother in (cut_laplace_smoother(model, 2, num_draws=2), laplace_smoother(model, num_draws=2))
+    )
+    for ours, theirs in ((cut.means, whole.means), (cut.variances, whole.variances)):
+        parts = (np.asarray(each).reshape(FRAMES, 4)[:, :2] for each in (ours, theirs))
+        np.testing.assert_allclose(*parts, rtol=0.03, atol=0.03)
