@@ -3,8 +3,8 @@
 The programs are those of ``poseppl_models.detected_points``, found by name. The walk's scales are learned first
 (:mod:`poseppl.motion.tracking.walk_learning`): what the errors may explain has to be weighed against how this person moves.
 
-A first pose that was sought in the points is not taken for its own prior: its errors are those of all frames' points, which
-last, and would count twice (``python benchmarks/angle_ingredients.py``).
+A first pose that was sought in the points is not taken for its own prior: its errors are those of the points, which last, and
+what all frames say alike would count once more.
 """
 
 from __future__ import annotations
