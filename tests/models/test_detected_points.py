@@ -14,6 +14,7 @@ from poseppl_models.choo_fleet import full_body
 from poseppl_models.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
+from poseppl.diagnostics.verdicts.residuals import two_cameras
 from poseppl.errors import InputError
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
@@ -113,6 +114,18 @@ def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scen
     assert np.allclose(opened.start.value, np.where(root, sought.inputs.start.value, scene.body.rest))
     assert np.allclose(np.asarray(opened.start_scale.value)[~root], REST_SPREAD)
     assert np.all(np.asarray(opened.start_scale.value)[root] > 5 * np.asarray(sought.inputs.start_scale.value)[root])
+
+
+def test_that_angles_by_two_cameras_are_less_sure_than_told_is_told(filtered: xr.DataTree) -> None:
+    """With two cameras, and errors that last, alone."""
+
+    def told(cameras: int, errors: str) -> list[str]:
+        tree = filtered.map_over_datasets(lambda each: each.isel(camera=slice(cameras), missing_dims="ignore"))
+        tree.attrs = {**filtered.attrs, "layout": "body25", "errors": errors}
+        return [verdict.severity for verdict in two_cameras(tree)]
+
+    assert told(2, "lasting") == ["info"]
+    assert not told(3, "lasting") and not told(2, "independent")
 
 
 @pytest.mark.slow
