@@ -175,6 +175,24 @@ def test_the_majorised_curvature_is_of_a_quadratic_above(family):
         assert above(compiled.observation_information(here, data)).min() < -0.1
 
 
+@pytest.mark.parametrize("family", [Lorentzian, Leclerc])
+@pytest.mark.parametrize("which", ["vectors", "full", "single"])
+def test_the_expected_curvature_is_that_of_a_state_without_spread_and_smaller_with_one(family, which):
+    """Where the data are exact, that of states that are aside by the whole of the spread."""
+    with precision(np.float64):
+        compiled = model(observation=programs_of(family)[which]).compile()
+        x, aside = jnp.array([0.4, -0.3, 1.1]), jnp.array([0.2, 0.1, -0.3])
+        exact = np.asarray(linear(compiled.to_sites(x))).reshape(2, 2)
+        for error in (0.0, 0.3, np.array([[9.0, 0.0], [np.nan, np.nan]])):
+            data = compiled.observe({"y": exact + error})
+            found = compiled.observation_information(x, data, spread=jnp.zeros((3, 3)))
+            np.testing.assert_allclose(found, compiled.observation_information(x, data), rtol=1e-6, atol=1e-9)
+        data = compiled.observe({"y": exact})
+        found = compiled.observation_information(x, data, spread=jnp.outer(aside, aside))
+        np.testing.assert_allclose(found, compiled.observation_information(x + aside, data), rtol=1e-6, atol=1e-9)
+        assert np.trace(found) < np.trace(compiled.observation_information(x, data))
+
+
 class Known(dist.Normal):
     """The linear residuals, with their derivative in closed form."""
 
