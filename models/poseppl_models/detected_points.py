@@ -2,12 +2,16 @@ r"""A body seen by a detector of keypoints, whose errors last, and now and then 
 
 Pose p_t and what is beside it:
 
-    p_t ~ N(p_(t-1), step_scale^2)                                 the body's walk, mean-reverting or not
+    p_t ~ N(p_(t-1) + c (v_(t-1) + v_t), step_scale^2)             the body's walk, mean-reverting or not
+    v_t ~ N(h v_(t-1), (1 - h^2) velocity_scale^2)                 its velocities, a second
     s_t ~ N(a s_(t-1), (1 - a^2) shift_scale^2)      (K, 3) mm     a marker's place beside its joint
     e_t ~ N(b e_(t-1), 1 - b^2)                      (C, K, 2)     errors that last, in units of their standard deviation
     l_t = l_0 ~ N(0, S S^T)                          (L,) mm       errors of the segment lengths
     c_t = c_0 ~ N(0, R R^T)                          (C, 6)       errors of the cameras' poses, radians and mm
     y_t = project(markers(p_t; l_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
+
+People keep their velocity for a while; a walk of independent steps as long as theirs goes too short a way in half a second, and
+takes errors that last for motion, and motion for errors. Without velocities the walk is the random one.
 
 Joints of people are no hinges, and a detector's idea of a hip is not the anatomist's: with s they may be some centimetres from
 where a skeleton of fixed lengths has them. A detector errs in the same way in successive frames, as long as the picture stays
@@ -28,7 +32,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
-from poseppl.motion.bodies.body import BodyInputs
+from poseppl.motion.bodies.body import BodyInputs, Velocities
 from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 from poseppl.motion.geometry.cameras import moved_cameras
 from poseppl.program import Lorentzian, StateSpaceModel
@@ -97,6 +101,8 @@ def seen_by_detector(
         first_pose(params, inputs)
         numpyro.sample("shift", dist.Normal(jnp.zeros((num_markers, 3)), inputs.errors.shift_scale))
         numpyro.sample("error", dist.Normal(jnp.zeros(errors), 1.0))
+        if inputs.velocities is not None:
+            numpyro.sample("velocity", dist.Normal(jnp.zeros_like(inputs.velocities.scale), inputs.velocities.scale))
         if num_lengths:
             normal = dist.MultivariateNormal(jnp.zeros(num_lengths), scale_tril=inputs.errors.length_root)
             numpyro.sample("length", normal)
@@ -105,13 +111,19 @@ def seen_by_detector(
             numpyro.sample("camera_error", normal)
 
     def transition(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
-        next_pose(params, state, inputs)
+        next_pose(params, state if inputs.velocities is None else moved(state, inputs.velocities), inputs)
         numpyro.sample("shift", _stationary(state["shift"], inputs.errors.shift_kept, inputs.errors.shift_scale))
         numpyro.sample("error", _stationary(state["error"], inputs.errors.error_kept, 1.0))
         if num_lengths:
             numpyro.sample("length", dist.Normal(state["length"], _DRIFT))
         if erring_cameras:
             numpyro.sample("camera_error", dist.Normal(state["camera_error"], _DRIFT))
+
+    def moved(state: Mapping[str, Any], velocities: Velocities) -> dict[str, Any]:
+        """The state, its pose moved on by the mean of the velocities before and now."""
+        before = state["velocity"]
+        way = velocities.step * (before + numpyro.sample("velocity", _stationary(before, velocities.kept, velocities.scale)))
+        return {**state, **{name: state[name] + way[span] for name, span in spans.items()}}
 
     def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
         pose = jnp.concatenate([state[name] for name in spans])

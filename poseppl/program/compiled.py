@@ -237,19 +237,22 @@ class CompiledModel:
         trace = trace_program(self.programs.observation, arguments)
         return {name: jnp.asarray(site["value"]) for name, site in trace.items() if site["type"] == "deterministic"}
 
-    def log_joint(self, xs: Array, observations: Observation, inputs: Inputs = None) -> Array:
+    def log_joint(
+        self, xs: Array, observations: Observation, inputs: Inputs = None, *, data_weight: Array | float = 1.0
+    ) -> Array:
         """Log-density of a trajectory and its data, vmapped over time.
 
         Args:
             xs: Flat states (T, d).
             observations: Stacked data with leading T.
             inputs: Stacked inputs with leading T, or None.
+            data_weight: w ().
 
         Returns:
-            log p(x_0) + sum over t >= 1 of log p(x_t | x_t-1) + sum over t of log p(z_t | x_t), a scalar.
+            log p(x_0) + sum over t >= 1 of log p(x_t | x_t-1) + w sum over t of log p(z_t | x_t), a scalar.
         """
         total = self.log_initial(xs[0], jax.tree.map(lambda a: a[0], inputs))
-        total = total + jnp.sum(jax.vmap(self.log_observation)(xs, observations, inputs))
+        total = total + data_weight * jnp.sum(jax.vmap(self.log_observation)(xs, observations, inputs))
         if xs.shape[0] > 1:
             later = jax.tree.map(lambda a: a[1:], inputs)
             total = total + jnp.sum(jax.vmap(self.log_transition)(xs[1:], xs[:-1], later))

@@ -34,6 +34,8 @@ _LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
 """Fractions of a step that are tried; the best is taken, so that the density never falls."""
 _NOTHING = 0.01
 """Nats that a step to a mode has to promise: with less, the mode is within a seventh of a standard deviation."""
+_HARDLY = 1e-3
+"""Weight of data that hardly count."""
 _RIDGE = 8.0
 """On the diagonal of the matrix scaled to a unit diagonal, in units of the type's precision: 1e-6 for float32."""
 _FLOOR = 1e-6
@@ -48,6 +50,7 @@ def trajectory_precision(
     *,
     majorised: bool = False,
     spread: Array | None = None,
+    data_weight: Array | float = 1.0,
 ) -> BlockTridiagonal:
     """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
 
@@ -58,13 +61,14 @@ def trajectory_precision(
         inputs: Inputs with a leading T, or None.
         majorised: As of `CompiledModel.observation_information`: a step by this curvature is never too long for robust data.
         spread: As of the same, (T, d, d).
+        data_weight: As of `CompiledModel.log_joint`.
     """
 
     def information(x: Array, observation: Observation, inputs: Any, spread: Array | None) -> Array:
         return model.observation_information(x, observation, inputs, majorised=majorised, spread=spread)
 
     later = rows_of(inputs, slice(1, None))
-    diagonal = jax.vmap(information)(xs, observations, inputs, spread)
+    diagonal = data_weight * jax.vmap(information)(xs, observations, inputs, spread)
     diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], rows_of(inputs, 0)))
     before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
     diagonal = diagonal.at[:-1].add(before).at[1:].add(after)
@@ -102,21 +106,43 @@ def climb(
 
 
 def climb_to_mode(
-    log_density: Callable[[Array], Array], factor: Callable[[Array], BlockCholesky], xs: Array, num_steps: int
+    log_density: Callable[[Array, Array], Array],
+    factor: Callable[[Array, Array], BlockCholesky],
+    start: Array,
+    num_steps: int,
 ) -> tuple[Array, Array]:
-    """Climb from a trajectory (T, d) until a step promises nothing; the mode, and how many steps, at most `num_steps`."""
+    """Climb to the higher of two modes: from where one starts, and from the mode of data that hardly count.
 
-    def unfinished(carry: tuple[Array, Array, Array]) -> Array:
-        _, promised, count = carry
+    With little weight of the data the density has few modes, and which of them one comes to depends little on the start.
+
+    Args:
+        log_density: Of a trajectory (T, d) and the weight () of the data.
+        factor: Of the curvature, of the same.
+        start: (T, d).
+        num_steps: At most, of each climb.
+
+    Returns:
+        The mode, and how many steps were gone in all.
+    """
+
+    def unfinished(carry: tuple[Array, Array, Array, Array]) -> Array:
+        _, _, promised, count = carry
         return (promised > _NOTHING) & (count < num_steps)
 
-    def step(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        xs, promised = _damped_step(log_density, factor(carry[0]), carry[0])
-        return xs, promised, carry[2] + 1
+    def step(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        xs, weight, _, count = carry
+        new, promised = _damped_step(lambda xs: log_density(xs, weight), factor(xs, weight), xs)
+        return new, weight, promised, count + 1
 
-    first = (xs, jnp.full_like(xs[0, 0], jnp.inf), jnp.zeros((), int))
-    mode, _, count = jax.lax.while_loop(unfinished, step, first)
-    return mode, count
+    def climb_from(before: Array, row: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        weight, anew = row
+        first = (jnp.where(anew, start, before), weight, jnp.full_like(weight, jnp.inf), jnp.zeros((), int))
+        mode, _, _, count = jax.lax.while_loop(unfinished, step, first)
+        return mode, (mode, count)
+
+    weights = jnp.array([1.0, _HARDLY, 1.0], start.dtype)
+    _, (modes, counts) = jax.lax.scan(climb_from, start, (weights, jnp.array([True, True, False])))
+    return likeliest(lambda xs: log_density(xs, weights[0]), modes[::2]), jnp.sum(counts)
 
 
 def draws_about(

@@ -60,14 +60,19 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         size = len(mean) - num_static
         static = mean[size:]
 
-        def log_density(moving: Array) -> Array:
-            return model.log_joint(_whole(moving, static), observations, inputs)
+        def log_density(moving: Array, weight: Array) -> Array:
+            return model.log_joint(_whole(moving, static), observations, inputs, data_weight=weight)
 
-        def curvature(moving: Array, spread: Array | None = None) -> tuple[BlockCholesky, Array]:
-            return _curvature(model, moving, static, observations, inputs, spread)
+        def curvature(moving: Array, weight: Array | float = 1.0, spread: Array | None = None) -> tuple[BlockCholesky, Array]:
+            if spread is not None:
+                spread = jnp.pad(spread, ((0, 0), (0, num_static), (0, num_static)))
+            xs = _whole(moving, static)
+            whole = trajectory_precision(model, xs, observations, inputs, spread=spread, data_weight=weight)
+            factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
+            return factor, whole.diagonal[:, :size, size:]
 
-        moving, count = climb_to_mode(log_density, lambda xs: curvature(xs)[0], start[:, :size], num_mode_steps)
-        factor, cross = curvature(moving, marginal_covariances(curvature(moving)[0]).own)
+        moving, count = climb_to_mode(log_density, lambda *at: curvature(*at)[0], start[:, :size], num_mode_steps)
+        factor, cross = curvature(moving, spread=marginal_covariances(curvature(moving)[0]).own)
         response = jax.vmap(lambda column: solve(factor, column), in_axes=2, out_axes=2)(cross)
         first, second = jax.random.split(rng_key)
         root = jnp.linalg.cholesky(covariance[size:, size:])
@@ -92,15 +97,3 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
 def _whole(moving: Array, static: Array) -> Array:
     """Flat states (T, d) of what moves (T, n) and what does not (p,)."""
     return jnp.concatenate([moving, jnp.broadcast_to(static, (len(moving), len(static)))], 1)
-
-
-def _curvature(
-    model: CompiledModel, moving: Array, static: Array, observations: Observation, inputs: object, spread: Array | None
-) -> tuple[BlockCholesky, Array]:
-    """P, factorised, and B (T, n, p); with a spread (T, n, n) of what moves."""
-    size = moving.shape[1]
-    if spread is not None:
-        spread = jnp.pad(spread, ((0, 0), (0, len(static)), (0, len(static))))
-    whole = trajectory_precision(model, _whole(moving, static), observations, inputs, spread=spread)
-    factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
-    return factor, whole.diagonal[:, :size, size:]

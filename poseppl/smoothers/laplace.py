@@ -52,14 +52,14 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
         start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
 
-        def log_density(xs: Array) -> Array:
-            return model.log_joint(xs, observations, inputs)
+        def log_density(xs: Array, weight: Array) -> Array:
+            return model.log_joint(xs, observations, inputs, data_weight=weight)
 
-        def curvature(xs: Array, spread: Array | None = None) -> BlockCholesky:
-            return safe_cholesky(trajectory_precision(model, xs, observations, inputs, spread=spread))
+        def curvature(xs: Array, weight: Array | float = 1.0, spread: Array | None = None) -> BlockCholesky:
+            return safe_cholesky(trajectory_precision(model, xs, observations, inputs, spread=spread, data_weight=weight))
 
         mode, count = climb_to_mode(log_density, curvature, start, num_mode_steps)
-        factor = curvature(mode, marginal_covariances(curvature(mode)).own)
+        factor = curvature(mode, spread=marginal_covariances(curvature(mode)).own)
         noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
         draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
         marginals = gaussian_marginals(mode, marginal_covariances(factor).own)

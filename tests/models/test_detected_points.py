@@ -38,6 +38,9 @@ from poseppl.motion.tracking.problem import make_problem
 from poseppl.motion.tracking.recorded_model import offsets_per_length
 from poseppl.motion.tracking.scene import Scene
 from poseppl.motion.tracking.subjects import walking_subject
+from poseppl.motion.tracking.velocity_learning import velocity_walk
+from poseppl.motion.tracking.walk import velocity_steps
+from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.run import frame_inputs
 from poseppl.smoothers.base import History
 
@@ -114,6 +117,26 @@ def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scen
     assert np.allclose(opened.start.value, np.where(root, sought.inputs.start.value, scene.body.rest))
     assert np.allclose(np.asarray(opened.start_scale.value)[~root], REST_SPREAD)
     assert np.all(np.asarray(opened.start_scale.value)[root] > 5 * np.asarray(sought.inputs.start_scale.value)[root])
+
+
+@pytest.mark.parametrize("mean_reverting", [False, True], ids=["random walk", "mean-reverting"])
+def test_the_body_walks_as_its_velocities_were_learned(scene: Scene[PointData], mean_reverting: bool) -> None:
+    """Moments of poses and velocities in the program are those of the transitions that their scales are learned with."""
+    plain = make_problem(scene, mean_reverting=mean_reverting)
+    problem, seconds = with_lasting_errors(plain, scene.frames, RATE), np.full(FRAMES, 1 / RATE)
+    model, own, d = problem.model, problem.inputs, scene.body.tree.dimension
+    units = tuple(jnp.asarray(each, float) for each in velocity_steps(seconds))
+    stacked = frame_sequence(plain.observations, plain.inputs, None).stacked_inputs()
+    walk = velocity_walk(plain.model, own.velocities.scale.value, units, tuple(range(d)), stacked)
+    shift, error = (int(np.prod(shape)) for shape in (scene.markers.shape[1:], scene.data.points.shape[1:]))
+    part = np.r_[:d, d + shift + error : 2 * d + shift + error]
+    inputs = frame_inputs(own, 1)
+    x = jnp.asarray(np.random.default_rng(0).normal(size=model.dimension), float)
+    mean, covariance = (np.asarray(each) for each in jax.jit(model.transition_moments)(x, inputs))
+    np.testing.assert_allclose(walk.means[1] + walk.jacobians[1] @ x[part], mean[part], rtol=1e-4, atol=1e-4)
+    scales = np.sqrt(np.diag(covariance)[part])
+    product = np.asarray(walk.precisions[1]) @ covariance[np.ix_(part, part)]
+    np.testing.assert_allclose(product * scales / scales[:, None], np.eye(2 * d), atol=1e-3)
 
 
 def test_that_angles_by_two_cameras_are_less_sure_than_told_is_told(filtered: xr.DataTree) -> None:

@@ -64,8 +64,26 @@ def test_the_mode_of_a_robust_model_is_found() -> None:
 
 def test_it_climbs_until_a_step_promises_nothing() -> None:
     taken = [float(smoothed(1, most).info.num_gradient) / len(DATA) for most in (100, 2)]
-    assert 2 < taken[0] < 20
-    assert taken[1] == 2
+    assert 6 < taken[0] < 30  # three climbs
+    assert 4 < taken[1] <= 6
+
+
+def test_of_two_modes_it_finds_the_higher_from_the_other() -> None:
+    """Squares of a walk are seen, which may have either sign; at the start it is more likely to be positive."""
+
+    def initial(params: Any, inputs: Any) -> None:
+        numpyro.sample("x", dist.Normal(1.0, 1.0))
+
+    def transition(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("x", dist.Normal(state["x"], 0.1))
+
+    def observation(params: Any, state: Any, inputs: Any) -> None:
+        numpyro.sample("y", dist.Normal(state["x"] ** 2, 0.1))
+
+    model, weights = StateSpaceModel(initial, transition, observation).compile(), jnp.zeros((10, 1))
+    wrong = History(jnp.full((10, 1, 1), -1.0), weights, weights.astype(int), weights[:, 0] > 0)
+    found = laplace_smoother(model, num_draws=1).smooth(jax.random.key(0), wrong, model.observe({"y": np.ones(10)}), None)
+    assert np.abs(found.marginals.means - 1.0).max() < 0.05
 
 
 def spread_at(squared: Any) -> Any:

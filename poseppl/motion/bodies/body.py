@@ -127,6 +127,20 @@ class Posture(NamedTuple):
     kept: Any
 
 
+class Velocities(NamedTuple):
+    """Velocities that a walk goes along: N(x + step (v + v'), step_scale^2), from v to v' ~ N(kept v, (1 - kept^2) scale^2).
+
+    Attributes:
+        scale: Their standard deviations (d,), mm and radians a second.
+        kept: What is left of them () from the frame before to this one.
+        step: Seconds () that each of both is gone along.
+    """
+
+    scale: Any
+    kept: Any
+    step: Any
+
+
 class LastingErrors(NamedTuple):
     """Errors of points that last from frame to frame, at one frame; ``poseppl_models.detected_points`` has the programs.
 
@@ -165,6 +179,7 @@ class BodyInputs(NamedTuple):
         flesh: The person's own, of pictures.
         errors: Those of points that last; None where each frame has its own.
         posture: What the walk comes back to; None where all coordinates walk.
+        velocities: Along which it goes; None where its steps are independent.
     """
 
     cameras: Cameras
@@ -178,6 +193,7 @@ class BodyInputs(NamedTuple):
     flesh: Any = None
     errors: Any = None
     posture: Posture | None = None
+    velocities: Velocities | None = None
 
 
 def load_builder(name: str) -> Callable[..., Any]:

@@ -1,7 +1,8 @@
 """A detector's errors that last, in place of independent ones: the problem of a result, posed with them for its smoothing.
 
-The programs are those of ``poseppl_models.detected_points``, found by name. The walk's scales are learned first
-(:mod:`poseppl.motion.tracking.walk_learning`): what the errors may explain has to be weighed against how this person moves.
+The programs are those of ``poseppl_models.detected_points``, found by name. The body walks with velocities, whose scales are
+learned first (:mod:`poseppl.motion.tracking.velocity_learning`): what the errors may explain has to be weighed against how this
+person moves.
 
 A first pose that was sought in the points is not taken for its own prior: its errors are those of the points, which last, and
 what all frames say alike would count once more.
@@ -23,8 +24,8 @@ from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.body_sizes import MeasuredLengths
 from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.start import start_scales
+from poseppl.motion.tracking.velocity_learning import with_velocities
 from poseppl.motion.tracking.walk import time_steps
-from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.program.built_once import built_once
 from poseppl.runs.run import Constant, frame_inputs
 from poseppl.smoothers.base import History
@@ -65,9 +66,8 @@ def with_lasting_errors(
     given = problem.inputs
     if not isinstance(given, BodyInputs) or given.seen is not None or problem.pose is not None:
         raise InputError("errors that last are for points of a whole body", field="--errors", expected="independent")
-    problem = learn_walk(problem)
-    own, tree = problem.inputs, problem.body.tree
     seconds = time_steps(frames, rate)
+    own, tree = with_velocities(problem, seconds), problem.body.tree
     root = np.zeros((0, 0)) if camera_covariance is None else np.linalg.cholesky(camera_covariance)
     noise = own.noise.value if isinstance(own.noise, Constant) else own.noise
     errors = LastingErrors(

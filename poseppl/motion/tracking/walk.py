@@ -30,6 +30,8 @@ SIGMA_ANGLE = 0.15 * ASSUMED_RATE**0.5
 MEMORY, SPREAD = 0.3, 2**0.5
 """Seconds in which a mean-reverting walk comes back, by a factor of e, and its standard deviation in units of the recorded one:
 who is tracked may do other things; ours."""
+VELOCITY_LASTS, UNEVEN = 0.2, 0.02
+"""Seconds in which a velocity falls off by a factor of e; the variance of ways along none, in units of the others'; ours."""
 
 
 def time_steps(frames: ArrayLike, rate: float | None) -> Floats:
@@ -80,3 +82,21 @@ def mean_reverting_steps(body: Body, params: Mapping[str, float], seconds: Float
     left = np.ones_like(steps)
     left[:, known] = kept
     return steps, Posture(mean, left)
+
+
+def velocity_steps(seconds: Floats) -> tuple[Floats, Floats, Floats]:
+    r"""An Ornstein-Uhlenbeck process of velocities, integrated: what a frame keeps of them, and how far it goes.
+
+    With h = exp(-dt / s) of velocities that last for s, the way of dt seconds given those at both ends is
+    N(c (v + v'), 2 s (dt - 2 c) sigma^2), c = s (1 - h) / (1 + h): the trapezium rule where dt is short. Ways along no velocity
+    add :data:`UNEVEN` of 2 s dt sigma^2, the variance of long ways.
+
+    Args:
+        seconds: To each frame from the one before (T,).
+
+    Returns:
+        h and c, seconds, each (T,), and the standard deviation of the way (T,) in units of sigma, seconds.
+    """
+    kept = np.exp(-seconds / VELOCITY_LASTS)
+    step = VELOCITY_LASTS * (1 - kept) / (1 + kept)
+    return kept, step, np.sqrt(2 * VELOCITY_LASTS * ((1 + UNEVEN) * seconds - 2 * step))

@@ -19,6 +19,7 @@ filter that then tracks with the learned scales may know more. Frames after a fr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -68,15 +69,23 @@ def learn_walk(problem: Problem) -> Problem:
     own = body_inputs(problem.inputs).step_scale
     if len(own) < 2:
         return problem
+    return problem._replace(inputs=with_steps(problem.inputs, own * learned_scales(problem, _learn)))
+
+
+def learned_scales(problem: Problem, learn: Callable[..., Array]) -> Array:
+    """Scales (d,) of a problem's walk that ``learn(model, groups, free, observations, inputs)`` finds.
+
+    Raises:
+        InputError: As of :func:`learn_walk`.
+    """
     sequence = frame_sequence(problem.observations, problem.inputs, None)
     data = jax.tree.map(jnp.asarray, sequence.observations), sequence.stacked_inputs()
     free = problem.body.free_coordinates
     try:
         _check_walk(problem.model, free, data[1])
-        factors = _learn(problem.model, _groups(problem.body), free, *data)
+        return learn(problem.model, _groups(problem.body), free, *data)
     except ValueError as error:
         raise InputError(f"the walk of this body cannot be learned: {error}", field="--walk", expected="fixed") from error
-    return problem._replace(inputs=with_steps(problem.inputs, own * factors))
 
 
 def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> None:
@@ -88,13 +97,13 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
     x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
     mean, covariance = jit(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
-    kept, offset = _reversion(body_inputs(second), free)
+    kept, offset = reversion(body_inputs(second), free)
     still = np.allclose(mean, kept * x + offset, atol=1e-5)
     if not still or not np.allclose(covariance, np.diag(steps**2), rtol=1e-3, atol=0.0):
         raise ValueError("its transition is not the random walk of its inputs' step_scale and posture")
 
 
-def _reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
+def reversion(inputs: Any, free: tuple[int, ...]) -> tuple[Array, Array]:
     """What is left of the free coordinates (..., d) before, and what is added to it."""
     chosen = jnp.asarray(free)
     if inputs.posture is None:
@@ -124,7 +133,7 @@ def _learn(
     own, group, number = whole[:, jnp.asarray(free)], jnp.asarray(groups), max(groups) + 1
     blank = jnp.zeros(number, own.dtype)
     members = blank.at[group].add(1.0)
-    reverts = blank.at[group].add(_reversion(body_inputs(inputs), free)[0][-1] < 1) > 0
+    reverts = blank.at[group].add(reversion(body_inputs(inputs), free)[0][-1] < 1) > 0
 
     def update(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         scales, trajectory = carry
@@ -143,12 +152,12 @@ def smoothed_walk(
     model: CompiledModel, free: tuple[int, ...], steps: Array, trajectory: Array, observations: Observation, inputs: Any
 ) -> tuple[Array, Array]:
     """Smoothed means (T, d) and expected squared steps (T - 1, d) under steps (T, d), the data expanded around a trajectory."""
-    first, reversion = Gaussian(*model.initial_moments(rows_of(inputs, 0))), _reversion(body_inputs(inputs), free)
-    return expected_steps(first, _expand(model, trajectory, observations, inputs), steps, *reversion)
+    first = Gaussian(*model.initial_moments(rows_of(inputs, 0)))
+    return expected_steps(first, expand(model, trajectory, observations, inputs), steps, *reversion(body_inputs(inputs), free))
 
 
-def _expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
-    """The likelihood of each frame around a state."""
+def expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
+    """The likelihood of each frame around a trajectory (T, d)."""
 
     def expand(x: Array, observation: Observation, inputs: Any) -> Expansion:
         information = model.observation_information(x, observation, inputs)
@@ -168,15 +177,28 @@ def expected_steps(first: Gaussian, expansion: Expansion, steps: Array, kept: Ar
         kept: What is left of a coordinate (T, d), 1 in a random walk.
         offset: What is added to it (T, d), 0 in a random walk.
     """
-    kept, offset = kept[1:], offset[1:]
     walk = LinearTransitions(
-        jnp.concatenate([first.mean[None], offset]),
-        jnp.concatenate([jnp.zeros_like(first.covariance)[None], jax.vmap(jnp.diag)(kept)]),
+        jnp.concatenate([first.mean[None], offset[1:]]),
+        jnp.concatenate([jnp.zeros_like(first.covariance)[None], jax.vmap(jnp.diag)(kept[1:])]),
         jnp.concatenate([precision_of(first.covariance)[None], jax.vmap(jnp.diag)(steps[1:] ** -2)]),
     )
-    prior, gradient = quadratic_prior(walk, jnp.zeros_like(steps))
-    factor = block_cholesky(prior._replace(diagonal=prior.diagonal + expansion.information))
-    means, covariances = solve(factor, gradient + expansion.vector), marginal_covariances(factor)
-    own, beside = (jnp.diagonal(blocks, axis1=1, axis2=2) for blocks in covariances)
-    moved = means[1:] - kept * means[:-1] - offset
-    return means, moved**2 + own[1:] + kept**2 * own[:-1] - 2 * kept * beside
+    means, _, squares = expected_innovations(walk, expansion)
+    return means, jnp.diagonal(squares, axis1=1, axis2=2)
+
+
+def expected_innovations(walk: LinearTransitions, expansion: Expansion, ridge: float = 0.0) -> tuple[Array, Array, Array]:
+    """Smoothed means (T, d) and covariances (T, d, d), and expected products (T - 1, d, d) of w_t = x_t - F_t x_(t-1) - f_t.
+
+    Args:
+        walk: The transitions around 0, N(f_t + F_t x_(t-1), S_t^-1).
+        expansion: Log-likelihood of each frame.
+        ridge: Of the factorisation, in units of the diagonal.
+    """
+    prior, gradient = quadratic_prior(walk, jnp.zeros_like(walk.means))
+    factor = block_cholesky(prior._replace(diagonal=prior.diagonal + expansion.information), ridge=ridge)
+    means, (own, beside) = solve(factor, gradient + expansion.vector), marginal_covariances(factor)
+    kept = walk.jacobians[1:]
+    moved = means[1:] - jnp.einsum("tij,tj->ti", kept, means[:-1]) - walk.means[1:]
+    across = kept @ jnp.swapaxes(beside, 1, 2)
+    covariance = own[1:] + kept @ own[:-1] @ jnp.swapaxes(kept, 1, 2) - across - jnp.swapaxes(across, 1, 2)
+    return means, own, covariance + moved[:, :, None] * moved[:, None, :]

@@ -25,8 +25,20 @@ from poseppl.motion.tracking import (
     walking_subject,
 )
 from poseppl.motion.tracking.placing import cameras_around, cameras_of_records, records_of_cameras
+from poseppl.motion.tracking.problem import body_inputs
 from poseppl.motion.tracking.scene import observations_of_scene
-from poseppl.motion.tracking.walk import MEMORY, SIGMA_ANGLE, SIGMA_POSITION, SPREAD, step_scales, time_steps
+from poseppl.motion.tracking.velocity_learning import with_velocities
+from poseppl.motion.tracking.walk import (
+    MEMORY,
+    SIGMA_ANGLE,
+    SIGMA_POSITION,
+    SPREAD,
+    UNEVEN,
+    VELOCITY_LASTS,
+    step_scales,
+    time_steps,
+    velocity_steps,
+)
 from poseppl.motion.tracking.walk_learning import Expansion, expected_steps, learn_walk
 from poseppl.program import StateSpaceModel
 from poseppl.runs.run import frame_inputs
@@ -150,6 +162,52 @@ def test_smoothing_a_walk_in_expansions_is_the_kalman_smoother(reverts: bool) ->
     means, squares = expected_steps(first, given, *map(jnp.asarray, (steps, kept, offset)))
     np.testing.assert_allclose(means, mean, rtol=2e-4, atol=1e-5)
     np.testing.assert_allclose(squares, expected, rtol=2e-4)
+
+
+def after_a_second(rate: int) -> np.ndarray:
+    """Covariance of place and velocity a second after a known place, the velocity having been stationary."""
+    kept, step, way = (float(each[0]) for each in velocity_steps(np.array([1 / rate])))
+    moves, covariance = np.array([[1.0, step * (1 + kept)], [0.0, kept]]), np.diag([0.0, 1.0])
+    along = np.array([step, 1.0])
+    noise = np.diag([way**2, 0.0]) + (1 - kept**2) * np.outer(along, along)
+    for _ in range(rate):
+        covariance = moves @ covariance @ moves.T + noise
+    return covariance
+
+
+def test_a_walk_with_velocities_is_the_same_at_any_rate() -> None:
+    """Its variance is that of integrated Ornstein-Uhlenbeck velocities, and that of what goes along none."""
+    one, s = after_a_second(1), VELOCITY_LASTS
+    for rate in (7, 30, 120):
+        np.testing.assert_allclose(after_a_second(rate), one, rtol=1e-9)
+    np.testing.assert_allclose(one[0, 0], 2 * s * (1 + UNEVEN) - 2 * s**2 * (1 - np.exp(-1 / s)), rtol=1e-9)
+    np.testing.assert_allclose(one[1, 1], 1.0, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_learned_velocities_are_those_of_the_motion() -> None:
+    """A body that keeps its velocities for a while is found to do so, by the scales that it was given."""
+    rng, frames, seconds = np.random.default_rng(0), 300, 1 / 30
+    scene = scene_of(30.0, f"0:{frames}")
+    body, free = scene.body, list(scene.body.free_coordinates)
+    scales = np.array([{"shoulder_r": 0.5, "elbow_r": 0.8}[body.tree.coordinates[index][0]] for index in free])
+    kept, step, way = (each[0] for each in velocity_steps(np.array([seconds])))
+    states, speed = np.tile(body.rest, (frames, 1)), scales * rng.normal(size=4)
+    for t in range(1, frames):
+        new = kept * speed + np.sqrt(1 - kept**2) * scales * rng.normal(size=4)
+        states[t, free] = states[t - 1, free] + step * (speed + new) + way * scales * rng.normal(size=4)
+        speed = new
+    markers = np.asarray(jax.vmap(lambda x: marker_positions(body.tree, x))(jnp.asarray(states)), np.float64)
+    subject = walking_subject(ARM, frames=f"0:{frames}", rate=30.0)._replace(states=states, markers=markers)
+    seen = observe_motion(subject, cameras_around(subject, count=2), ("a", "b"), noise=3e-4)
+    problem = make_problem(seen)
+    inputs = body_inputs(with_velocities(problem, np.full(frames, seconds)))
+    learned = np.asarray(inputs.velocities.scale.value)[free]
+    count = np.where(scales == 0.5, 3, 1) * frames
+    assert np.all(np.abs(learned / scales - 1) < 5 / np.sqrt(2 * count))
+    np.testing.assert_allclose(np.asarray(inputs.step_scale)[0, free], way * learned, rtol=1e-5)
+    given = np.asarray(body_inputs(problem.inputs).step_scale)[0, free] / np.sqrt(2 * VELOCITY_LASTS * seconds)
+    assert np.all(np.abs(given / scales - 1) > 5 / np.sqrt(2 * count))
 
 
 @pytest.mark.slow
