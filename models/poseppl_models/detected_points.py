@@ -10,8 +10,8 @@ Pose p_t and what is beside it:
     c_t = c_0 ~ N(0, R R^T)                          (C, 6)       errors of the cameras' poses, radians and mm
     y_t = project(markers(p_t; l_t) + s_t; c_t) + r noise e_t + sqrt(1 - r^2) noise u_t,    u_t ~ Student-t, bivariate
 
-People keep their velocity for a while; a walk of independent steps as long as theirs goes too short a way in half a second, and
-takes errors that last for motion, and motion for errors. Without velocities the walk is the random one.
+People keep their velocity for a while: in 8 frames at 30 Hz joints of recordings go 5.5 times as far as in one, with velocities
+6.1 times, and by independent steps 2.8 (benchmarks/kept_velocities.py). Without velocities the walk is the random one.
 
 Joints of people are no hinges, and a detector's idea of a hip is not the anatomist's: with s they may be some centimetres from
 where a skeleton of fixed lengths has them. A detector errs in the same way in successive frames, as long as the picture stays

@@ -14,7 +14,6 @@ from poseppl_models.choo_fleet import full_body
 from poseppl_models.detected_points import FREEDOM
 
 from poseppl.arrays import Floats
-from poseppl.diagnostics.verdicts.residuals import two_cameras
 from poseppl.errors import InputError
 from poseppl.motion.bodies.subject import MovingSubject
 from poseppl.motion.geometry import Cameras, join_cameras, look_at, project
@@ -137,18 +136,6 @@ def test_the_body_walks_as_its_velocities_were_learned(scene: Scene[PointData], 
     scales = np.sqrt(np.diag(covariance)[part])
     product = np.asarray(walk.precisions[1]) @ covariance[np.ix_(part, part)]
     np.testing.assert_allclose(product * scales / scales[:, None], np.eye(2 * d), atol=1e-3)
-
-
-def test_that_angles_by_two_cameras_are_less_sure_than_told_is_told(filtered: xr.DataTree) -> None:
-    """With two cameras, and errors that last, alone."""
-
-    def told(cameras: int, errors: str) -> list[str]:
-        tree = filtered.map_over_datasets(lambda each: each.isel(camera=slice(cameras), missing_dims="ignore"))
-        tree.attrs = {**filtered.attrs, "layout": "body25", "errors": errors}
-        return [verdict.severity for verdict in two_cameras(tree)]
-
-    assert told(2, "lasting") == ["info"]
-    assert not told(3, "lasting") and not told(2, "independent")
 
 
 @pytest.mark.slow

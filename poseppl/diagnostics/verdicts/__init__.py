@@ -28,7 +28,7 @@ from poseppl.diagnostics.verdicts.predictive import (
     prediction,
     unreached,
 )
-from poseppl.diagnostics.verdicts.residuals import one_camera, point_residuals, two_cameras
+from poseppl.diagnostics.verdicts.residuals import one_camera, point_residuals
 from poseppl.diagnostics.verdicts.silhouettes import overlap, silhouette_jumps
 from poseppl.diagnostics.verdicts.smoothing import smoothing
 from poseppl.diagnostics.verdicts.steps import estimated_steps, learned_prior
@@ -57,7 +57,6 @@ CHECKS: tuple[Callable[[xr.DataTree], Iterable[Verdict]], ...] = (
     silhouette_jumps,
     estimated_steps,
     one_camera,
-    two_cameras,
     point_residuals,
     divergences,
     mixing,

@@ -12,7 +12,7 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, in_one_camera, of_walk
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -47,14 +47,6 @@ def one_camera(tree: xr.DataTree) -> Findings:
         if mends:
             text = "One camera: joints tend to be nearer to it than they are, by more than intervals say"
             yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or take another camera, too.")
-
-
-def two_cameras(tree: xr.DataTree) -> Findings:
-    """A detector's keypoints of two cameras: angles' intervals hold less than they say (benchmarks/simulated_keypoints.py)."""
-    known = provenance(tree)
-    if "layout" in known and known.get("errors") == "lasting" and len(names_of(tree, "camera")) == 2:
-        held = "90 % intervals of angles held 77 to 79 % where the truth was known, those of places more than they say"
-        yield Verdict(INFO, f"Two cameras: {held}; take a third where angles matter.")
 
 
 def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Findings:

@@ -39,7 +39,7 @@ from poseppl.runs.run import Constant
 from poseppl.smoothers import smoothed_moments
 
 _RIDGE = 1e-6
-"""On the diagonal of a trajectory's precision, in its units: ways are hundreds of times as sure as where they have led to."""
+"""On the diagonal of a trajectory's precision, in its units; some eight times what float32 rounds to."""
 Units = tuple[Array, Array, Array]
 """What a frame keeps of velocities, how far it goes along each, and the ways' standard deviation; as of ``velocity_steps``."""
 

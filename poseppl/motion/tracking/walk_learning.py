@@ -159,11 +159,11 @@ def smoothed_walk(
 def expand(model: CompiledModel, trajectory: Array, observations: Observation, inputs: Any) -> Expansion:
     """The likelihood of each frame around a trajectory (T, d)."""
 
-    def expand(x: Array, observation: Observation, inputs: Any) -> Expansion:
+    def one(x: Array, observation: Observation, inputs: Any) -> Expansion:
         information = model.observation_information(x, observation, inputs)
         return Expansion(information @ x + jax.grad(model.log_observation)(x, observation, inputs), information)
 
-    expansion: Expansion = jax.vmap(expand)(trajectory, observations, inputs)
+    expansion: Expansion = jax.vmap(one)(trajectory, observations, inputs)
     return expansion
 
 
