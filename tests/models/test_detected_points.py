@@ -226,7 +226,7 @@ def test_what_was_measured_is_not_exact(scene: Scene[PointData]) -> None:
         tree = smooth(track(seen, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
         spreads[measured] = [tree[f"summary/{name}_sd"].to_numpy() for name in ("state", "markers")]
     angles, places = (np.median(with_lengths / exact) for exact, with_lengths in zip(*spreads.values(), strict=True))
-    assert 1.02 < angles < 1.5 and 0.99 < places < 1.05, (angles, places)
+    assert 1.02 < angles < 1.5 and 0.99 < places < 1.1, (angles, places)
 
 
 @pytest.mark.slow
