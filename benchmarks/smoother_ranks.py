@@ -168,7 +168,8 @@ def ranks(found: Study, told: Callable[[Any], Any], seed: int) -> dict[str, Floa
     hidden = ~found.seen | (rng.random(clean.shape[:3]) < GAP_SHARE)
     points = np.where(hidden[..., None], np.nan, np.asarray(clean, np.float64))
     inputs = told(mended_inputs(found.inputs, points) if found.body.num_static else found.inputs)
-    start = _start(found.pose.model, found.pose.model.observe({"points": points}), inputs._replace(errors=None))
+    alone = inputs._replace(errors=None, velocities=None, step_scale=jnp.asarray(found.pose.inputs.step_scale))
+    start = _start(found.pose.model, found.pose.model.observe({"points": points}), alone)
     key = jax.random.fold_in(jax.random.key(seed), 1)
     draws = _draws(found.body, found.model, key, start, found.model.observe({"points": points}), inputs)
     judged = {}
