@@ -113,7 +113,7 @@ def climb_to_mode(
 ) -> tuple[Array, Array]:
     """Climb to the higher of two modes: from where one starts, and from the mode of data that hardly count.
 
-    With little weight of the data the density has few modes, and which of them one comes to depends little on the start.
+    Data that hardly count leave the prior's modes; where it has one, the second climb does not depend on the start.
 
     Args:
         log_density: Of a trajectory (T, d) and the weight () of the data.

@@ -44,7 +44,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
             is independent of the rest in it.
         num_static: p, the number of the state's last coordinates that do not change.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps to the mode at most.
+        num_mode_steps: Gauss-Newton steps at most, of each of three climbs.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.

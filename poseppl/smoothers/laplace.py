@@ -1,7 +1,8 @@
 r"""Laplace's approximation of a whole trajectory: its mode, and a Gaussian of the curvature there.
 
-From the mean of the filter's states damped Gauss-Newton steps over all frames climb to a mode m of p(x_0, ..., x_(T-1) | z);
-each is a pass of an iterated Kalman smoother (:mod:`poseppl.smoothers.curvature`), with outliers of robust sites weighed down
+From the mean of the filter's states, and from the mode of data that hardly count, damped Gauss-Newton steps over all frames
+climb to modes of p(x_0, ..., x_(T-1) | z), of which the higher is m; each step is a pass of an iterated Kalman smoother
+(:mod:`poseppl.smoothers.curvature`), with outliers of robust sites weighed down
 anew in each. Draws are m + L^(-T) e with e standard normal and L L^T the block-tridiagonal curvature at m; means
 and standard deviations of the state are those of the Gaussian. It takes seconds where a Markov chain takes minutes.
 
@@ -38,7 +39,7 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
     Args:
         model: The compiled model; all its sites are continuous.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps to the mode at most.
+        num_mode_steps: Gauss-Newton steps at most, of each of three climbs.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
