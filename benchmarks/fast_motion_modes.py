@@ -34,7 +34,7 @@ from poseppl.program import CompiledModel, Observation
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.run import run_filter
-from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import climb, safe_cholesky, trajectory_precisions
 
 COLUMNS = ("recording", "frames", "seed", "mass", "from_truth", "from_filter")
 NUM_STEPS = 40
@@ -45,7 +45,7 @@ NUM_STEPS = 40
 def mode_of(model: CompiledModel, start: Array, observations: Observation, inputs: Any) -> tuple[Array, Array]:
     """The mode (T, d) of a trajectory's density that is nearest to a start, and Laplace's log-mass, but for a constant."""
     mode = climb(model, start, observations, inputs, NUM_STEPS)
-    inverses = safe_cholesky(trajectory_precision(model, mode, observations, inputs)).inverses
+    inverses = safe_cholesky(trajectory_precisions(model, observations, inputs)(mode)).inverses
     volume = jnp.sum(jnp.log(jnp.diagonal(inverses, axis1=1, axis2=2)))
     return mode, model.log_joint(mode, observations, inputs) + volume
 

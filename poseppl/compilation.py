@@ -9,7 +9,8 @@ XLA's fusion emitters for the CPU take a third of the time that compilation take
 benchmarks/filters.py --quick`, with and without `XLA_FLAGS=--xla_cpu_use_fusion_emitters=false`): programs of many particles
 keep them, and smoothers, which compare particles in pairs, sooner than filters. Of few numbers, LLVM's first level of
 optimisation makes runs as fast as its third, and takes less time (`python benchmarks/first_result.py --levels`). What runs once
-a sequence, such as a filter's `init`, has at most the first level.
+a sequence, such as a filter's `init`, has at most the first level. So have smoothers that are formulas: their time goes into
+products and factors of matrices, which LLVM does not write.
 
 >>> lowered = jit(lambda x: 2 * x).lower(1.5)
 >>> float(compile_lowered(lowered, num_particles=100, num_numbers=300)(1.5))
@@ -76,9 +77,14 @@ def compile_lowered(lowered: Any, num_particles: int, num_numbers: int) -> Any:
     return _compiled(lowered, _emitters(num_particles, MOST_PARTICLES) | ({_LEVEL: 1} if num_numbers <= MOST_NUMBERS else {}))
 
 
-def compile_smoother(lowered: Any, num_particles: int) -> Any:
-    """The program of a smoother."""
-    return _compiled(lowered, _emitters(num_particles, MOST_SMOOTHED))
+def jit_lightly(function: Callable[..., Any], **options: Any) -> jax.stages.Wrapped:
+    """`jit` of what runs a few times a sequence, with LLVM's first level of optimisation; not for use within other programs."""
+    return jit(function, compiler_options={_LEVEL: 1}, **options)
+
+
+def compile_smoother(lowered: Any, num_particles: int, closed_form: bool) -> Any:
+    """The program of a smoother, which may be a formula."""
+    return _compiled(lowered, _emitters(num_particles, MOST_SMOOTHED) | ({_LEVEL: 1} if closed_form else {}))
 
 
 def compile_to_run_once(lowered: Any, num_particles: int, num_numbers: int) -> Any:

@@ -55,10 +55,20 @@ def test_what_runs_once_is_hardly_optimised(numbers: tuple[int, int], options: d
     assert lowered.options == options
 
 
-@pytest.mark.parametrize(("num_particles", "options"), [(1000, {EMITTERS: False}), (1001, {})])
-def test_smoothers_of_more_than_a_thousand_keep_the_emitters(num_particles: int, options: dict[str, int]) -> None:
-    lowered = Lowered(EMITTERS)
-    assert compilation.compile_smoother(lowered, num_particles) == "compiled"
+@pytest.mark.parametrize(
+    ("num_particles", "closed_form", "options"),
+    [
+        (1000, False, {EMITTERS: False}),
+        (1001, False, {}),
+        (1000, True, {EMITTERS: False, LEVEL: 1}),
+        (1001, True, {LEVEL: 1}),
+    ],
+)
+def test_smoothers_of_more_than_a_thousand_keep_the_emitters_and_formulas_are_hardly_optimised(
+    num_particles: int, closed_form: bool, options: dict[str, int]
+) -> None:
+    lowered = Lowered(EMITTERS, LEVEL)
+    assert compilation.compile_smoother(lowered, num_particles, closed_form) == "compiled"
     assert lowered.options == options
 
 

@@ -20,7 +20,7 @@ from jax import Array
 
 from poseppl.arrays import Booleans
 from poseppl.checks import check_key
-from poseppl.compilation import compile_smoother, jit
+from poseppl.compilation import compile_smoother, jit, jit_lightly
 from poseppl.errors import PosepplError
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
@@ -126,7 +126,7 @@ def _compiled(smoother: Smoother, *given: Any) -> Any:
     smooth, made = _smoothing(smoother)
     kind = kind_of(given)
     if kind not in made:
-        made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1])
+        made[kind] = compile_smoother(smooth.lower(*given), given[1].particles.shape[1], smoother.closed_form)
     return made[kind]
 
 
@@ -160,4 +160,4 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
         outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
         return is_finite(smoothed), outputs
 
-    return jit(collected)
+    return jit_lightly(collected)

@@ -16,19 +16,30 @@ doi:10.1137/0804035); shortened until the density does not fall, such steps clim
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.extend import core
 
-from poseppl.gaussians.block_tridiagonal import BlockCholesky, BlockTridiagonal, block_cholesky, solve, solve_upper
+from poseppl.gaussians.block_tridiagonal import (
+    BlockCholesky,
+    BlockTridiagonal,
+    block_cholesky,
+    marginal_covariances,
+    solve,
+    solve_upper,
+)
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
 from poseppl.kernels.laplace import likeliest
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
+from poseppl.program.dependence import output_dependence
+
+R = TypeVar("R")
 
 _LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
 """Fractions of a step that are tried; the best is taken, so that the density never falls."""
@@ -42,42 +53,39 @@ _FLOOR = 1e-6
 """Least curvature of a coordinate, as a fraction of its largest over the frames."""
 
 
-def trajectory_precision(
-    model: CompiledModel,
-    xs: Array,
-    observations: Observation,
-    inputs: Any,
-    *,
-    majorised: bool = False,
-    spread: Array | None = None,
-    data_weight: Array | float = 1.0,
-) -> BlockTridiagonal:
-    """Gauss-Newton curvature of the negative log-density of a trajectory (T, d) and its data.
+def trajectory_precisions(
+    model: CompiledModel, observations: Observation, inputs: Any, *, majorised: bool = False
+) -> Callable[..., BlockTridiagonal]:
+    """Gauss-Newton curvature of the negative log-density of trajectories (T, d) and their data, as a function of them.
+
+    What of it does not depend on the trajectory, as that of a linear walk, is computed here, once for all trajectories.
 
     Args:
         model: The compiled model; its sites need no Gaussian moments.
-        xs: Flat states (T, d).
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
         majorised: As of `CompiledModel.observation_information`: a step by this curvature is never too long for robust data.
-        spread: As of the same, (T, d, d).
-        data_weight: As of `CompiledModel.log_joint`.
+
+    Returns:
+        ``(xs, spread=None, data_weight=1.0) -> precision``, with ``spread`` (T, d, d) as of the same, and ``data_weight`` as of
+        `CompiledModel.log_joint`.
     """
+    prior = _prior_precisions(model, len(jax.tree.leaves(observations.mask)[0]), inputs)
 
     def information(x: Array, observation: Observation, inputs: Any, spread: Array | None) -> Array:
         return model.observation_information(x, observation, inputs, majorised=majorised, spread=spread)
 
-    later = rows_of(inputs, slice(1, None))
-    diagonal = data_weight * jax.vmap(information)(xs, observations, inputs, spread)
-    diagonal = diagonal.at[0].add(_initial_precision(model, xs[0], rows_of(inputs, 0)))
-    before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
-    diagonal = diagonal.at[:-1].add(before).at[1:].add(after)
-    return BlockTridiagonal(_floored(diagonal), below)
+    def precision(xs: Array, spread: Array | None = None, data_weight: Array | float = 1.0) -> BlockTridiagonal:
+        data = jax.vmap(information)(xs, observations, inputs, spread)
+        diagonal, below = prior(xs)
+        return BlockTridiagonal(_floored(diagonal + data_weight * data), below)
+
+    return precision
 
 
 def average_precision(model: CompiledModel, trajectories: Array, observations: Observation, inputs: Any) -> BlockTridiagonal:
-    """Mean of `trajectory_precision` over trajectories (S, T, d)."""
-    each = jax.vmap(lambda xs: trajectory_precision(model, xs, observations, inputs))(trajectories)
+    """Mean of the curvature over trajectories (S, T, d)."""
+    each = jax.vmap(trajectory_precisions(model, observations, inputs))(trajectories)
     mean: BlockTridiagonal = jax.tree.map(lambda leaf: jnp.mean(leaf, 0), each)
     return mean
 
@@ -94,13 +102,13 @@ def climb(
     model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int, *, majorised: bool = False
 ) -> Array:
     """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
+    precision = trajectory_precisions(model, observations, inputs, majorised=majorised)
 
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
     def step(xs: Array, _: None) -> tuple[Array, None]:
-        precision = trajectory_precision(model, xs, observations, inputs, majorised=majorised)
-        return _damped_step(log_density, safe_cholesky(precision), xs)[0], None
+        return _damped_step(log_density, safe_cholesky(precision(xs)), xs)[0], None
 
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
 
@@ -145,6 +153,23 @@ def climb_to_mode(
     return likeliest(lambda xs: log_density(xs, weights[0]), modes[::2]), jnp.sum(counts)
 
 
+def at_expected_errors(about: Callable[[Array], tuple[BlockCholesky, R]], mode: Array) -> tuple[BlockCholesky, R]:
+    """The curvature about a mode (T, d) at errors as large as its own Gaussian expects them to be, by one correction.
+
+    Args:
+        about: The factor of the curvature, and what comes with it, given covariances of the states (T, d, d).
+        mode: The mode.
+    """
+    no_spread = jnp.zeros((*mode.shape, mode.shape[1]), mode.dtype)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(about, no_spread))
+
+    def correct(_: int, known: tuple[BlockCholesky, R]) -> tuple[BlockCholesky, R]:
+        return about(marginal_covariances(known[0]).own)
+
+    known: tuple[BlockCholesky, R] = jax.lax.fori_loop(0, 2, correct, nothing)
+    return known
+
+
 def draws_about(
     model: CompiledModel,
     num_draws: int,
@@ -155,7 +180,7 @@ def draws_about(
     told: Callable[[Array], Any],
 ) -> Any:
     """What is told of a trajectory, of each of S draws by Laplace's approximation about a mode (T, d), with a leading S."""
-    factor = safe_cholesky(trajectory_precision(model, mode, observations, inputs))
+    factor = safe_cholesky(trajectory_precisions(model, observations, inputs)(mode))
 
     def draw(key: Array) -> Any:
         return told(mode + solve_upper(factor, jax.random.normal(key, mode.shape, mode.dtype)))
@@ -173,6 +198,25 @@ def _damped_step(log_density: Callable[[Array], Array], factor: BlockCholesky, x
     move = jnp.where(jnp.all(jnp.isfinite(move)), move, 0.0)
     new = likeliest(log_density, xs + jnp.asarray(_LENGTHS, xs.dtype)[:, None, None] * move)
     return new, jnp.where(jnp.any(new != xs), 0.5 * jnp.sum(gradient * move), 0.0)
+
+
+def _prior_precisions(model: CompiledModel, num_frames: int, inputs: Any) -> Callable[[Array], BlockTridiagonal]:
+    """The part of the first state and of the transitions, as a function of a trajectory (T, d)."""
+    later = rows_of(inputs, slice(1, None))
+
+    def precision(xs: Array) -> BlockTridiagonal:
+        before, below, after = jax.vmap(_transition_blocks(model, inputs))(xs[:-1], xs[1:], later)
+        diagonal = jnp.zeros((*xs.shape, model.dimension), xs.dtype)
+        diagonal = diagonal.at[0].set(_initial_precision(model, xs[0], rows_of(inputs, 0)))
+        return BlockTridiagonal(diagonal.at[:-1].add(before).at[1:].add(after), below)
+
+    zero = jnp.zeros((num_frames, model.dimension))
+    traced = jax.make_jaxpr(lambda xs: tuple(precision(xs)))(zero)
+    evaluate = core.jaxpr_as_fun(traced)
+    if any(output_dependence(traced, [frozenset({0})])):
+        return lambda xs: BlockTridiagonal(*evaluate(xs))
+    fixed = BlockTridiagonal(*evaluate(zero))
+    return lambda xs: fixed
 
 
 def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:

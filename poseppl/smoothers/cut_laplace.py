@@ -28,7 +28,7 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother
-from poseppl.smoothers.curvature import climb_to_mode, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import at_expected_errors, climb_to_mode, safe_cholesky, trajectory_precisions
 from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
@@ -59,20 +59,25 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         mean, covariance = model.initial_moments(rows_of(inputs, 0))
         size = len(mean) - num_static
         static = mean[size:]
+        precision = trajectory_precisions(model, observations, inputs)
 
         def log_density(moving: Array, weight: Array) -> Array:
             return model.log_joint(_whole(moving, static), observations, inputs, data_weight=weight)
 
-        def curvature(moving: Array, weight: Array | float = 1.0, spread: Array | None = None) -> tuple[BlockCholesky, Array]:
-            if spread is not None:
-                spread = jnp.pad(spread, ((0, 0), (0, num_static), (0, num_static)))
-            xs = _whole(moving, static)
-            whole = trajectory_precision(model, xs, observations, inputs, spread=spread, data_weight=weight)
-            factor = safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
-            return factor, whole.diagonal[:, :size, size:]
+        def factor_of(whole: BlockTridiagonal) -> BlockCholesky:
+            return safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
 
-        moving, count = climb_to_mode(log_density, lambda *at: curvature(*at)[0], start[:, :size], num_mode_steps)
-        factor, cross = curvature(moving, spread=marginal_covariances(curvature(moving)[0]).own)
+        def factor_at(moving: Array, weight: Array) -> BlockCholesky:
+            return factor_of(precision(_whole(moving, static), None, weight))
+
+        moving, count = climb_to_mode(log_density, factor_at, start[:, :size], num_mode_steps)
+
+        def about(spread: Array) -> tuple[BlockCholesky, Array]:
+            beside = jnp.pad(spread, ((0, 0), (0, num_static), (0, num_static)))
+            whole = precision(_whole(moving, static), beside)
+            return factor_of(whole), whole.diagonal[:, :size, size:]
+
+        factor, cross = at_expected_errors(about, moving)
         response = jax.vmap(lambda column: solve(factor, column), in_axes=2, out_axes=2)(cross)
         first, second = jax.random.split(rng_key)
         root = jnp.linalg.cholesky(covariance[size:, size:])

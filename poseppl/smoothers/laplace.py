@@ -25,7 +25,7 @@ from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous
-from poseppl.smoothers.curvature import climb_to_mode, safe_cholesky, trajectory_precision
+from poseppl.smoothers.curvature import at_expected_errors, climb_to_mode, safe_cholesky, trajectory_precisions
 from poseppl.smoothers.effective import smoothed_draws
 
 _TOGETHER = 50
@@ -52,15 +52,16 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: object = None) -> Smoothed:
         start = jnp.einsum("tn,tnd->td", jax.nn.softmax(history.log_weights, 1), history.particles)
+        precision = trajectory_precisions(model, observations, inputs)
 
         def log_density(xs: Array, weight: Array) -> Array:
             return model.log_joint(xs, observations, inputs, data_weight=weight)
 
-        def curvature(xs: Array, weight: Array | float = 1.0, spread: Array | None = None) -> BlockCholesky:
-            return safe_cholesky(trajectory_precision(model, xs, observations, inputs, spread=spread, data_weight=weight))
+        def factor_at(xs: Array, weight: Array) -> BlockCholesky:
+            return safe_cholesky(precision(xs, None, weight))
 
-        mode, count = climb_to_mode(log_density, curvature, start, num_mode_steps)
-        factor = curvature(mode, spread=marginal_covariances(curvature(mode)).own)
+        mode, count = climb_to_mode(log_density, factor_at, start, num_mode_steps)
+        factor, _ = at_expected_errors(lambda spread: (safe_cholesky(precision(mode, spread)), None), mode)
         noise = jax.random.normal(rng_key, (num_draws, *mode.shape), mode.dtype)
         draws = mode + jax.lax.map(lambda z: solve_upper(factor, z), noise, batch_size=_TOGETHER)
         marginals = gaussian_marginals(mode, marginal_covariances(factor).own)

@@ -19,7 +19,7 @@ from jax import Array
 
 from poseppl.gaussians.block_tridiagonal import solve_with_log_det
 from poseppl.program import CompiledModel, Observation
-from poseppl.smoothers.curvature import trajectory_precision
+from poseppl.smoothers.curvature import trajectory_precisions
 
 
 def laplace_evidence(
@@ -43,9 +43,8 @@ def laplace_evidence(
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
-    mode = xs
+    precision, mode = trajectory_precisions(model, observations, inputs, majorised=majorised), xs
     for _ in range(num_steps):
-        precision = trajectory_precision(model, mode, observations, inputs, majorised=majorised)
-        move, log_det = solve_with_log_det(precision, jax.grad(log_density)(mode))
+        move, log_det = solve_with_log_det(precision(mode), jax.grad(log_density)(mode))
         mode = mode + move
     return log_density(mode) + 0.5 * xs.size * jnp.log(2 * jnp.pi) - 0.5 * log_det

@@ -15,7 +15,7 @@ from precision import precision
 
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers.base import History
-from poseppl.smoothers.curvature import climb, trajectory_precision
+from poseppl.smoothers.curvature import climb, trajectory_precisions
 from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
@@ -56,7 +56,7 @@ def test_curvature_of_a_linear_model_is_its_hessian_and_one_step_reaches_the_mod
 
             mode = climb(model, xs, observations, inputs, 1)
             return (
-                trajectory_precision(model, xs, observations, inputs),
+                trajectory_precisions(model, observations, inputs)(xs),
                 jax.hessian(log_density)(xs),
                 jax.grad(log_density)(mode),
             )
@@ -68,6 +68,25 @@ def test_curvature_of_a_linear_model_is_its_hessian_and_one_step_reaches_the_mod
         np.testing.assert_allclose(curvature.diagonal, blocks[index, index], atol=1e-9)
         np.testing.assert_allclose(curvature.below, blocks[index[1:], index[:-1]], atol=1e-9)
         np.testing.assert_allclose(gradient, 0.0, atol=1e-10)
+
+
+def test_curvature_of_a_bent_walk_is_that_of_where_it_is():
+    def initial(params, inputs):
+        numpyro.sample("x", dist.Normal(0.0, 1.0))
+
+    def transition(params, state, inputs):
+        numpyro.sample("x", dist.Normal(jnp.sin(state["x"]), 0.5))
+
+    def observation(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], 1.0))
+
+    with precision(np.float64):
+        model = StateSpaceModel(initial, transition, observation).compile()
+        xs = np.array([0.5, -1.0, 2.0])
+        curvature = trajectory_precisions(model, model.observe({"y": np.zeros(3)}), None)(jnp.asarray(xs[:, None]))
+        slopes = np.cos(xs[:-1])
+        np.testing.assert_allclose(curvature.below[:, 0, 0], -4 * slopes, rtol=1e-9)
+        np.testing.assert_allclose(curvature.diagonal[:, 0, 0], [2 + 4 * slopes[0] ** 2, 5 + 4 * slopes[1] ** 2, 5], rtol=1e-9)
 
 
 @pytest.mark.parametrize("kernel", ["nuts", "hmc"])

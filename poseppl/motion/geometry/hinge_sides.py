@@ -10,13 +10,14 @@ import jax
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import jit
-from poseppl.motion.geometry.kinematic_jumps import Limb, limbs_of, mirrored_bend
+from poseppl.compilation import jit_lightly
+from poseppl.motion.geometry.kinematic_jumps import limbs_of, mirrored_bend
+from poseppl.motion.geometry.kinematics import Frames, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 from poseppl.particles.weights import weighted_mean
 
 
-@jit
+@jit_lightly
 def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights: Array) -> Array:
     """The same places of all joints, each hinge of a limb bent to its side at rest.
 
@@ -26,19 +27,18 @@ def bent_as_at_rest(tree: KinematicTree, rest: Array, states: Array, log_weights
         states: Draws (T, N, d).
         log_weights: Of the draws (T, N): angles of a ball joint are those nearest to the weighted mean of the frame before.
     """
-    for limb in limbs_of(tree):
-        if limb.hinge is not None:
-            states = _limb_bent(tree, limb, rest, states, log_weights)
-    return states
+    limbs = [limb for limb in limbs_of(tree) if limb.hinge is not None]
+    last = jax.tree.map(lambda leaf: leaf[..., None], tree)
 
-
-def _limb_bent(tree: KinematicTree, limb: Limb, rest: Array, states: Array, log_weights: Array) -> Array:
-    ball = np.array(tree.angle_index[limb.ball])
+    def bent(state: Array, frames: Frames, before: Array) -> Array:
+        for limb in limbs:
+            state = mirrored_bend(tree, limb, state, frames, rest, before[np.array(tree.angle_index[limb.ball])])
+        return state
 
     def frame(before: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
         drawn, log_weight = now
-        bent = jax.vmap(lambda state: mirrored_bend(tree, limb, state, rest, before))(drawn)
-        return weighted_mean(bent, log_weight)[ball], bent
+        moved = jax.vmap(bent, in_axes=(0, -1, None))(drawn, frames_of(last, drawn.T), before)
+        return weighted_mean(moved, log_weight), moved
 
-    bent: Array = jax.lax.scan(frame, rest[ball].astype(states.dtype), (states, log_weights))[1]
-    return bent
+    whole: Array = jax.lax.scan(frame, rest.astype(states.dtype), (states, log_weights))[1]
+    return whole

@@ -24,7 +24,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.motion.geometry.cameras import Cameras
-from poseppl.motion.geometry.kinematics import frames_of
+from poseppl.motion.geometry.kinematics import Frames, frames_of
 from poseppl.motion.geometry.tree import KinematicTree
 
 _STRAIGHT = 1e-3
@@ -108,12 +108,14 @@ def limb_poses(tree: KinematicTree, cameras: Cameras, limb: Limb, state: Array) 
     return jax.vmap(lambda b, c: _reach(tree, limb, state, rotation, ball, b, c))(hinges, ends)
 
 
-def mirrored_bend(tree: KinematicTree, limb: Limb, state: Array, rest: Array, before: Array) -> Array:
-    """The state (d,) of the same joints with its hinge on the side of a rest pose (d,), the ball's angles near those before."""
+def mirrored_bend(tree: KinematicTree, limb: Limb, state: Array, frames: Frames, rest: Array, before: Array) -> Array:
+    """The state (d,) of the same joints with its hinge on the side of a rest pose (d,), the ball's angles near those before.
+
+    The state's ``frames`` are those of all links, without an axis of states.
+    """
     assert limb.hinge is not None
     index, ball = tree.angle_index[limb.hinge][2 - limb.axis], np.array(tree.angle_index[limb.ball])
-    frames = frames_of(jax.tree.map(lambda leaf: leaf[..., None], tree), state[:, None])
-    rotation, origin = frames.rotation[..., 0], frames.origin[..., 0]
+    rotation, origin = frames.rotation, frames.origin
     end = origin[limb.hinge] + rotation[limb.hinge] @ tree.marker_offsets[limb.marker]
     straight, _ = _straight_angle(tree.offsets[limb.hinge], tree.marker_offsets[limb.marker], np.eye(3)[limb.axis])
     other_side = jnp.sin(state[index] - straight) * jnp.sin(rest[index] - straight) < 0

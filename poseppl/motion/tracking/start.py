@@ -22,7 +22,7 @@ from jax import Array
 from scipy.optimize import least_squares
 
 from poseppl.arrays import Booleans, Floats
-from poseppl.compilation import jit
+from poseppl.compilation import jit_lightly
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
 from poseppl.motion.geometry import Cameras, marker_positions, project
@@ -118,7 +118,7 @@ def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> F
         offset = (project(cameras, marker_positions(body.tree, x)) - shape) * seen / noise[..., None]
         return jnp.concatenate([offset.ravel(), jnp.where(search.free, (x - search.rest) / _REST_SPREAD, 0.0)])
 
-    evaluate, derive = jit(residuals), jit(jax.jacrev(residuals))
+    evaluate, derive = jit_lightly(residuals), jit_lightly(jax.jacrev(residuals))
     solve = partial(
         least_squares,
         lambda x: np.asarray(evaluate(x), np.float64),

@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.arrays import Floats
-from poseppl.compilation import jit
+from poseppl.compilation import jit_lightly
 from poseppl.gaussians.gaussian import precision_of
 from poseppl.gaussians.linear_transitions import LinearTransitions
 from poseppl.motion.bodies.body import Velocities
@@ -66,7 +66,7 @@ def with_velocities(problem: Problem, seconds: Floats) -> Any:
     return own._replace(step_scale=jnp.asarray(way, float)[:, None] * scale, velocities=velocities)
 
 
-@partial(jit, static_argnums=(0, 1, 2))
+@partial(jit_lightly, static_argnums=(0, 1, 2))
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import jit
+from poseppl.compilation import jit_lightly
 from poseppl.errors import InputError
 from poseppl.gaussians.block_tridiagonal import block_cholesky, marginal_covariances, solve
 from poseppl.gaussians.gaussian import Gaussian, precision_of
@@ -95,7 +95,7 @@ def _check_walk(model: CompiledModel, free: tuple[int, ...], inputs: Any) -> Non
         ValueError: They are not.
     """
     x, second = jnp.ones(model.dimension), rows_of(inputs, 1)
-    mean, covariance = jit(model.transition_moments)(x, second)
+    mean, covariance = jit_lightly(model.transition_moments)(x, second)
     steps = np.asarray(body_inputs(second).step_scale)[list(free)]
     kept, offset = reversion(body_inputs(second), free)
     still = np.allclose(mean, kept * x + offset, atol=1e-5)
@@ -120,7 +120,7 @@ def _groups(body: Body) -> tuple[int, ...]:
     return tuple(list(dict.fromkeys(names)).index(name) for name in names)
 
 
-@partial(jit, static_argnums=(0, 1, 2))
+@partial(jit_lightly, static_argnums=(0, 1, 2))
 def _learn(
     model: CompiledModel,
     groups: tuple[int, ...],
