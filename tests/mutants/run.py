@@ -1,7 +1,7 @@
 """Run mutants: apply each to a copy of the sources and see whether the tests that it names notice.
 
     python tests/mutants/run.py                  all mutants
-    python tests/mutants/run.py --part 2/4       a quarter, so that four runs in a row have seen all
+    python tests/mutants/run.py --part 2/12      a twelfth, so that twelve runs in a row have seen all
     python tests/mutants/run.py NAME NAME        these
 
 The named tests also run on the sources as they are, where they have to pass. A table and the share that was noticed
