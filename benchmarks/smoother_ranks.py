@@ -146,7 +146,7 @@ def _draws(body: DetectedBody, model: CompiledModel, key: Any, start: Any, obser
 
 
 def _parts(body: DetectedBody, x: Any, inputs: Any) -> tuple[Any, Any]:
-    return body.pose(x), body.markers(x, inputs).ravel()
+    return body.pose(x, inputs), body.markers(x, inputs).ravel()
 
 
 @partial(jax.jit, static_argnums=(0, 1))

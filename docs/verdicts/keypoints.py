@@ -29,6 +29,12 @@ _COLUMNS = {
 }
 
 
+_FRAMES, _RATE, _COMPILING = 100, 60.0, 15.0
+"""Frames of the recording; frames a second and seconds of compilation that are asked for."""
+_DEFAULT_PARTS = ("filter, assumed density", DEFAULT)
+_FASTEST_PARTS = ("filter, Kalman", "smoother, Rauch-Tung-Striebel")
+
+
 def keypoints(tables: Tables) -> str:
     """Errors and coverage by cameras and method, and which of the goals the default answer reaches with two cameras."""
     rows = tables["keypoints"].records()
@@ -37,8 +43,7 @@ def keypoints(tables: Tables) -> str:
     table = markdown(("cameras", "method", *(title for title, _ in _COLUMNS.values())), cells)
     alone = [row["coverage_90"] for row in rows if "-" not in str(row["cameras"])]
     low, high = min(alone), max(alone)
-    holds = "holds" if low >= 0.85 and high <= 0.95 else "does not hold"
-    told = f"One camera, 90 % intervals hold, 85.0% to 95.0%: {holds} ({low:.1%} to {high:.1%})."
+    told = f"One camera, 90 % intervals hold, 85.0% to 95.0%: {_holds(low >= 0.85 and high <= 0.95)} ({low:.1%} to {high:.1%})."
     head = "Goals of the last, the default, with two cameras:"
     return "\n".join([table, "", told, "", head, "", *(_verdict(name, default) for name in _GOALS)])
 
@@ -53,4 +58,25 @@ def _verdict(name: str, rows: Sequence[Mapping[str, Any]]) -> str:
     within = all(low <= row[name] <= high for row, (low, high) in zip(rows, _GOALS[name], strict=True))
     goals = " and ".join(dict.fromkeys(f"{low:{form}} to {high:{form}}" for low, high in _GOALS[name]))
     found = " and ".join(_shown(row, name) for row in rows)
-    return f"- {title}, {goals}: {'holds' if within else 'does not hold'} ({found})."
+    return f"- {title}, {goals}: {_holds(within)} ({found})."
+
+
+def speed(tables: Tables) -> str:
+    """Seconds by part, and which of the goals the default and the fastest pair of a filter and a smoother reach."""
+    rows = {str(row["part"]): row for row in tables["keypoint_speed"].records()}
+    columns = ("part", "first run, s", "later run, s", "error, mm", "95th percentile")
+    numbers = ("first_seconds", "seconds", "error", "error_95")
+    cells = [[part, *("" if math.isnan(row[name]) else f"{row[name]:.1f}" for name in numbers)] for part, row in rows.items()]
+    told = []
+    for name, parts in (("default", _DEFAULT_PARTS), ("fastest", _FASTEST_PARTS)):
+        first, later = (sum(rows[part][column] for part in parts) for column in ("first_seconds", "seconds"))
+        rate, compiling = _FRAMES / later, first - later
+        told.append(
+            f"- The {name} filter and smoother, {_RATE:.0f} frames a second: {_holds(rate >= _RATE)} ({rate:.1f}); compiled in "
+            f"{_COMPILING:.0f} s: {_holds(compiling <= _COMPILING)} ({compiling:.0f} s)."
+        )
+    return "\n".join([markdown(columns, cells), "", *told])
+
+
+def _holds(holds: bool) -> str:
+    return "holds" if holds else "does not hold"

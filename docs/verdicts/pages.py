@@ -73,6 +73,7 @@ SECTIONS: Mapping[str, Mapping[str, Section]] = {
     "compared.md": {"motion-peers": motion_peers.motion_peers},
     "keypoints.md": {
         "keypoints": keypoints.keypoints,
+        "keypoint-speed": keypoints.speed,
         "one-camera": one_camera.one_camera,
         "simulated-keypoints": simulated_keypoints.recorded,
         "simulated-clocks": simulated_keypoints.clocks,

@@ -33,8 +33,8 @@ import numpyro.distributions as dist
 from jax import Array
 
 from poseppl.motion.bodies.body import BodyInputs, Velocities
-from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
-from poseppl.motion.geometry.cameras import moved_cameras
+from poseppl.motion.geometry import Cameras, marker_positions
+from poseppl.motion.likelihoods.detected_points import DetectedPoints, erring, resized
 from poseppl.program import Lorentzian, StateSpaceModel
 from poseppl_models.random_walk import joint_sites, mean_reverting_walk
 
@@ -59,21 +59,21 @@ class DetectedBody(NamedTuple):
     num_lengths: int = 0
     num_static: int = 0
 
-    def pose(self, x: Array) -> Array:
+    def pose(self, x: Array, inputs: BodyInputs) -> Array:
         """Pose (d,) of a flat state."""
         return x[: self.dimension]
 
     def markers(self, x: Array, inputs: BodyInputs) -> Array:
         """Markers (K, 3) of a flat state, mm."""
         static = x[len(x) - self.num_static :]
-        tree = _resized(inputs, static[: self.num_lengths]) if self.num_lengths else inputs.tree
-        joints = marker_positions(tree, self.pose(x))
+        tree = resized(inputs.tree, inputs.errors.per_length, static[: self.num_lengths]) if self.num_lengths else inputs.tree
+        joints = marker_positions(tree, self.pose(x, inputs))
         return joints + x[self.dimension : self.dimension + joints.size].reshape(joints.shape)
 
     def cameras(self, x: Array, inputs: BodyInputs) -> Cameras:
         """The cameras of a flat state."""
         errors = x[len(x) - self.num_static + self.num_lengths :]
-        return _erring(inputs.cameras, errors) if self.num_static > self.num_lengths else inputs.cameras
+        return erring(inputs.cameras, errors) if self.num_static > self.num_lengths else inputs.cameras
 
 
 @lru_cache(maxsize=8)
@@ -126,35 +126,25 @@ def seen_by_detector(
         return {**state, **{name: state[name] + way[span] for name, span in spans.items()}}
 
     def observation(params: Any, state: Mapping[str, Any], inputs: BodyInputs) -> None:
-        pose = jnp.concatenate([state[name] for name in spans])
-        tree = _resized(inputs, state["length"]) if num_lengths else inputs.tree
-        markers = marker_positions(tree, pose) + state["shift"]
-        share, noise = inputs.errors.error_share, inputs.noise[..., None]
-        lasting, other = jnp.sqrt(share) * noise, jnp.sqrt(1 - share) * noise
-        cameras = _erring(inputs.cameras, state["camera_error"]) if erring_cameras else inputs.cameras
-        seen = project(cameras, markers) + lasting * state["error"]
-        # a bivariate t of scale s, density (1 + r^2 / nu s^2)^(-(nu + 2) / 2), is Lorentz's of strength nu + 2 and this scale
-        scale = other * jnp.sqrt(FREEDOM / (FREEDOM + 2))
-        numpyro.sample("points", Lorentzian(dist.Normal(seen, scale).to_event(1), FREEDOM + 2))
-        numpyro.deterministic("markers", markers)
+        share = inputs.errors.error_share
+        seen = DetectedPoints(
+            inputs.tree,
+            inputs.cameras,
+            jnp.concatenate([state[name] for name in spans]),
+            state["shift"],
+            state["error"],
+            lasting=jnp.sqrt(share) * inputs.noise,
+            # a bivariate t of scale s, density (1 + r^2 / nu s^2)^(-(nu + 2) / 2), is Lorentz's of strength nu + 2, with this
+            scale=jnp.sqrt((1 - share) * FREEDOM / (FREEDOM + 2)) * inputs.noise,
+            lengths=state["length"] if num_lengths else jnp.zeros(0),
+            per_length=inputs.errors.per_length if num_lengths else None,
+            camera_errors=state["camera_error"] if erring_cameras else jnp.zeros(0),
+        )
+        numpyro.sample("points", Lorentzian(seen.to_event(1), FREEDOM + 2))
+        numpyro.deterministic("markers", seen.markers)
 
     num_static = num_lengths + (6 * num_cameras if erring_cameras else 0)
     return DetectedBody(StateSpaceModel(initial, transition, observation), len(coordinates), num_lengths, num_static)
-
-
-def _resized(inputs: BodyInputs, errors: Array) -> KinematicTree:
-    """The person's tree with errors (L,) of its lengths."""
-    tree, each = inputs.tree, inputs.errors.per_length
-    return tree.with_offsets(
-        tree.offsets + jnp.tensordot(errors, each.offsets, 1),
-        tree.marker_offsets + jnp.tensordot(errors, each.marker_offsets, 1),
-    )
-
-
-def _erring(cameras: Cameras, errors: Array) -> Cameras:
-    """Cameras with errors (6 C,)."""
-    each = errors.reshape(-1, 6)
-    return moved_cameras(cameras, each[:, :3], each[:, 3:])
 
 
 def _stationary(previous: Array, kept: Array, scale: Any) -> dist.Normal:

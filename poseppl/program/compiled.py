@@ -341,7 +341,7 @@ class CompiledModel:
         observation: Observation,
         inputs: Inputs = None,
         *,
-        majorised: bool = False,
+        majorised: Array | bool = False,
         spread: Array | None = None,
     ) -> Array:
         """Gauss-Newton curvature (d, d) of -log p(z | x) at `x`: symmetric, positive semi-definite.

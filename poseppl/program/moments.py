@@ -126,7 +126,7 @@ def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) 
 
 
 def observation_information(
-    trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: bool = False, spread: Array | None = None
+    trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: Array | bool = False, spread: Array | None = None
 ) -> Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 
@@ -193,18 +193,18 @@ def _expected_rows(site: Mapping[str, Any], jacobian: Array, spread: Array) -> A
     return weighed
 
 
-def _robust_rows(site: Mapping[str, Any], jacobian: Array, majorised: bool) -> Array:
+def _robust_rows(site: Mapping[str, Any], jacobian: Array, majorised: Array | bool) -> Array:
     """Rows of R^(-1/2) J (events, d), weighed so that their square is the curvature of a robust site."""
     errors = unwrap(site["fn"])
     white = errors.whitened_residual(site["value"])
     squared = jnp.sum(white**2, -1)
     across, second = (jnp.ravel(jnp.broadcast_to(weight, squared.shape)) for weight in errors.derivatives(squared))
     white, squared = white.reshape(-1, white.shape[-1]), jnp.ravel(squared)
-    along = across if majorised else jnp.maximum(across + 2.0 * second * squared, 0.0)
+    along = jnp.where(majorised, across, jnp.maximum(across + 2.0 * second * squared, 0.0))
     unit = white / jnp.sqrt(jnp.where(squared > 0, squared, 1.0))[:, None]
     shrunk = 1.0 - _root(along / jnp.where(across > 0, across, 1.0))
     rows = jacobian.reshape(*white.shape, -1)
-    inward = jnp.einsum("en,end->ed", unit, rows)
+    inward = jnp.sum(unit[:, :, None] * rows, 1)
     rows = rows - shrunk[:, None, None] * unit[:, :, None] * inward[:, None]
     weighed: Array = (_root(across)[:, None, None] * rows).reshape(jacobian.shape)
     return weighed
@@ -233,10 +233,10 @@ def _closed_form(trace_of: TraceOf, site: Mapping[str, Any], mask: Array | None,
     fixed = jax.make_jaxpr(lambda state: jax.tree.leaves(_gaussian_of(trace_of(state)[name]["fn"]).fixed))(x)
     if any(output_dependence(fixed, [frozenset({0})])):
         return None
-    inner = jax.jacrev(lambda state: _gaussian_of(trace_of(state)[name]["fn"]).state)(x)
+    _, pull_back = jax.vjp(lambda state: _gaussian_of(trace_of(state)[name]["fn"]).state, x)
     if mask is not None and site["fn"].event_dim:
         mask = jnp.broadcast_to(jnp.all(mask, -1, keepdims=True), mask.shape)
-    rows: Array = known.whitened_jacobian(mask) @ inner
+    rows: Array = jax.vmap(pull_back)(known.whitened_jacobian(mask))[0]
     return rows
 
 

@@ -4,7 +4,8 @@ The joint density of all frames, log p(x_0) + sum_t log p(x_t | x_(t-1)) + sum_t
 only blocks lie on the diagonal and next to it. Its Gauss-Newton form is built from parts that are never negative:
 
 * the data of frame t add I_t, `CompiledModel.observation_information`, to block (t, t);
-* a transition with Gaussian moments m(x), Q adds (-J, 1)^T Q^(-1) (-J, 1), J = dm / dx, to the blocks of t - 1 and t;
+* a transition with Gaussian moments m(x), Q adds (-J, 1)^T Q^(-1) (-J, 1), J = dm / dx, to the blocks of t - 1 and t: a linear
+  one the Hessian of -log p(x_t | x_(t-1)), which is the same, without an inverse of Q;
 * any other transition adds |H|, the Hessian H of log p(x_t | x_(t-1)) with its eigenvalues made positive, so that heavy tails,
   where they are not negative, still tell a scale (Betancourt 2013, doi:10.1007/978-3-642-40020-9_35);
 * the first frame adds its precision, or |H|, to block (0, 0).
@@ -16,7 +17,7 @@ doi:10.1137/0804035); shortened until the density does not fall, such steps clim
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +34,7 @@ from poseppl.gaussians.block_tridiagonal import (
     solve_upper,
 )
 from poseppl.gaussians.gaussian import precision_of
-from poseppl.gaussians.linear_transitions import transition_around, transition_curvature
+from poseppl.gaussians.linear_transitions import transition_around, transition_curvature, transition_structure
 from poseppl.kernels.laplace import likeliest
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
@@ -41,8 +42,8 @@ from poseppl.program.dependence import output_dependence
 
 R = TypeVar("R")
 
-_LENGTHS = (0.0, 1.0, 0.5, 0.2, 0.05, 0.01)
-"""Fractions of a step that are tried; the best is taken, so that the density never falls."""
+_LENGTHS = (0.0, 1.0, 1.5, 2.0, 0.5, 0.2, 0.05, 0.01)
+"""Multiples of a step that are tried; the best is taken, so that the density never falls. Majorised steps are mostly short."""
 _NOTHING = 0.01
 """Nats that a step to a mode has to promise: with less, the mode is within a seventh of a standard deviation."""
 _HARDLY = 1e-3
@@ -53,9 +54,7 @@ _FLOOR = 1e-6
 """Least curvature of a coordinate, as a fraction of its largest over the frames."""
 
 
-def trajectory_precisions(
-    model: CompiledModel, observations: Observation, inputs: Any, *, majorised: bool = False
-) -> Callable[..., BlockTridiagonal]:
+def trajectory_precisions(model: CompiledModel, observations: Observation, inputs: Any) -> Callable[..., BlockTridiagonal]:
     """Gauss-Newton curvature of the negative log-density of trajectories (T, d) and their data, as a function of them.
 
     What of it does not depend on the trajectory, as that of a linear walk, is computed here, once for all trajectories.
@@ -64,18 +63,19 @@ def trajectory_precisions(
         model: The compiled model; its sites need no Gaussian moments.
         observations: Data with a leading T.
         inputs: Inputs with a leading T, or None.
-        majorised: As of `CompiledModel.observation_information`: a step by this curvature is never too long for robust data.
 
     Returns:
-        ``(xs, spread=None, data_weight=1.0) -> precision``, with ``spread`` (T, d, d) as of the same, and ``data_weight`` as of
-        `CompiledModel.log_joint`.
+        ``(xs, spread=None, data_weight=1.0, majorised=False) -> precision``, with ``spread`` (T, d, d) and ``majorised`` as of
+        `CompiledModel.observation_information`, and ``data_weight`` as of `CompiledModel.log_joint`.
     """
     prior = _prior_precisions(model, len(jax.tree.leaves(observations.mask)[0]), inputs)
 
-    def information(x: Array, observation: Observation, inputs: Any, spread: Array | None) -> Array:
-        return model.observation_information(x, observation, inputs, majorised=majorised, spread=spread)
+    def precision(
+        xs: Array, spread: Array | None = None, data_weight: Array | float = 1.0, majorised: Array | bool = False
+    ) -> BlockTridiagonal:
+        def information(x: Array, observation: Observation, inputs: Any, spread: Array | None) -> Array:
+            return model.observation_information(x, observation, inputs, majorised=majorised, spread=spread)
 
-    def precision(xs: Array, spread: Array | None = None, data_weight: Array | float = 1.0) -> BlockTridiagonal:
         data = jax.vmap(information)(xs, observations, inputs, spread)
         diagonal, below = prior(xs)
         return BlockTridiagonal(_floored(diagonal + data_weight * data), below)
@@ -102,20 +102,34 @@ def climb(
     model: CompiledModel, xs: Array, observations: Observation, inputs: Any, num_steps: int, *, majorised: bool = False
 ) -> Array:
     """Climb from a trajectory (T, d) towards the nearest mode of the joint density by damped Gauss-Newton steps."""
-    precision = trajectory_precisions(model, observations, inputs, majorised=majorised)
+    precision = trajectory_precisions(model, observations, inputs)
 
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
     def step(xs: Array, _: None) -> tuple[Array, None]:
-        return _damped_step(log_density, safe_cholesky(precision(xs)), xs)[0], None
+        return _damped_step(log_density, safe_cholesky(precision(xs, majorised=majorised)), xs)[0], None
 
     return jax.lax.scan(step, xs, None, length=num_steps)[0]
 
 
+class _Climb(NamedTuple):
+    """A climb from the end of the one before it.
+
+    Attributes:
+        weight: Of the data.
+        is_first: Whether it is from the start.
+        is_last: Whether it is the last step to a mode.
+    """
+
+    weight: Array
+    is_first: Array
+    is_last: Array
+
+
 def climb_to_mode(
     log_density: Callable[[Array, Array], Array],
-    factor: Callable[[Array, Array], BlockCholesky],
+    factor: Callable[[Array, Array, Array], BlockCholesky],
     start: Array,
     num_steps: int,
 ) -> tuple[Array, Array]:
@@ -125,7 +139,8 @@ def climb_to_mode(
 
     Args:
         log_density: Of a trajectory (T, d) and the weight () of the data.
-        factor: Of the curvature, of the same.
+        factor: Of the curvature, of the same, and of whether it is to be majorised: steps by it are seldom too long. The last
+            one to a mode, by the curvature itself, goes the rest of the way.
         start: (T, d).
         num_steps: At most, of each climb.
 
@@ -133,24 +148,27 @@ def climb_to_mode(
         The mode, and how many steps were gone in all.
     """
 
-    def unfinished(carry: tuple[Array, Array, Array, Array]) -> Array:
-        _, _, promised, count = carry
-        return (promised > _NOTHING) & (count < num_steps)
+    def climb_from(before: Array, row: _Climb) -> tuple[Array, tuple[Array, Array]]:
+        def unfinished(carry: tuple[Array, Array, Array]) -> Array:
+            _, promised, count = carry
+            return (promised > _NOTHING) & (count < jnp.where(row.is_last, 1, num_steps))
 
-    def step(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        xs, weight, _, count = carry
-        new, promised = _damped_step(lambda xs: log_density(xs, weight), factor(xs, weight), xs)
-        return new, weight, promised, count + 1
+        def step(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            xs, _, count = carry
+            curvature = factor(xs, row.weight, ~row.is_last)
+            return *_damped_step(lambda xs: log_density(xs, row.weight), curvature, xs), count + 1
 
-    def climb_from(before: Array, row: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        weight, anew = row
-        first = (jnp.where(anew, start, before), weight, jnp.full_like(weight, jnp.inf), jnp.zeros((), int))
-        mode, _, _, count = jax.lax.while_loop(unfinished, step, first)
+        first = jnp.where(row.is_first, start, before), jnp.full_like(row.weight, jnp.inf), jnp.zeros((), int)
+        mode, _, count = jax.lax.while_loop(unfinished, step, first)
         return mode, (mode, count)
 
-    weights = jnp.array([1.0, _HARDLY, 1.0], start.dtype)
-    _, (modes, counts) = jax.lax.scan(climb_from, start, (weights, jnp.array([True, True, False])))
-    return likeliest(lambda xs: log_density(xs, weights[0]), modes[::2]), jnp.sum(counts)
+    rows = _Climb(
+        jnp.array([1.0, 1.0, _HARDLY, 1.0, 1.0], start.dtype),
+        is_first=jnp.array([True, False, True, False, False]),
+        is_last=jnp.array([False, True, False, False, True]),
+    )
+    _, (modes, counts) = jax.lax.scan(climb_from, start, rows)
+    return likeliest(lambda xs: log_density(xs, rows.weight[0]), modes[jnp.array([1, 4])]), jnp.sum(counts)
 
 
 def at_expected_errors(about: Callable[[Array], tuple[BlockCholesky, R]], mode: Array) -> tuple[BlockCholesky, R]:
@@ -222,7 +240,7 @@ def _prior_precisions(model: CompiledModel, num_frames: int, inputs: Any) -> Cal
 def _initial_precision(model: CompiledModel, x: Array, inputs: Any) -> Array:
     if _has_moments(lambda: model.initial_moments(inputs)) and not model.moments_are_linearised("initial", inputs):
         return precision_of(model.initial_moments(inputs)[1])
-    return _absolute_hessian(lambda x: model.log_initial(x, inputs), x)
+    return _absolute(_hessian(lambda x: model.log_initial(x, inputs), x))
 
 
 def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple[Array, Array, Array]]:
@@ -230,19 +248,23 @@ def _transition_blocks(model: CompiledModel, inputs: Any) -> Callable[..., tuple
     d = model.dimension
     first = rows_of(inputs, 0)
 
-    def gaussian(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
+    zero = jnp.zeros(d)
+    exact = _has_moments(lambda: model.transition_moments(zero, first))
+    exact = exact and not model.moments_are_linearised("transition", first, zero)
+    linear = exact and transition_structure(model, inputs).linear
+
+    def of_moments(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
         return transition_curvature(*transition_around(model, previous, inputs)[1:])
 
-    def other(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
+    def of_density(previous: Array, x: Array, inputs: Any) -> tuple[Array, Array, Array]:
         def log_density(pair: Array) -> Array:
             return model.log_transition(pair[d:], pair[:d], inputs)
 
-        whole = _absolute_hessian(log_density, jnp.concatenate([previous, x]))
+        hessian = _hessian(log_density, jnp.concatenate([previous, x]))
+        whole = -hessian if linear else _absolute(hessian)
         return whole[:d, :d], whole[d:, :d], whole[d:, d:]
 
-    zero = jnp.zeros(d)
-    exact = _has_moments(lambda: model.transition_moments(zero, first))
-    return gaussian if exact and not model.moments_are_linearised("transition", first, zero) else other
+    return of_moments if exact and not linear else of_density
 
 
 def _has_moments(moments: Callable[[], Any]) -> bool:
@@ -254,8 +276,13 @@ def _has_moments(moments: Callable[[], Any]) -> bool:
     return True
 
 
-def _absolute_hessian(log_density: Callable[[Array], Array], x: Array) -> Array:
-    hessian = jax.jacrev(jax.grad(log_density))(x)
+def _hessian(log_density: Callable[[Array], Array], x: Array) -> Array:
+    hessian: Array = jax.jacrev(jax.grad(log_density))(x)
+    return hessian
+
+
+def _absolute(hessian: Array) -> Array:
+    """A Hessian with its eigenvalues made positive."""
     hessian = jnp.where(jnp.isfinite(hessian), hessian, 0.0)
     values, vectors = jnp.linalg.eigh((hessian + hessian.T) / 2)
     absolute: Array = (vectors * jnp.abs(values)) @ vectors.T

@@ -44,7 +44,7 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
             is independent of the rest in it.
         num_static: p, the number of the state's last coordinates that do not change.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps at most, of each of three climbs.
+        num_mode_steps: Gauss-Newton steps at most, of each of three climbs, of which two go one more.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
@@ -67,8 +67,8 @@ def cut_laplace_smoother(model: CompiledModel, num_static: int, *, num_draws: in
         def factor_of(whole: BlockTridiagonal) -> BlockCholesky:
             return safe_cholesky(BlockTridiagonal(whole.diagonal[:, :size, :size], whole.below[:, :size, :size]))
 
-        def factor_at(moving: Array, weight: Array) -> BlockCholesky:
-            return factor_of(precision(_whole(moving, static), None, weight))
+        def factor_at(moving: Array, weight: Array, majorised: Array) -> BlockCholesky:
+            return factor_of(precision(_whole(moving, static), None, weight, majorised))
 
         moving, count = climb_to_mode(log_density, factor_at, start[:, :size], num_mode_steps)
 

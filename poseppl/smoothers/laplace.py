@@ -39,7 +39,7 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
     Args:
         model: The compiled model; all its sites are continuous.
         num_draws: N, independent trajectories that are drawn.
-        num_mode_steps: Gauss-Newton steps at most, of each of three climbs.
+        num_mode_steps: Gauss-Newton steps at most, of each of three climbs, of which two go one more.
 
     Returns:
         The smoother; its particles are (T, N, d), and those of one index are a whole trajectory.
@@ -57,8 +57,8 @@ def laplace_smoother(model: CompiledModel, *, num_draws: int = 500, num_mode_ste
         def log_density(xs: Array, weight: Array) -> Array:
             return model.log_joint(xs, observations, inputs, data_weight=weight)
 
-        def factor_at(xs: Array, weight: Array) -> BlockCholesky:
-            return safe_cholesky(precision(xs, None, weight))
+        def factor_at(xs: Array, weight: Array, majorised: Array) -> BlockCholesky:
+            return safe_cholesky(precision(xs, None, weight, majorised))
 
         mode, count = climb_to_mode(log_density, factor_at, start, num_mode_steps)
         factor, _ = at_expected_errors(lambda spread: (safe_cholesky(precision(mode, spread)), None), mode)

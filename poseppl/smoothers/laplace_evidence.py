@@ -43,8 +43,8 @@ def laplace_evidence(
     def log_density(xs: Array) -> Array:
         return model.log_joint(xs, observations, inputs)
 
-    precision, mode = trajectory_precisions(model, observations, inputs, majorised=majorised), xs
+    precision, mode = trajectory_precisions(model, observations, inputs), xs
     for _ in range(num_steps):
-        move, log_det = solve_with_log_det(precision(mode), jax.grad(log_density)(mode))
+        move, log_det = solve_with_log_det(precision(mode, majorised=majorised), jax.grad(log_density)(mode))
         mode = mode + move
     return log_density(mode) + 0.5 * xs.size * jnp.log(2 * jnp.pi) - 0.5 * log_det

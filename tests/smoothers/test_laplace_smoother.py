@@ -51,21 +51,21 @@ def smoothed(num_draws: int, num_mode_steps: int = 20) -> Any:
 
 
 def test_the_mode_of_a_robust_model_is_found() -> None:
-    """The mean of n draws is within 4 standard errors of the mode that a general optimiser finds; after one step it is not."""
+    """It is a general optimiser's, and the mean of n draws within 4 standard errors of it; after a step it is not found."""
     mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x
     assert mode[2] < 1.0  # the outlier counts little
     for num_mode_steps, near in ((20, True), (1, False)):
-        found = smoothed(4000, num_mode_steps)
+        found = smoothed(1, num_mode_steps)
         assert np.allclose(found.marginals.means[:, 0, 0], mode, atol=1e-4) == near
-        draws = np.asarray(found.particles[..., 0], np.float64)
-        error = np.abs(draws.mean(1) - mode) / (draws.std(1) / np.sqrt(draws.shape[1]))
-        assert (error.max() < 4.0) == near
+    draws = np.asarray(smoothed(4000).particles[..., 0], np.float64)
+    error = np.abs(draws.mean(1) - mode) / (draws.std(1) / np.sqrt(draws.shape[1]))
+    assert error.max() < 4.0
 
 
 def test_it_climbs_until_a_step_promises_nothing() -> None:
     taken = [float(smoothed(1, most).info.num_gradient) / len(DATA) for most in (100, 2)]
     assert 6 < taken[0] < 30  # three climbs
-    assert 4 < taken[1] <= 6
+    assert 4 < taken[1] <= 8  # and a last step of two of them
 
 
 def test_of_two_modes_it_finds_the_higher_from_the_other() -> None:

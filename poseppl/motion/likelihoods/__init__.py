@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from poseppl.motion.likelihoods.detected_points import DetectedPoints as DetectedPoints
 from poseppl.motion.likelihoods.projected_markers import (
     ProjectedMarkers as ProjectedMarkers,
     projected_log_density as projected_log_density,

@@ -10,12 +10,10 @@ what all frames say alike would count once more.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from poseppl.arrays import Floats, Integers
 from poseppl.errors import InputError
@@ -26,7 +24,6 @@ from poseppl.motion.tracking.problem import Problem
 from poseppl.motion.tracking.start import start_scales
 from poseppl.motion.tracking.velocity_learning import with_velocities
 from poseppl.motion.tracking.walk import time_steps
-from poseppl.program.built_once import built_once
 from poseppl.runs.run import Constant, frame_inputs
 from poseppl.smoothers.base import History
 
@@ -86,10 +83,8 @@ def with_lasting_errors(
         tree.coordinates, len(tree.marker_names), problem.num_cameras, camera_covariance is not None, num_lengths
     )
     model = compile_once(seen.program, frame_inputs(inputs, 0))
-    pose, markers, cameras = _of_states(seen)
-    return Problem(
-        problem.body, model, problem.observations, inputs, pose, markers=markers, cameras=cameras, num_static=seen.num_static
-    )
+    told = {"pose": seen.pose, "markers": seen.markers, "cameras": seen.cameras}
+    return Problem(problem.body, model, problem.observations, inputs, **told, num_static=seen.num_static)
 
 
 def _with_open_start(own: Any, body: Body) -> Any:
@@ -131,8 +126,3 @@ def with_no_errors(history: History, problem: Problem) -> History:
     beside = problem.model.dimension - particles.shape[-1]
     poses = bent_as_at_rest(body.tree, jnp.asarray(body.rest, float), particles, jnp.asarray(history.log_weights))
     return history._replace(particles=jnp.pad(poses, ((0, 0), (0, 0), (0, beside))))
-
-
-@built_once
-def _of_states(seen: Any) -> tuple[Callable[[Array, Any], Any], ...]:
-    return lambda x, inputs: seen.pose(x), seen.markers, seen.cameras

@@ -25,7 +25,7 @@ from poseppl.arrays import Booleans, Floats
 from poseppl.compilation import jit_lightly
 from poseppl.errors import InputError
 from poseppl.motion.bodies.body import Body
-from poseppl.motion.geometry import Cameras, marker_positions, project
+from poseppl.motion.geometry import Cameras, KinematicTree, marker_positions, project
 
 NUM_HEADINGS = 8
 START_ANGLE = 0.3
@@ -108,21 +108,27 @@ class PoseSearch(NamedTuple):
         return state - 2 * np.pi * turns
 
 
+def _offsets(x: Array, tree: KinematicTree, cameras: Cameras, points: Array, weights: Array, rest: Array, free: Array) -> Array:
+    """Residuals of points, and of the pose beside the rest pose."""
+    offset = (project(cameras, marker_positions(tree, x)) - points) * weights
+    return jnp.concatenate([offset.ravel(), jnp.where(free, (x - rest) / _REST_SPREAD, 0.0)])
+
+
+_residuals, _derivatives = jit_lightly(_offsets), jit_lightly(jax.jacrev(_offsets))
+
+
 def _best_pose(body: Body, cameras: Cameras, points: Floats, noise: Floats) -> Floats:
     search = PoseSearch.of(body)
     seen = np.isfinite(points)
     shown = np.asarray(seen.all(axis=2).any(axis=0))
     shape = np.where(seen, points, 0.0)
 
-    def residuals(x: Array) -> Array:
-        offset = (project(cameras, marker_positions(body.tree, x)) - shape) * seen / noise[..., None]
-        return jnp.concatenate([offset.ravel(), jnp.where(search.free, (x - search.rest) / _REST_SPREAD, 0.0)])
-
-    evaluate, derive = jit_lightly(residuals), jit_lightly(jax.jacrev(residuals))
+    weights = seen / noise[..., None]
+    given = body.tree, cameras, shape, weights, search.rest, search.free
     solve = partial(
         least_squares,
-        lambda x: np.asarray(evaluate(x), np.float64),
-        jac=lambda x: np.asarray(derive(x), np.float64),
+        lambda x: np.asarray(_residuals(x, *given), np.float64),
+        jac=lambda x: np.asarray(_derivatives(x, *given), np.float64),
         x_scale=search.x_scale,
         method="trf",
         ftol=1e-4,
