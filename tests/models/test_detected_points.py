@@ -150,6 +150,13 @@ def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.Da
     assert np.median(error) < np.median(before)
 
 
+def test_the_same_recording_is_posed_for_programs_that_are_compiled(scene: Scene[PointData]) -> None:
+    """Model and collector are the very objects of the time before, for which JAX has compiled."""
+    once, again = (with_lasting_errors(make_problem(scene), scene.frames, scene.rate) for _ in range(2))
+    assert once.model is again.model and once.collector(20) is again.collector(20)
+    assert once.collector(20) is not again.collector(21)
+
+
 def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointData]) -> None:
     problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
     assert scene.states is not None
