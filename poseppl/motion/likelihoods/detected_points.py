@@ -129,7 +129,7 @@ class DetectedPoints(dist.Normal):  # type: ignore[misc]
         return jax.vmap(slope, out_axes=-1)(jnp.eye(6))
 
     def _stretches(self) -> Array:
-        """Derivatives (K, 3, L) of places by lengths: places are linear in a tree's offsets, and about the root's."""
+        """Derivatives (K, 3, L) of places by lengths: about the root, places are linear in a tree's offsets."""
         at_origin = self._pose.at[:3].set(0.0)
         return jax.vmap(lambda tree: marker_positions(tree, at_origin), out_axes=-1)(self.per_length)
 
