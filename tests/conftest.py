@@ -18,6 +18,8 @@ DATA = Path(os.environ.get("POSEPPL_DATA", Path(__file__).resolve().parents[2] /
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if not config.getoption("--slow"):
+        compile_quickly()
     jax.config.update("jax_compilation_cache_dir", str(CACHE))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # thousands of small programs count, too
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -27,6 +29,15 @@ def pytest_configure(config: pytest.Config) -> None:
         # ArviZ 0.23 notes the day in a file at its first import, where two workers fail one another
         with warnings.catch_warnings(action="ignore"):
             import arviz  # noqa: F401
+
+
+def compile_quickly() -> None:
+    """Compile at XLA's lowest level: short programs run as fast, and compile in half of the time (tests/durations.py)."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # of programs that tests start
+    flag = "--xla_cpu_use_fusion_emitters=false"
+    if jax.__version_info__ < (0, 11) and flag not in os.environ.get("XLA_FLAGS", ""):  # XLA aborts at a flag that it does not know
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
