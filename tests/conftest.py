@@ -1,4 +1,9 @@
-"""Options and fixtures of all tests: --slow, --part, --no-skips, the recordings, and a compile cache that outlives the run."""
+"""Options and fixtures of all tests: their tiers, the recordings, and a compile cache that outlives the run.
+
+A test without a mark is of the default tier. What compiles a large program or starts several processes is marked `full`, and a
+long statistical check `slow`. `--full` runs the first two tiers, `--slow` all three. `python tests/durations.py` prints what a
+test takes.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ import gc
 import os
 import signal
 import warnings
+from collections import Counter
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +24,7 @@ DATA = Path(os.environ.get("POSEPPL_DATA", Path(__file__).resolve().parents[2] /
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if not config.getoption("--slow"):
+    if config.getoption("markexpr") != "slow":  # slow tests compute more than they compile
         compile_quickly()
     jax.config.update("jax_compilation_cache_dir", str(CACHE))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # thousands of small programs count, too
@@ -35,14 +41,15 @@ def compile_quickly() -> None:
     """Compile at XLA's lowest level: short programs run as fast, and compile in half of the time (tests/durations.py)."""
     jax.config.update("jax_disable_most_optimizations", True)
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # of programs that tests start
-    flag = "--xla_cpu_use_fusion_emitters=false"
-    if jax.__version_info__ < (0, 11) and flag not in os.environ.get("XLA_FLAGS", ""):  # XLA aborts at a flag that it does not know
+    flag = "--xla_cpu_use_fusion_emitters=false"  # XLA aborts at flags that it does not know, as those of later releases may
+    if jax.__version_info__ < (0, 11) and flag not in os.environ.get("XLA_FLAGS", ""):
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--slow", action="store_true", help="run the long statistical checks too")
-    parser.addoption("--part", type=_part, metavar="K/N", help="run every N-th of the tests chosen, from the K-th on")
+    parser.addoption("--full", action="store_true", help="also run what compiles large programs or starts several processes")
+    parser.addoption("--slow", action="store_true", help="run all: also the long statistical checks")
+    parser.addoption("--part", type=_part, metavar="K/N", help="run every N-th of the files that have tests, from the K-th on")
     parser.addoption("--no-skips", action="store_true", help="a test that skips itself fails: this machine should have it all")
 
 
@@ -55,13 +62,25 @@ def _part(text: str) -> tuple[int, int]:
 
 @pytest.hookimpl(trylast=True)  # after -m and -k have chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    chosen = [item for item in items if config.getoption("--slow") or not item.get_closest_marker("slow")]
+    left_out = {"slow"} if config.getoption("--full") else {"full", "slow"}
+    if config.getoption("--slow"):
+        left_out = set()
+    chosen = [item for item in items if not any(item.get_closest_marker(tier) for tier in left_out)]
     if config.getoption("--part"):
         part, number = config.getoption("--part")
-        chosen = sorted(chosen, key=lambda item: item.nodeid)[part - 1 :: number]
+        files = set(sorted({item.path for item in chosen})[part - 1 :: number])
+        chosen = [item for item in chosen if item.path in files]
     kept = set(chosen)
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = chosen
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Count the skipped tests in one line, with the reasons."""
+    reasons = Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in terminalreporter.stats.get("skipped", []))
+    if reasons:
+        listed = "; ".join(f"{number} because {reason}" for reason, number in reasons.most_common())
+        terminalreporter.write_line(f"{reasons.total()} skipped: {listed}")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -75,7 +94,7 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, A
 
 
 def _unskipped(config: pytest.Config, report: Any) -> Any:
-    """The report; with --no-skips a failure where it tells of a skip."""
+    """The report of a test; with --no-skips a skip is a failure."""
     if report.skipped and config.getoption("--no-skips") and not hasattr(report, "wasxfail"):
         report.outcome, report.longrepr = "failed", f"skipped, with --no-skips: {report.longrepr}"
     return report
@@ -87,6 +106,15 @@ def _forget_programs() -> Iterator[None]:
     yield
     jax.clear_caches()
     gc.collect()
+
+
+@pytest.fixture
+def optimised() -> Iterator[None]:
+    """Compile as users do: for tests of how programs are compiled, or whose answer depends on how numbers are rounded."""
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", before)
 
 
 @pytest.fixture

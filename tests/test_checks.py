@@ -36,6 +36,7 @@ def test_fractions_are_refused_outside_their_interval(interval, refused):
             check_fraction(interval, jitter=value)
 
 
+@pytest.mark.full
 def test_words_are_refused_that_a_literal_does_not_name():
     check_choice(Literal["exact", "linear"], method="linear")
     with pytest.raises(ValueError, match=r"method is 'quick'\. Expected one of exact, linear\."):

@@ -1,7 +1,5 @@
 """How programs are compiled: without what takes long where they are small, and as they are where XLA knows no options."""
 
-from collections.abc import Iterator
-
 import jax
 import pytest
 
@@ -25,13 +23,7 @@ class Lowered:
 EMITTERS, LEVEL = "xla_cpu_use_fusion_emitters", "xla_backend_optimization_level"
 
 
-@pytest.fixture(autouse=True)
-def _optimised() -> Iterator[None]:
-    """As users compile, not as the tests do."""
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", False)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
+pytestmark = pytest.mark.usefixtures("optimised")
 
 
 def test_no_level_is_above_what_jax_is_configured_for() -> None:

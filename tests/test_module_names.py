@@ -5,6 +5,10 @@ from __future__ import annotations
 from itertools import combinations
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.full
+
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("tests", "tests/laws", "benchmarks", "docs")
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from waiting import PATIENCE
 
 from poseppl.small_loops import as_functions
 
@@ -40,12 +41,13 @@ def test_flags_of_the_user_stay(given: str, found: str) -> None:
     assert as_functions({}) == {"XLA_FLAGS": OURS}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("given", "calls"), [("", 1), ("--xla_backend_extra_options=xla_cpu_disable_loop_unrolling", 1), (f"{LIMIT}=0", 0)]
 )
 def test_the_command_line_sets_them_before_jax_reads_them(given: str, calls: int) -> None:
     environment = os.environ | {"XLA_FLAGS": given, "JAX_PLATFORMS": "cpu", "JAX_ENABLE_COMPILATION_CACHE": "0"}
     told = subprocess.run(
-        [sys.executable, "-c", LOOP], check=True, capture_output=True, text=True, timeout=120, env=environment
+        [sys.executable, "-c", LOOP], check=True, capture_output=True, text=True, timeout=PATIENCE, env=environment
     )
     assert told.stdout.split("calls ")[1] == f"{calls}\n"

@@ -6,6 +6,9 @@ import os
 import subprocess
 import sys
 
+import pytest
+from waiting import PATIENCE
+
 BATCHES = """
 import poseppl  # without this line, or with NPROC=2, the program never ends on two cores
 import jax, jax.numpy as jnp
@@ -27,7 +30,7 @@ for _ in range(10):
 def threads(environment, code="import poseppl, os; print(os.environ['NPROC'])"):
     clean = {name: value for name, value in os.environ.items() if name != "NPROC"}
     return subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=120, env={**clean, **environment}
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=PATIENCE, env={**clean, **environment}
     ).stdout.strip()
 
 
@@ -39,6 +42,7 @@ def test_the_environment_is_kept_where_it_says_how_many():
     assert threads({}, more) == str(cores + 40) and threads({"NPROC": "3"}, more) == "3"
 
 
+@pytest.mark.full
 def test_batches_that_wait_at_once_come_to_an_end():
     clean = {name: value for name, value in os.environ.items() if name != "NPROC"}
-    subprocess.run([sys.executable, "-c", BATCHES], check=True, timeout=300, env=clean)
+    subprocess.run([sys.executable, "-c", BATCHES], check=True, timeout=PATIENCE, env=clean)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from poseppl.cli.options import (
     OF_PLACED_CAMERAS,
@@ -103,9 +102,8 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     "--filter",
     "filter_name",
     metavar="NAME",
-    default="assumed-density",
-    show_default=True,
-    help="Which algorithm; poseppl filters lists them.",
+    help="Which algorithm; poseppl filters lists them. [default: kalman for markers, assumed-density for --keypoints and "
+    "--video, switching with --prior]",
 )
 @settings_option
 @smooth_option
@@ -278,7 +276,8 @@ def _run(
         other_motion=not options["prior_alone"],
         **chosen(options, *_SETTINGS),
     )
-    FILTERS[settings.filter].check(settings.options)
+    if settings.filter:
+        FILTERS[settings.filter].check(settings.options)
     if options["smooth_method"]:
         SMOOTHERS[options["smooth_method"]]
     if options["live"]:
@@ -325,8 +324,7 @@ def _choose_for_prior(options: dict[str, Any]) -> None:
     elif options["model"] is None:
         installed_builder(known.body)
         options["model"] = known.body
-    if click.get_current_context().get_parameter_source("filter_name") == ParameterSource.DEFAULT:
-        options["filter_name"] = DEFAULT_FILTER
+    options["filter_name"] = options["filter_name"] or DEFAULT_FILTER
 
 
 def _seen(recording: str | None, options: dict[str, Any], progress: Any) -> tuple[Any, Any, tuple[str, ...]]:

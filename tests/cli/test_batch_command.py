@@ -6,10 +6,10 @@ import csv
 import shutil
 import subprocess
 import sys
-import time
 
 import pytest
 from test_run_command import exact_evidence, folder as folder  # noqa: F401  a fixture
+from waiting import PATIENCE, wait_until
 
 from poseppl.cli import main
 from poseppl.cli.user_model import source_digest
@@ -56,6 +56,7 @@ def test_a_module_that_has_changed_is_another_model(tmp_path, monkeypatch):
     assert source_digest("no_such_package.module") == source_digest("no_such_file.py") == ""
 
 
+@pytest.mark.full
 def test_a_folder_without_tables_is_said(folder, capsys):  # noqa: F811
     (folder / "none").mkdir()
     assert main(["batch", "none", "--model", "model.py"]) == 1
@@ -70,6 +71,16 @@ def scheduler():
         yield cluster.scheduler_address
 
 
+WAITS = """
+import sys
+from poseppl.cli import main
+from poseppl.cli.console import ConsoleProgress
+
+ConsoleProgress.finished = lambda *told: sys.stdin.read()  # until it is killed
+raise SystemExit(main())
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["workers", "scheduler"])
 def test_a_killed_batch_goes_on_where_it_was(folder, where, request):  # noqa: F811
@@ -78,18 +89,16 @@ def test_a_killed_batch_goes_on_where_it_was(folder, where, request):  # noqa: F
     tables.mkdir()
     for name in names:
         shutil.copy("data.csv", tables / f"{name}.csv")
-    command = [sys.executable, "-c", "from poseppl.cli import main; raise SystemExit(main())", "batch", "trials", "--quiet"]
-    command += ["--model", "model.py", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman", "-o", "out"]
-    command += [f"--{where}", "1" if where == "workers" else request.getfixturevalue("scheduler")]
-    batch = subprocess.Popen(command)
-    until = time.monotonic() + 300
-    while not list(out.glob("jobs/[!.]*.npz")) and time.monotonic() < until and batch.poll() is None:
-        time.sleep(0.01)
-    batch.kill()
-    batch.wait()
+    command = ["batch", "trials", "--quiet", "--model", "model.py", "--inputs", "push", "--param", "noise=0.3"]
+    command += ["--filter", "kalman", "-o", "out", f"--{where}"]
+    command += ["1" if where == "workers" else request.getfixturevalue("scheduler")]
+    with subprocess.Popen([sys.executable, "-c", WAITS, *command], stdin=subprocess.PIPE) as batch:
+        wait_until(lambda: list(out.glob("jobs/[!.]*.npz")), process=batch)
+        batch.kill()
     done = {path: path.stat().st_mtime_ns for path in out.glob("jobs/[!.]*.npz")}
-    assert 1 <= len(done) < len(names) and not (out / "table.csv").exists()
-    subprocess.run(command, check=True, timeout=300)
+    assert len(done) == 1 and not (out / "table.csv").exists()
+    whole = "from poseppl.cli import main; raise SystemExit(main())"
+    subprocess.run([sys.executable, "-c", whole, *command], check=True, timeout=PATIENCE)
     assert {path: path.stat().st_mtime_ns for path in done} == done
     first = min(done).name[0]
     assert (out / f"{first}.nc").stat().st_mtime_ns < min(done.values())

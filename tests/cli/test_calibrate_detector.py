@@ -47,6 +47,7 @@ def test_usage(capsys: pytest.CaptureFixture[str], arguments: list[str], expecte
     assert expected in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_two_cameras_are_too_few(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate-detector", "a", *words(data_dir, 1, 4), "--frames", "0:20:2"]) == 1
     assert "three cameras see 0 points" in capsys.readouterr().err

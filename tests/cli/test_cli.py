@@ -7,11 +7,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import PATIENCE, wait_until
 
 from poseppl.cli import main
 from poseppl.motion.tracking.video_sources import read_scene_truth
@@ -56,6 +56,7 @@ def test_track_report_simulate(capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(path.suffix for path in Path("sim").iterdir()) == [".csv", ".nc", ".toml"]
 
 
+@pytest.mark.full
 def test_a_walk_is_laid_along_a_circle() -> None:
     for name, turn in (("straight", []), ("left", ["--turn", "900"]), ("right", ["--turn", "-900"])):
         assert main(["simulate", "--frames", "0:46:15", "-q", "-o", f"{name}.csv", *turn]) == 0
@@ -93,6 +94,7 @@ def test_the_random_walk_is_the_one_that_is_asked_for(capsys: pytest.CaptureFixt
     refused(capsys, ["track", *files, "--rate", "0"], "--rate")
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("here", "without_pictures")
 def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL, "-q"]) == 0
@@ -107,6 +109,7 @@ def test_smoothing_that_cannot_be_done(capsys: pytest.CaptureFixture[str]) -> No
     refused(capsys, ["smooth", "absent.nc"], "absent.nc")
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("here", "without_pictures")
 def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["track", *SMALL, "--checkpoint", "run", "--quiet"]
@@ -119,6 +122,7 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
     assert first["posterior"].dataset.equals(second["posterior"].dataset)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -214,16 +218,15 @@ def test_unexpected_faults_show_where_with_debug(capsys: pytest.CaptureFixture[s
     assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])  # 143 in a shell
 def test_a_run_that_is_stopped_tidies_up_and_says_how_to_go_on(sent: signal.Signals, status: int) -> None:
     command = [sys.executable, "-c", "import sys; from poseppl.cli import main; sys.exit(main())"]
     arguments = ["track", *SMALL, "--frames", "0:5000", "--checkpoint", "run"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 100
-    while not list(Path("run").glob("part-*")) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: list(Path("run").glob("part-*")), process=process)
     process.send_signal(sent)
-    _, message = process.communicate(timeout=100)
+    _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == status
     assert "Traceback" not in message and "interrupted" in message and "--resume" in message
     assert [path.name for path in Path().iterdir()] == ["run"] and not list(Path("run").glob(".*"))
@@ -251,6 +254,15 @@ def test_help_reads_like_a_manual_page(capsys: pytest.CaptureFixture[str], comma
             assert option.strip()
 
 
-def test_help_is_quick() -> None:
-    code = "import sys, poseppl.cli; sys.exit(sum(name in sys.modules for name in ('jax', 'matplotlib', 'rich', 'xarray')))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+LOADED_FOR_HELP = """
+import sys
+from poseppl.cli import main
+for command in ([], ["track"], ["smooth"], ["batch"], ["report"], ["reproduce"]):
+    assert main([*command, "--help"]) == 0
+print("loaded:", *sorted({"jax", "numpy", "scipy", "matplotlib", "rich", "xarray"} & set(sys.modules)))
+"""
+
+
+def test_help_loads_nothing_heavy() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED_FOR_HELP], check=True, capture_output=True, text=True)
+    assert done.stdout.count("Usage: poseppl") == 6 and done.stdout.splitlines()[-1] == "loaded:"

@@ -9,9 +9,12 @@ import sys
 import jax
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from poseppl.cli import main
 from poseppl.runs.results import load_result, provenance
+
+pytestmark = pytest.mark.full
 
 MAIN = "import sys; from poseppl.cli import main; sys.exit(main())"
 TRACK = ["track", "--frames", "0:3", "--max-draws", "20", "--quiet"]
@@ -47,7 +50,7 @@ def test_two_devices_give_what_one_gives(name):
         command = [sys.executable, "-c", MAIN, *TRACK, *FILTERS[name], "--devices", number, "--output", f"{number}.nc"]
         environment = {**os.environ, "JAX_PLATFORMS": "cpu"}
         del environment["NPROC"]
-        subprocess.run(command, check=True, timeout=600, env=environment)
+        subprocess.run(command, check=True, timeout=PATIENCE, env=environment)
     one, two = load_result("1.nc"), load_result("2.nc")
     assert [provenance(tree)["devices"] for tree in (one, two)] == [1, 2]
     first = [tree["summary/state_mean"].isel(frame=0) for tree in (one, two)]  # later, float32 may decide otherwise

@@ -55,6 +55,7 @@ def test_page_and_table_are_written_and_results_left_alone(capsys: pytest.Captur
     assert Path("folder/page.html").is_file()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -88,6 +89,7 @@ def test_wrong_usage(capsys: pytest.CaptureFixture[str], arguments: list[str]) -
     assert "Usage: poseppl compare" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_a_failure_leaves_older_outputs_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
     Path("comparison.html").write_text("older page")
     Path("table.csv").write_text("older table")

@@ -31,6 +31,7 @@ def test_files_beside_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     assert "its exported times are those of 30" in err
 
 
+@pytest.mark.full
 def test_formats_one_after_another(capsys: pytest.CaptureFixture[str]) -> None:
     Path("out").mkdir()
     assert main(["export", "--format", "trc", "csv", "walk.nc", "--output", "out", "--level", "0.5", "-q"]) == 0
@@ -42,6 +43,7 @@ def test_formats_one_after_another(capsys: pytest.CaptureFixture[str]) -> None:
     assert (half[..., [0, 2]] >= most[..., [0, 2]]).all() and (half[..., 1] <= most[..., 1]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "status", "expected"),
     [
@@ -57,5 +59,6 @@ def test_what_does_not_fit_is_told(capsys: pytest.CaptureFixture[str], words: li
     assert sorted(path.name for path in Path().iterdir()) == ["walk.nc"]
 
 
+@pytest.mark.full
 def test_the_same_formats_are_known_to_click() -> None:
     assert tuple(ENDS) == FORMATS

@@ -36,6 +36,7 @@ def test_recordings_of_two_people_and_rates(capsys: pytest.CaptureFixture[str], 
     assert Path("both.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.full
 def test_what_cannot_be_learned_from(capsys: pytest.CaptureFixture[str], data_dir: Path) -> None:
     walk = str(data_dir / "cmu_walks" / "16_15.amc")
     refused(capsys, ["fit-motion", "walk", walk, "--rate", "50"], "16_15.amc", "120", "cannot be made 50", "--rate 120, 60")

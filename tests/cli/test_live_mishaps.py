@@ -48,6 +48,7 @@ def points() -> np.ndarray:
     return load_result("a.nc")["observed_data/points"].to_numpy()
 
 
+@pytest.mark.full
 def test_a_camera_that_stops_sees_nobody_and_is_named(
     copied: Callable[..., list[str]], capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -56,6 +57,7 @@ def test_a_camera_that_stops_sees_nobody_and_is_named(
     assert np.isfinite(points()).any((2, 3)).sum(0).tolist() == [FRAMES, FRAMES, 7] and len(lines("a_live.csv")) == FRAMES
 
 
+@pytest.mark.full
 def test_one_camera(copied: Callable[..., list[str]]) -> None:
     assert main([*copied(cam01=FRAMES), "--stature", "1730"]) == 0
     assert points().shape[:2] == (FRAMES, 1) and len(lines("a_live.csv")) == FRAMES
@@ -74,6 +76,7 @@ def test_errors_of_a_detector_give_the_noise(data_dir: Path, copied: Callable[..
     np.testing.assert_allclose(own[5:], together[5:], rtol=0.02)  # the cameras are mended from other frames
 
 
+@pytest.mark.full
 def test_a_folder_that_is_deleted_costs_its_camera_alone(
     copied: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -95,6 +98,7 @@ def interrupt(times: int, table: LiveTable) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("times", [1, 2])
 def test_interrupted_once_the_result_is_written_and_twice_it_is_told_what_there_is(
     copied: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], times: int
@@ -112,6 +116,7 @@ def test_interrupted_once_the_result_is_written_and_twice_it_is_told_what_there_
     assert ("a_live.csv has the frames so far; the same command without --live" in told) == (times == 2)
 
 
+@pytest.mark.full
 def test_a_disk_that_is_full_costs_the_table_or_is_told(
     copied: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,6 +131,7 @@ def test_a_disk_that_is_full_costs_the_table_or_is_told(
     assert len(lines("a_live.csv")) == FRAMES
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_table_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
     notes: list[str] = []

@@ -77,6 +77,7 @@ def test_every_folder_is_tried(tmp_path: Path, full: list[Path], tree: Any) -> N
     assert not any(Path().iterdir()) and not any((tmp_path / "spare").iterdir())
 
 
+@pytest.mark.full
 def test_a_picture_that_fails_costs_nothing(tree: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: Any) -> None:
         raise RuntimeError("no such colour")
@@ -110,6 +111,7 @@ def test_names_that_are_no_text(capsys: pytest.CaptureFixture[str]) -> None:
     assert "w?.csv" in Path(result).with_suffix(".html").read_text(encoding="utf-8")
 
 
+@pytest.mark.full
 def test_frames_before_one_that_breaks_down_are_written(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -32,6 +32,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_video("film.mp4", [np.full((SIZE[1], SIZE[0], 3), GRAY, np.uint8)] * 5, 10.0)
 
 
+@pytest.mark.full
 def test_lines_are_where_the_result_has_them(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["overlay", "walk.nc", "cam=film.mp4"]) == 0
     assert capsys.readouterr().out.split() == ["walk-cam.mp4"]
@@ -43,6 +44,7 @@ def test_lines_are_where_the_result_has_them(capsys: pytest.CaptureFixture[str])
         assert abs(rows.mean() - left[1]) < 1 and abs(columns.min() - left[0]) < 3 and abs(columns.max() - right[0]) < 3
 
 
+@pytest.mark.full
 def test_the_folder_is_chosen() -> None:
     Path("out").mkdir()
     assert main(["overlay", "walk.nc", "cam=film.mp4", "-o", "out", "-q"]) == 0
@@ -50,6 +52,7 @@ def test_the_folder_is_chosen() -> None:
     assert Path("out/walk-cam.mp4").is_file()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "status", "expected"),
     [

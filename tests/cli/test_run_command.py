@@ -99,6 +99,7 @@ def test_a_model_of_ones_own_is_run_smoothed_and_told(folder, capsys):
     assert known["seed"] == 3 and known["settings"]["num_particles"] == 50
 
 
+@pytest.mark.full
 def test_forecasts_are_scored_and_compared(folder, capsys):
     """Of a model that foretells its data, and of one whose noise is far too small."""
     command = ["run", "model.py", "--data", "data.csv", "--inputs", "push", "--filter", "kalman", "--hindcast", "2", "-q"]
@@ -154,6 +155,7 @@ def test_what_does_not_fit_is_said(folder, capsys, words, message):
     assert not list(folder.glob("poseppl-*"))
 
 
+@pytest.mark.full
 def test_dates_that_nothing_uses_are_left_out_and_those_that_something_does_are_named(folder, capsys):
     head, *rows = (folder / "data.csv").read_text().split()
     dated = [f"date,{head}", *(f"2020-01-{day:02d},{row}" for day, row in enumerate(rows, 1))]
@@ -166,6 +168,7 @@ def test_dates_that_nothing_uses_are_left_out_and_those_that_something_does_are_
     assert "dated.csv, line 2, date: '2020-01-01'" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_what_came_of_finite_sites_is_their_probabilities():
     model = finite_hmm().compile()
     result = poseppl.infer(model, {"y": np.array([0, 1, 1])}, hidden_markov_filter, jax.random.key(0))
@@ -187,6 +190,7 @@ def test_a_word_among_numbers_is_told_where_nothing_uses_its_column(folder, caps
     assert "nothing uses" not in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_tables_of_three_kinds_are_one(folder):
     pandas = pytest.importorskip("pandas")
     table = read_table("data.csv").columns

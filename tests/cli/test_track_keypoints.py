@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from balancing_options import words
+from waiting import PATIENCE
 
 from poseppl.cli import main
 from poseppl.cli.subject import stem_of
@@ -22,6 +23,7 @@ from poseppl.runs.results import load_result, provenance
 pytestmark = pytest.mark.usefixtures("here", "without_pictures")
 
 
+@pytest.mark.full
 def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
     assert main(["track", *words(data_dir, 1, 2, 3, 4), *small]) == 0
@@ -50,6 +52,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
         assert all(0 < camera["noise"] < 30 and camera["agreement"] == 1.0 for camera in found.values())
 
 
+@pytest.mark.full
 def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One camera does not tell them from how far away the person is: smoothed so, whole bodies are far off."""
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "--no-export", "-o", "out.nc"]
@@ -59,6 +62,7 @@ def test_errors_of_one_camera_do_not_last(data_dir: Path, capsys: pytest.Capture
     assert (best["errors"], best["settings"]["walk"]) == ("independent", "mean-reverting")
 
 
+@pytest.mark.full
 def test_without_export(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("out.nc").touch()
     small = ["--frames", "0:12:3", "--filter", "kalman", "--max-draws", "50", "-o", "out.nc"]
@@ -94,7 +98,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "NPROC"}
     script = "import sys; from poseppl.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", script, "track", *words(data_dir, 1, 2, 3, 4), "-q", "-o", "out.nc"]
-    subprocess.run(command, check=True, timeout=1500, env=environment)
+    subprocess.run(command, check=True, timeout=PATIENCE, env=environment)
     assert read_trc("out-laplace.trc").positions.shape == (100, 17, 3)
 
 
@@ -121,6 +125,7 @@ def test_what_does_not_fit_is_told(
     assert not Path("out.nc").exists()
 
 
+@pytest.mark.full
 def test_options_of_keypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", "--person", "2"]) == 2
     assert "--person goes with --keypoints" in capsys.readouterr().err

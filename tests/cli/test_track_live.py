@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from balancing_options import words
+from waiting import PATIENCE
 
 from poseppl.cli import main
 from poseppl.cli.live_table import LiveTable
@@ -24,7 +25,7 @@ from poseppl.runs.results import load_result
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
 FRAMES, CAMERAS = 10, (1, 2, 3, 4)
-SMALL = ["--live", "--start", "0.08", "--wait", "60", "--filter", "kalman", "--max-draws", "50", "-q"]
+SMALL = ["--live", "--start", "0.08", "--wait", f"{PATIENCE:g}", "--filter", "kalman", "--max-draws", "50", "-q"]
 
 
 @pytest.fixture(autouse=True)
@@ -66,12 +67,13 @@ def lines(path: str) -> list[dict[str, str]]:
     return list(csv.DictReader(Path(path).read_text().splitlines())) if Path(path).exists() else []
 
 
+@pytest.mark.full
 def test_files_that_come_give_what_a_folder_of_them_gives(data_dir: Path, options: list[str]) -> None:
     ended = threading.Event()
     writer = threading.Thread(target=detect, args=(data_dir, ended))
     writer.start()
     try:
-        assert main(["track", *options, *SMALL, "--idle", "300", "-o", "a.nc"]) == 0
+        assert main(["track", *options, *SMALL, "--idle", f"{PATIENCE:g}", "-o", "a.nc"]) == 0
     finally:
         ended.set()
         writer.join()
@@ -136,6 +138,7 @@ def test_folders_are_followed_and_files_are_not(data_dir: Path, capsys: pytest.C
         assert f"{source}, cam_01: {expected} (expected with --live a folder" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_live_options_alone(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *options, "--idle", "3"]) == 2
     assert "--idle goes with --live" in capsys.readouterr().err

@@ -70,6 +70,7 @@ def test_lengths_have_the_unit_that_is_given(
     assert capsys.readouterr().err.count("does not tell its unit, which is taken for metres") == 1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -15,6 +15,7 @@ SKELETON = "cmu_expmap/skeleton.json"
 pytestmark = pytest.mark.usefixtures("here", "without_pictures")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("file", "skeleton", "limit"),
     [
@@ -34,6 +35,7 @@ def test_recordings_are_tracked(data_dir: Path, file: str, skeleton: str | None,
     assert np.isfinite(tree["unconstrained_posterior/state"].values).all()
 
 
+@pytest.mark.full
 def test_names_and_lengths_come_from_tables(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (data_dir / "pybvh" / "cmu_12_01_walk.bvh").read_text().replace("Left", "Port").replace("Right", "Starboard")
     Path("ship.bvh").write_text(text)
@@ -80,6 +82,7 @@ def test_stature_of_points(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--stature: 3 mm (expected 500 to 2500 mm)" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_points_of_no_body_are_told_briefly(capsys: pytest.CaptureFixture[str]) -> None:
     names = "\t\t\t".join(f"point{number}" for number in range(200))
     head = "PathFileType\t4\nDataRate\tUnits\n50\tmm\n" + f"Frame#\tTime\t{names}\n\tX1\n"

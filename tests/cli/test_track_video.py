@@ -71,6 +71,7 @@ def tracked(room, tmp_path_factory):
     return folder
 
 
+@pytest.mark.full
 def test_two_videos_are_tracked_and_drawn_over(room, tracked):
     result = load_result(tracked / "seen.nc")
     assert result["posterior"].sizes["frame"] == 3
@@ -84,6 +85,7 @@ def test_two_videos_are_tracked_and_drawn_over(room, tracked):
     assert np.abs(overlay[0].astype(int) - plain).max() > 100  # something is drawn
 
 
+@pytest.mark.full
 def test_videos_are_smoothed_while_they_are_at_hand(room, tracked, tmp_path, capsys):
     words = [*videos(room), *empty(room), *FEW, "--smooth", "backward-simulation", "-o", tmp_path / "seen.nc"]
     assert run(capsys, *words)[0] == 0
@@ -94,6 +96,7 @@ def test_videos_are_smoothed_while_they_are_at_hand(room, tracked, tmp_path, cap
     assert status == 1 and "track --smooth" in told
 
 
+@pytest.mark.full
 def test_a_smoother_that_fails_costs_no_result(room, tmp_path, capsys):
     kalman = ["--filter", "kalman", "--quiet", "--smooth", "genealogy", "-o", tmp_path / "seen.nc"]
     status, told = run(capsys, *videos(room), *empty(room), *kalman)
@@ -115,6 +118,7 @@ def test_smoothing_that_cannot_be_is_told_before(room, capsys, change, words):
     assert status in (1, 2) and re.search(words, told), told
 
 
+@pytest.mark.full
 def test_the_result_tells_how_silhouettes_were_found(tracked):
     found = provenance(load_result(tracked / "seen.nc"))["silhouettes"]
     assert found["noise"] == 80.0 and found["edges"] is False and found["background"]["refine"] is False
@@ -163,6 +167,7 @@ def test_a_video_that_ends_early_ends_the_run_with_a_note(room, tmp_path, capsys
     assert load_result(tmp_path / "short.nc")["posterior"].sizes["frame"] == 2
 
 
+@pytest.mark.full
 def test_a_person_who_leaves_is_predicted_or_stops_the_run(room, tmp_path, capsys):
     for record in RECORDS:
         images = list(open_video(room / f"{record.name}.mp4", record.name).images())
@@ -179,6 +184,7 @@ def test_a_person_who_leaves_is_predicted_or_stops_the_run(room, tmp_path, capsy
     assert not (tmp_path / "stopped.nc").exists()
 
 
+@pytest.mark.full
 def test_a_frame_that_cannot_be_decoded_ends_the_run_or_stops_it(room, tmp_path, capsys):
     images = list(open_video(room / "left.mp4", "left").images())
     (tmp_path / "left").mkdir()
@@ -204,6 +210,7 @@ def test_frames_before_one_that_breaks_down_are_written(room, tmp_path, capsys, 
     assert sum(1 for _ in open_video(tmp_path / "part-left.mp4").images()) == 2
 
 
+@pytest.mark.full
 def test_silhouettes_are_not_smoothed_from_a_file(tracked, capsys):
     status = main(["smooth", str(tracked / "seen.nc"), "--quiet"])
     assert status == 1 and "comes from silhouettes" in " ".join(capsys.readouterr().err.split())

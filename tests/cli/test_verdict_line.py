@@ -27,6 +27,7 @@ def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.
     assert printed(capsys, quiet=True, **wrong) == ("", f"poseppl: {line}{more}")
 
 
+@pytest.mark.full
 def test_a_good_run_is_told_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed(capsys, quiet=False) == ("info: Nothing to complain of.\n", "")
     assert printed(capsys, quiet=True) == ("", "")

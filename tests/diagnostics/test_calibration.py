@@ -21,6 +21,7 @@ def test_exact_gaussians_are_covered_at_the_nominal_rate(level: float) -> None:
     assert narrow.estimate + 5 * narrow.standard_error + 0.005 < level
 
 
+@pytest.mark.full
 def test_standard_error_is_honest_about_neighbouring_frames() -> None:
     """Against the spread over replicates: correlated frames give the right size, and binomial errors would not."""
     estimates, errors = [], []
@@ -59,6 +60,7 @@ def test_joint_error_absolute_and_relative() -> None:
     np.testing.assert_allclose(error.relative, np.broadcast_to([0, 0, 0, 12], (7, 4)), atol=1e-9)
 
 
+@pytest.mark.full
 def test_probability_transform_is_uniform_only_when_calibrated() -> None:
     rng = RNG(2)
     draws, truth = rng.standard_normal((2, 200, 2000, 1)), rng.standard_normal((2000, 1))

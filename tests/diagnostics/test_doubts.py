@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import xarray as xr
 
 from poseppl.diagnostics.doubts import doubts_in_a_row, doubts_of
@@ -85,6 +86,7 @@ def test_errors_by_camera() -> None:
     assert (errors.noise == 2.0).all()
 
 
+@pytest.mark.full
 def test_results_without_points_have_none() -> None:
     bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
     assert image_errors(bare) is None and doubts_of(bare) is None

@@ -32,6 +32,7 @@ def result(increments: Any, ess: Any, **attrs: Any) -> xr.DataTree:
     return build_result(state=draws, names=Names(("x",)), sample_stats=stats, num_particles=PARTICLES, attrs=told)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("which", ["linear", "growth"])
 def test_the_error_of_one_run_is_that_of_replicates(which: str) -> None:
     times = jnp.arange(1.0, FRAMES + 1) if which == "growth" else None
@@ -95,6 +96,7 @@ def test_seeds_tell_the_error_of_what_does_not_know_its_own() -> None:
     assert not any("not known" in found.text for found in findings(together))
 
 
+@pytest.mark.full
 def test_seekers_of_modes_have_none() -> None:
     tree = compare(runs(seeker=result(np.full(10, -0.5), np.full(10, 9.0), filter="annealed")))
     assert evidence_words(tree["evidence"].dataset.isel(run=1)) == "–"

@@ -69,6 +69,7 @@ def _common(
     return checks, draws.swapaxes(0, 1), variance, squares
 
 
+@pytest.mark.full
 def test_what_coordinates_have_in_common_is_handed_on() -> None:
     """Data tell four fifths of each of two coordinates, and of their sum nothing, which lasts. Of 600 sequences."""
     rng = np.random.default_rng(0)

@@ -95,6 +95,7 @@ def test_a_model_of_the_wrong_step_is_told_by_its_forecasts(step, severity):
     assert all("1 to 4 frames ahead" in each.text for each in told)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("frames", "horizon"), [(30, 5), (60, 10), (200, 4)])
 def test_right_forecasts_are_let_be(frames, horizon):
     """Of 200 random walks that are forecast as what they are, at most 5 % are warned of, and of wrong ones the most."""

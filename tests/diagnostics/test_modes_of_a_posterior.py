@@ -100,6 +100,7 @@ def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
     assert mode_labels(np.zeros((1, 2))).tolist() == [0]
 
 
+@pytest.mark.full
 def test_modes_of_two_limbs_are_told_apart_with_their_places() -> None:
     rng = np.random.default_rng(2)
     places = np.tile([[0.0, 0.0, 900.0], [200.0, 0.0, 1100.0], [-200.0, 0.0, 1100.0]], (1000, 1, 1))

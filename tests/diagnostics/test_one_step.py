@@ -18,6 +18,8 @@ from poseppl.errors import InputError
 from poseppl.filters import annealed_filter
 from poseppl.smoothers import rauch_tung_striebel_smoother
 
+pytestmark = pytest.mark.full
+
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # ArviZ 0.23 announces its successor
     import arviz as az

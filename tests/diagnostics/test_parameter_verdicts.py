@@ -63,6 +63,7 @@ LIKELIHOODS = jax.jit(
 )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("step", "wrong"), [(STEP, False), (0.1, True)])
 def test_a_model_whose_steps_are_too_small_is_an_error_whatever_its_noise(
     data: dict[str, np.ndarray], step: float, wrong: bool

@@ -73,6 +73,7 @@ def shorter(noise: float, seed: int, **wrong: float) -> DataPrediction:
     return kalman(walks(noise, seed)[:40, :1], noise, **wrong)
 
 
+@pytest.mark.full
 def test_forty_numbers_tell_half_of_the_variance() -> None:
     """Batches of so few frames do not: their interval excludes 1 in a third of the sequences."""
     right, wrong = ([shorter(PRECISE, seed, step=step) for seed in range(200)] for step in (0.25, 0.11))
@@ -82,6 +83,7 @@ def test_forty_numbers_tell_half_of_the_variance() -> None:
     assert sum(each.estimate - each.half_width > 1 for each in inflations) < 80
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", [PRECISE, NOISY])
 def test_chance_is_uniform_where_predictions_hold(noise: float) -> None:
     chances = np.array([predictive_figures(shorter(noise, seed)).chance for seed in range(400)])

@@ -35,6 +35,7 @@ def test_the_exact_filter_is_calibrated(kalman):
     assert len(figure.axes) == 2 and len(figure.axes[0].patches) == 10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("wrong", [{"Q": np.eye(2)}, {"R": [[4.0]]}])
 def test_a_model_that_does_not_hold_is_noticed(kalman, wrong):
     truth = linear_gaussian(2, num_observed=1, **wrong).compile()
@@ -42,6 +43,7 @@ def test_a_model_that_does_not_hold_is_noticed(kalman, wrong):
     assert found.chance < 1e-3 and "not calibrated" in str(found)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("num_particles", "right"), [(1000, True), (5, False)])
 def test_too_few_particles_are_noticed(num_particles, right):
     """The posterior of five is too narrow in both coordinates; nothing speaks against that of a thousand."""
@@ -95,6 +97,7 @@ def exact_posterior(rng_key, data, scale=1.0):
     return {"offset": mean + scale * np.asarray(jax.random.normal(rng_key, (50,))) / np.sqrt(precision)}
 
 
+@pytest.mark.full
 def test_parameters_are_recovered():
     model = poseppl.StateSpaceModel(initial, transition, observation, parameters).compile()
     about = {"num_frames": FRAMES, "num_simulations": 200}
@@ -108,6 +111,7 @@ def test_parameters_are_recovered():
     assert shifted.chance < 1e-3 and shifted.bias[0] < -5 * shifted.bias_error[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("returned", "match"),
     [

@@ -81,6 +81,7 @@ def test_an_exact_smoother_is_let_be(runs: list[Smoothing]) -> None:
         assert abs(np.mean([each.estimate for each in found]) - right) < 5 * error, name
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "words"),
     [

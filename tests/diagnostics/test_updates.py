@@ -60,6 +60,7 @@ def filtered(seed: int, *, shift: float = 0.0, narrow: float = 1.0) -> Filtered:
     return Filtered(prediction, means, deviations, np.full(FRAMES, np.inf), truths)
 
 
+@pytest.mark.full
 def test_exact_updates_are_let_be() -> None:
     runs = [filtered(seed) for seed in range(RUNS)]
     found = [update_figures(*run[:4]) for run in runs]
@@ -77,6 +78,7 @@ def in_intervals(run: Filtered, times: float = 1.0) -> tuple[StatePrediction, np
     return run.prediction, run.mean - reach, run.mean + reach
 
 
+@pytest.mark.full
 def test_intervals_of_exact_updates_hold_what_they_say() -> None:
     found = np.array([update_coverage(*in_intervals(filtered(seed)))[1][:2] for seed in range(RUNS)])
     assert abs(found[:, 0].mean() - 0.9) < 4 * found[:, 0].std(ddof=1) / np.sqrt(RUNS) + 0.002  # a ratio's bias, of 200 draws
@@ -147,6 +149,7 @@ def test_frames_of_few_effective_draws_tell_nothing() -> None:
     assert check_updates(unknown, *run[1:4]) == []
 
 
+@pytest.mark.full
 def test_a_result_is_judged_where_its_updates_are_told() -> None:
     for shift, severity in ((0.0, "info"), (0.3, "error")):
         run = filtered(1, shift=shift)

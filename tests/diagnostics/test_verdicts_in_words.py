@@ -126,6 +126,7 @@ def test_unseen_frames_are_remarked() -> None:
     assert "Nothing was observed in frames 14-15" in _texts(tree)
 
 
+@pytest.mark.full
 def test_diagnose_adds_one_group_and_survives_the_disk(tmp_path) -> None:  # type: ignore[no-untyped-def]
     tree = synthetic_result(num_frames=5)
     whole = diagnose(tree)
@@ -144,6 +145,7 @@ def test_weighted_particles_take_tau_from_the_effective_number() -> None:
     assert "autocorrelation" not in data
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments", [{"num_draws": 1, "num_chains": 1}, {"num_draws": 3}, {"num_frames": 1}, {"with_truth": False}]
 )

@@ -51,6 +51,7 @@ def test_halving_is_judged_by_intervals_of_paired_runs(errors: dict[str, list[fl
     assert told(**errors)[-2].startswith(f"- Learned scales halve the errors: {verdict}")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("coverage", "verdict"), [(0.9, "holds; on 1 (a)."), (0.84, "does not hold; on none."), (0.96, "does")]
 )

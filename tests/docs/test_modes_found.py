@@ -36,6 +36,7 @@ def test_the_better_of_each_kind_decides(scaled, noise, verdict):
     assert f"the best of noise (dynamic noise) {best[noise]}, kinematic jumps 1.6" in lines[-1]
 
 
+@pytest.mark.full
 def test_shares_are_means_over_poses():
     """11 of 20 modes and of 40: 55 and 27.5 %, of which the mean is shown."""
     assert told(11, 5)[2] == "| covariance scaled, 6 axes | 4 %, 62 % (120) | 4 %, 62 % (480) | 41 %, 62 % (1,920) |"

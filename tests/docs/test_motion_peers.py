@@ -44,6 +44,7 @@ def test_smaller_and_larger_errors_would_be_told(factor, number):
     assert f"libraries' in {number}." in motion_peers.motion_peers({"motion_peers": TABLE._replace(rows=rows)})
 
 
+@pytest.mark.full
 def test_all_libraries_answer_with_all_sets_of_cameras():
     sets = [{row[1].split()[0] for row in TABLE.select(cameras=cameras)} for cameras in set(TABLE.column("cameras"))]
     assert sets == [{"anipose", "Pose2Sim", "EKS", "poseppl"}] * 3

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from poseppl_models.choo_fleet import full_body
 
 from poseppl.motion.bodies.opensim import opensim_coordinates
+
+pytestmark = pytest.mark.full
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "opensim.md"
 

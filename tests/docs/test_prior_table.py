@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from verdicts import learned_prior
 
 from poseppl.experiments.tables import Table
@@ -34,6 +35,7 @@ def test_other_motion_is_noticed_or_mistaken() -> None:
     assert told(0.9, 0.3, run=0.7)[-1].endswith("on 0 of 1 recordings that are no walks, and on 1 of 2 walks (07_08).")
 
 
+@pytest.mark.full
 def test_the_overlap_of_silhouettes_tells_of_other_motion() -> None:
     words = {"05_01": "none", "07_08": "warning", "02_03": "error"}
     rows = [(*row, words[str(row[0])]) for row in rows_of(0.9, 0.8) if row[1] != "default"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from verdicts.simulated_motion import coordinates, simulated_motion
 
 from poseppl.experiments.tables import Table
@@ -51,6 +52,7 @@ def test_a_goal_that_the_posterior_itself_misses():
     assert last.endswith("does not hold (61.0 (60.7 to 61.2), and its 90 % intervals hold 90.1 (90.1 to 90.1) %).")
 
 
+@pytest.mark.full
 def test_angles_are_compared_sequence_by_sequence():
     """Deviations half as wide as those of NUTS in each sequence that both have, and shares that it raises by a quarter."""
     rows = [("default", sequence, "trunk", 0.5, 0.1 * (1 + sequence), 0.3) for sequence in range(12)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from verdicts.smoothing import smoothing_pays
 
 from poseppl.experiments.tables import Table
@@ -29,6 +30,7 @@ def test_no_gain_is_said_so() -> None:
     assert told([128.0, 132.0, 130.0])[-1].endswith("does not hold: window by -30 % (-35 to -25).")
 
 
+@pytest.mark.full
 def test_the_same_silhouettes_count_once() -> None:
     """Two seeds of each of three walks, whose smoothed errors do not depend on the seed."""
     rows = []

@@ -22,6 +22,7 @@ def text_of(page: str) -> str:
     return (DOCS / page).read_text(encoding="utf-8")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", SECTIONS)
 def test_marked_parts_are_made_from_tables(page):
     text = text_of(page)
@@ -78,6 +79,7 @@ DRAWN = {f"choo-fleet-2001/{name}" for name in ("variances", "sequence", "autoco
 """Tables whose rows are too many for the page, which shows them in figures."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", sorted(read_tables().keys() - SHOWN_WHOLE - DRAWN))
 def test_another_number_in_a_table_is_another_page(name):
     tables = read_tables()
@@ -90,6 +92,7 @@ def test_another_number_in_a_table_is_another_page(name):
     assert unnoticed <= allowed and len(unnoticed) < len(numeric)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", SECTIONS)
 def test_another_number_on_a_page_is_noticed(page):
     text, tables = text_of(page), read_tables()

@@ -93,6 +93,7 @@ def test_formulae_of_docstrings_are_no_marks() -> None:
     )
 
 
+@pytest.mark.full
 def test_every_export_has_a_page_and_every_algorithm_its_settings() -> None:
     pages = {*PACKAGES, *all_modules()}
     for package in PACKAGES:

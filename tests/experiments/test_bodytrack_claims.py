@@ -49,6 +49,7 @@ def test_a_folder_is_known_by_all_of_its_files(tmp_path):
     assert Recording.of_file("one", tmp_path).digest != first.digest and first.path == str(tmp_path)
 
 
+@pytest.mark.full
 def test_it_needs_its_recording():
     for part in EXPERIMENT.parts.values():
         with pytest.raises(InputError, match="sequenceB_1=FOLDER"):

@@ -109,6 +109,7 @@ def any_q(seed: int, mixtures: Mixtures, num: int = K, phases: int = M) -> Margi
     return Marginals(*(jnp.asarray(x, float) for x in shares), mixtures.prior_mean)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(3))
 def test_the_free_energy_is_the_divergence_up_to_the_evidence(seed):
     tables, mixtures = tiny(seed), mixtures_of(seed)
@@ -127,6 +128,7 @@ def test_the_free_energy_is_the_divergence_up_to_the_evidence(seed):
     assert expected > -exact(tables, mixtures)[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(8))
 def test_the_free_energy_never_rises_and_bounds_the_evidence(seed):
     tables, mixtures = tiny(seed), mixtures_of(seed)
@@ -137,6 +139,7 @@ def test_the_free_energy_never_rises_and_bounds_the_evidence(seed):
     assert energies[-1] > -exact(tables, mixtures)[0] - 1e-3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(4))
 def test_no_other_bins_have_a_lower_free_energy(seed):
     """Where the rounds end, the bins of a frame and rotation are the best, the others given."""
@@ -150,6 +153,7 @@ def test_no_other_bins_have_a_lower_free_energy(seed):
         assert float(free_energy(logs, mixtures, other)) > least - 2e-3  # float32 of some 600
 
 
+@pytest.mark.full
 def test_mean_field_is_exact_where_the_posterior_factorises():
     """One phase, steps that do not look back, one component."""
     rng, mixtures = np.random.default_rng(0), mixtures_of(0, 1)
@@ -204,6 +208,7 @@ def test_the_mixture_stands_where_the_weights_are():
     np.testing.assert_allclose(mixtures.prior_variance[0, :3], weights @ apart, rtol=1e-3)
 
 
+@pytest.mark.full
 def test_diffusion_in_bins():
     tables = diffusion_tables(jnp.array([0.1, 0.3]), 120)
     angles = np.asarray(bin_angles(np.arange(120)), np.float64)

@@ -55,6 +55,7 @@ def without_jobs(part: Part, tables: list[Table]) -> Part:
     return Part(part.about, lambda *_: {}, lambda *_: tables, runs=part.runs, all_recordings=part.all_recordings)
 
 
+@pytest.mark.full
 def test_a_call_with_one_part_keeps_the_others(tmp_path):
     kept = read_folder(FOLDER)
     made = {part: [kept[name].table for name in names] for part, names in PARTS.items()}

@@ -22,6 +22,7 @@ def particles(count=1):
     return REST + np.random.default_rng(3).normal(size=(count, len(REST))) * np.where(np.arange(len(REST)) < 3, 30.0, 0.2)
 
 
+@pytest.mark.full
 def test_one_particle_has_its_own_distance_without_the_hips():
     state, truth = particles()[0], markers(REST)
     distances = dict(zip(VIRTUAL_MARKERS, np.linalg.norm(markers(state) - truth, axis=-1), strict=True))
@@ -57,6 +58,7 @@ def test_angles_are_averaged_on_the_circle():
     np.testing.assert_allclose(np.exp(1j * again[3:]), np.exp(1j * close[3:]), atol=1e-9)
 
 
+@pytest.mark.full
 def test_particles_without_weight_do_not_matter():
     states = particles(3)
     states[1] = np.nan

@@ -54,6 +54,7 @@ def test_the_papers_scenes():
         circle_scenes(recordings[:3])
 
 
+@pytest.mark.full
 def test_frames_have_the_rate_that_is_asked_for(walk):
     whole = read_motion(walk.path, walk.skeleton)
     root = whole.positions[:, whole.index("root")]
@@ -69,6 +70,7 @@ def test_frames_have_the_rate_that_is_asked_for(walk):
         _subject(Scene(walk, False, 4, rate=125.0))
 
 
+@pytest.mark.full
 def test_circles_turn_left_in_view_of_all_cameras(walk, tmp_path, monkeypatch):
     load_mujoco()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

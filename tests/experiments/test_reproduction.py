@@ -132,6 +132,7 @@ def test_a_second_call_reads_what_the_first_computed(tmp_path):
     assert kept["volumes"].made.recordings == "built-in walk"
 
 
+@pytest.mark.full
 def test_the_full_plan_is_the_papers():
     jobs = EXPERIMENT.parts["single-frame"].plan(EXPERIMENT.full, [BUILT_IN])["frames"].jobs
     assert len(jobs) == 3 * 3 * 5 and sum(len(job.runs) for job in jobs) == 450
@@ -144,6 +145,7 @@ def test_the_full_plan_is_the_papers():
     )
 
 
+@pytest.mark.full
 def test_every_job_of_the_full_plan_has_a_name_and_a_cost():
     jobs = [
         job

@@ -103,6 +103,7 @@ def test_a_summary_of_losses():
     assert row[2:4] == (PUBLISHED, 12) and row[4].startswith("50 % (25 to 75)") and row[5].startswith("0.90 of 1.2 s")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("scene", "kind"), [("arm", "arm"), ("pivot", "stiff_shoulders"), ("turns", "full")])
 def test_own_motions_keep_to_the_limits(scene, kind):
     """And differ from seed to seed."""
@@ -115,6 +116,7 @@ def test_own_motions_keep_to_the_limits(scene, kind):
     assert np.abs(made[0].states - made[1].states).max() > 0.1 and scene in PROGRAMS
 
 
+@pytest.mark.full
 def test_points_go_astray_in_clutter_alone():
     jobs = [Tracks("arm", "arm", BUILT_IN, 25.0, 2.0, cluttered, PUBLISHED, (0,)) for cluttered in (False, True)]
     black, cluttered = (scene_of(job, 0).points for job in jobs)
@@ -150,6 +152,7 @@ def test_the_committed_page_says_what_its_tables_say():
     assert all(set(each.table.column("tracker")) <= set(TRACKERS) for each in kept.values())
 
 
+@pytest.mark.full
 def test_another_number_in_a_table_is_another_page(tmp_path):
     """A run that kept the arm to the end, made one that lost it."""
     for path in FOLDER.iterdir():

@@ -89,6 +89,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -140,6 +141,7 @@ def test_the_limit_is_stated_and_can_be_raised(tmp_path: Path, small: bytes, mon
         load_result(path)
 
 
+@pytest.mark.full
 def test_damaged_results_are_refused_or_read(tmp_path: Path, small: bytes) -> None:
     refused = 0
     for damaged in damaged_copies(small, 60):
@@ -152,6 +154,7 @@ def test_damaged_results_are_refused_or_read(tmp_path: Path, small: bytes) -> No
     assert refused > 10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "change",
     [

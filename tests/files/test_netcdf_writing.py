@@ -12,6 +12,8 @@ import xarray as xr
 
 from poseppl.files.netcdf_writing import write_netcdf
 
+pytestmark = pytest.mark.full
+
 SCRIPT = """
 import resource, sys
 import numpy as np, xarray as xr

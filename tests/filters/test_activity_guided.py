@@ -44,6 +44,7 @@ def model():
     return StateSpaceModel(start, move, observe).compile()
 
 
+@pytest.mark.full
 def test_the_chain_is_read_off_the_program():
     compiled = model()
     sites = chain_sites(compiled)
@@ -155,6 +156,7 @@ def test_without_a_chain_it_is_the_annealed_filter():
         np.testing.assert_allclose(mine, other, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.full
 def test_what_is_no_chain_is_refused():
     def start(params, *rest):
         numpyro.sample("k", dist.Categorical(probs=np.full(3, 1 / 3)))

@@ -24,6 +24,7 @@ def test_the_fraction_asked_survives(survival, scale):
     np.testing.assert_allclose(ess, survival * 999, rtol=1e-3)
 
 
+@pytest.mark.full
 def test_the_exponent_of_equal_values_is_finite():
     for values in ([-1.0] * 5, [-jnp.inf] * 5, [-jnp.inf, 2.0], [0.0]):
         assert np.isfinite(annealing_exponent(jnp.array(values), 0.5))
@@ -51,6 +52,7 @@ def likeliest():
     return np.linalg.solve(posed.matrices.H, np.asarray(posed.observations.values["y"][0], float))
 
 
+@pytest.mark.full
 def test_particles_gather_at_the_mode_of_the_likelihood():
     distances, spreads = [], []
     for num_layers in (1, 10):
@@ -63,6 +65,7 @@ def test_particles_gather_at_the_mode_of_the_likelihood():
     assert np.abs(best - likeliest()).max() < 0.2
 
 
+@pytest.mark.full
 def test_it_is_not_the_posterior():
     """Means are off and variances too small by far, which no number of particles mends."""
     posed = problem()
@@ -72,6 +75,7 @@ def test_it_is_not_the_posterior():
         assert (variances.mean(0) < 0.3 * np.diag(posed.exact.covariances[0])).all()
 
 
+@pytest.mark.full
 def test_a_frame_without_data_is_predicted():
     """No noise is added to the transition's: the variance grows by Q about the predicted means."""
     posed = problem()
@@ -94,6 +98,7 @@ def test_noise_of_a_layer_falls_by_the_survival_rate():
     np.testing.assert_allclose(np.asarray(state.particles).var(0), 100 * survival, rtol=5 * np.sqrt(2 / 4000) + 0.02)
 
 
+@pytest.mark.full
 def test_crossover_takes_whole_groups_from_either_parent():
     particles = jnp.arange(50.0)[:, None] + jnp.array([0.0, 100.0, 200.0, 300.0, 400.0])
     groups = np.array([1, 0, 1, 2, 2])
@@ -109,12 +114,14 @@ def test_crossover_takes_whole_groups_from_either_parent():
         assert not (children[1:, column] == 0).any()
 
 
+@pytest.mark.full
 def test_crossover_joins_what_different_particles_found():
     means, _, best = first_frame(6, 30, crossover=(("x[0]",), ("x[1]",)))
     assert np.abs(best.mean(0) - likeliest()).max() < 0.1
     assert np.isfinite(means).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("num_particles", [1, 5])
 def test_one_particle_and_equal_particles(num_particles):
     posed = problem()
@@ -128,6 +135,7 @@ def test_one_particle_and_equal_particles(num_particles):
     assert len(np.unique(np.asarray(state.particles), axis=0)) <= max(1, num_particles - 1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "word"),
     [

@@ -7,8 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+import pytest
 
 import poseppl
+
+pytestmark = pytest.mark.full
 
 NUM_FRAMES = 30
 

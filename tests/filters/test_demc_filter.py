@@ -33,6 +33,7 @@ def test_ancestors_are_those_of_the_selection():
     np.testing.assert_array_equal(info.ancestors, 7)
 
 
+@pytest.mark.full
 def test_many_layers_lead_to_the_likelihood_not_to_the_posterior():
     posed = problem()
     init = demc_filter(posed.model, 100, num_layers=40, noise_follows="nothing").init
@@ -61,6 +62,7 @@ def frames():
     return posed, found
 
 
+@pytest.mark.full
 def test_weights_are_likelihoods_and_the_best_has_the_largest(frames):
     posed, found = frames
     for t in (0, 1, 3):
@@ -127,6 +129,7 @@ def test_predictions_beyond_hard_limits_find_back(target, prediction):
     assert abs(float(weights @ state.particles[:, 0]) - 0.9) < 0.1
 
 
+@pytest.mark.full
 def test_a_velocity_that_led_nowhere_is_dropped():
     model = within_limits()
     step = jax.jit(demc_filter(model, 60, prediction="velocity").step)
@@ -138,6 +141,7 @@ def test_a_velocity_that_led_nowhere_is_dropped():
     np.testing.assert_array_equal(again.particles, state.particles)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("target", "num_particles"), [("likelihood", 1), ("posterior", 5)])
 def test_one_particle_and_equal_particles(target, num_particles):
     posed = problem()
@@ -149,6 +153,7 @@ def test_one_particle_and_equal_particles(target, num_particles):
     assert np.isfinite(info.log_evidence) and not info.failed
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "word"),
     [

@@ -72,6 +72,7 @@ def test_a_frame_without_data_changes_no_member(form):
     assert updated(form, (False, False, False))[1] == 0.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("form", ["square-root", "stochastic"])
 def test_members_converge_to_kalman_at_the_rate_of_monte_carlo(form):
     """The largest error in means over a sequence falls like one over the root of N."""
@@ -94,6 +95,7 @@ def many(dimension):
     return model, model.observe({"y": ys}), exact_filter(matrices, ys)
 
 
+@pytest.mark.full
 def test_localisation_makes_up_for_few_members():
     """30 members of 60 coordinates: the error of means is less than half of that without tapers."""
     model, observations, exact = many(60)
@@ -142,6 +144,7 @@ def test_adaptive_inflation_finds_what_the_innovations_say(wanted):
     assert step(factor, silent) == factor
 
 
+@pytest.mark.full
 def test_inflation_widens_the_prediction_alone():
     posed = problem()
     states = []
@@ -153,6 +156,7 @@ def test_inflation_widens_the_prediction_alone():
     np.testing.assert_allclose(states[1].mean(0), states[0].mean(0), atol=1e-6)
 
 
+@pytest.mark.full
 def test_tapers_by_position_and_by_name_agree():
     model = linear_gaussian_model(linear_gaussian_matrices(6, 3)).compile()
     by_position = localise_by_position(model, {"x": np.arange(6), "y": np.arange(3)}, 2.0, period=6)
@@ -195,6 +199,7 @@ def test_positions_are_checked():
         localise_by_position(model, {"x": [0, 1], "y": [0, 1]}, 0)
 
 
+@pytest.mark.full
 def test_unsuitable_models_are_refused():
     chain = finite_hmm([0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.3], [0.1, 0.9]]).compile()
     with pytest.raises(UnsuitableModelError, match="finite sites"):

@@ -32,6 +32,7 @@ def wide(params, inputs, observation):
     numpyro.sample("x", dist.Normal(jnp.zeros(2), 1.5).to_event(1))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("auxiliary", [False, True])
 def test_a_proposal_program_changes_nothing_but_the_variance(auxiliary):
     filter = guided_filter(POSED.model, 1000, proposal=Proposal(halfway, wide), auxiliary=auxiliary)
@@ -42,6 +43,7 @@ def test_a_proposal_program_changes_nothing_but_the_variance(auxiliary):
     assert abs(z_scores(ratio, 1.0)) < 5
 
 
+@pytest.mark.full
 def test_a_proposal_that_is_not_weighted_is_noticed(monkeypatch):
     import poseppl.filters.guided as guided
 
@@ -57,6 +59,7 @@ def test_a_proposal_that_is_not_weighted_is_noticed(monkeypatch):
     assert np.abs(z_scores(means, POSED.exact.means)).max() > 20
 
 
+@pytest.mark.full
 def test_the_local_proposal_needs_fewer_particles_than_the_transition():
     exact = POSED.exact.log_evidence.sum()
     spread = {}
@@ -66,6 +69,7 @@ def test_the_local_proposal_needs_fewer_particles_than_the_transition():
     assert spread["guided"] < spread["bootstrap"] / 2
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("auxiliary", [False, True])
 def test_a_curvature_that_depends_on_the_particle(auxiliary):
     """Growth model, two frames, against quadrature over both states."""
@@ -93,6 +97,7 @@ def test_a_curvature_that_depends_on_the_particle(auxiliary):
     assert abs(z_scores(np.exp(np.asarray(increments, float) - log_evidence), 1.0)) < 5
 
 
+@pytest.mark.full
 def test_a_proposal_of_other_sites_is_refused():
     def misspelt(params, state, inputs, observation):
         numpyro.sample("xx", dist.Normal(state["x"], 1.0).to_event(1))

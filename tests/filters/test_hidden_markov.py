@@ -22,6 +22,7 @@ RNG = np.random.default_rng(5)
 FIVE = (RNG.dirichlet(np.ones(5)), RNG.dirichlet(np.ones(5), 5), RNG.dirichlet(np.ones(3), 5))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("matrices", [TWO_STATES, FIVE], ids=["two", "five"])
 def test_equal_to_forward_filtering(matrices):
     model = finite_hmm(*matrices).compile()
@@ -50,6 +51,7 @@ def test_values_of_several_sites():
     assert len({tuple(row) for row in values}) == 12
 
 
+@pytest.mark.full
 def test_continuous_states_are_refused():
     with pytest.raises(ValueError, match="'x'.*particle filter"):
         hidden_markov_filter(growth().compile(1.0))

@@ -17,6 +17,8 @@ from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
 from poseppl.program import Clamped, Observation
 
+pytestmark = pytest.mark.full
+
 SHORT = HMCSettings(num_updates=30, num_leapfrog=8, num_warmup=10)
 
 

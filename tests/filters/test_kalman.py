@@ -44,6 +44,7 @@ def driven_by(a, q, params):
     return kalman_oracle(matrices, *params).log_evidence.sum()
 
 
+@pytest.mark.full
 @both
 @pytest.mark.parametrize("first", ["init", "before"])
 def test_gradient_by_the_transition_parameters_equals_finite_differences(linearisation, first):
@@ -78,6 +79,7 @@ def test_gradient_by_the_transition_parameters_equals_finite_differences(lineari
         np.testing.assert_allclose(slope[name], expected, rtol=1e-4)
 
 
+@pytest.mark.full
 def test_a_broken_state_does_not_begin_anew():
     filter = kalman_filter(POSED.model, 5)
     state, _ = filter.init(jax.random.key(0), *POSED.at(0))
@@ -140,6 +142,7 @@ def test_one_frame_and_no_data():
     np.testing.assert_allclose(found.covariance[0], covariance, atol=1e-6)
 
 
+@pytest.mark.full
 def test_sigma_points_see_what_a_tangent_does_not():
     """E[x^2] of x ~ N(0, 4) is 4; the tangent at 0 is flat."""
     start = Gaussian(jnp.zeros(1), 4.0 * jnp.eye(1))
@@ -153,6 +156,7 @@ def test_sigma_points_see_what_a_tangent_does_not():
     np.testing.assert_allclose(unscented.covariance, [[2 * 16.0 + 1.0]], rtol=1e-5)
 
 
+@pytest.mark.full
 @both
 def test_nonlinear_programs_run(linearisation):
     model = growth().compile(jnp.float32(1.0))

@@ -64,6 +64,7 @@ def test_its_evidence_is_unbiased(found):
     assert ratio.std() < 0.5
 
 
+@pytest.mark.full
 def test_matched_moments_are_noticed(found):
     """The switching filter, which matches two moments of the past, is farther off than the error of the replicates."""
     problem = posed(KEPT)
@@ -92,6 +93,7 @@ def test_a_finite_site_that_depends_on_a_real_one_is_refused():
         jax.eval_shape(built.step, jax.random.key(1), state, data)
 
 
+@pytest.mark.full
 def test_a_model_without_finite_sites_or_inputs_is_one_gaussian():
     model = linear_gaussian_model(linear_gaussian_matrices(1)).compile()
     data = model.observe({"y": jnp.full(1, 0.3)})

@@ -13,6 +13,7 @@ import jax
 import pytest
 from catalogue import FILTERS
 from law_problems import problem
+from waiting import PATIENCE
 
 from poseppl.filters import particle_filter, sharded
 
@@ -37,7 +38,7 @@ def finished(names):
         "PYTHONWARNINGS": "error",
     }
     return subprocess.run(
-        [sys.executable, str(REPORT), *names], check=False, capture_output=True, text=True, timeout=600, env=environment
+        [sys.executable, str(REPORT), *names], check=False, capture_output=True, text=True, timeout=PATIENCE, env=environment
     )
 
 
@@ -53,6 +54,7 @@ def names_of(names):
     ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "group"), names_of({row.name for row in FILTERS}))
 def test_four_devices_give_what_one_gives(name, group):
     found = report(group)[name]

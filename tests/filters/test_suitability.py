@@ -20,6 +20,7 @@ from poseppl.runs.simulation import simulate
 from poseppl.smoothers import forward_backward_smoother, trajectory_smoother
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", MODELS)
 def test_no_filter_is_advised_that_refuses_the_model(name: str) -> None:
     model = MODELS[name]().model
@@ -47,6 +48,7 @@ def test_a_hidden_markov_model_is_advised_what_is_exact_which_is_let_be() -> Non
     assert "use --filter hidden-markov" in told
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("filter", "settings", "advice"),
     [

@@ -60,6 +60,7 @@ def test_it_is_exact_where_the_past_is_forgotten():
     np.testing.assert_allclose(increments, exact.log_evidence, atol=1e-5)
 
 
+@pytest.mark.full
 def test_summaries_are_of_the_mixture_not_of_draws():
     problem = posed(0.0)
     state, info = switching_filter(problem.model, 10).init(jax.random.key(0), frame(problem.observations, 0), None)
@@ -70,6 +71,7 @@ def test_summaries_are_of_the_mixture_not_of_draws():
     np.testing.assert_allclose(kept["k_probability"], [1 - mean[0], mean[0]], atol=1e-5)
 
 
+@pytest.mark.full
 def test_it_is_near_where_moments_of_the_past_are_matched():
     exact, chances, means, increments = answer(0.7)
     np.testing.assert_allclose(means[:2], exact.means[:2, 1], atol=0.02)
@@ -78,6 +80,7 @@ def test_it_is_near_where_moments_of_the_past_are_matched():
     assert 1e-4 < np.abs(increments - exact.log_evidence).max() < 0.1
 
 
+@pytest.mark.full
 def test_draws_are_of_the_gaussians():
     problem = posed(0.0)
     state, _ = switching_filter(problem.model, 20_000).init(jax.random.key(0), frame(problem.observations, 0), None)
@@ -86,6 +89,7 @@ def test_draws_are_of_the_gaussians():
     assert np.abs(errors).max() < 5
 
 
+@pytest.mark.full
 def test_several_finite_sites_are_refused():
     def start(params, *rest):
         numpyro.sample("k", dist.Bernoulli(0.5).expand((2,)).to_event(1))

@@ -20,6 +20,8 @@ from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, OwnKernel
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.particles.resampling import systematic
 
+pytestmark = pytest.mark.full
+
 SETTINGS = Tempering(0.5, 30, None, 1, True, HMC_MOVES, systematic)
 NUM = 400
 

@@ -61,6 +61,7 @@ def laplace(states, log_masses, width=1.0):
     return Modes(states, 1.0 / scales**2, scales, jnp.asarray(log_masses, jnp.float32))
 
 
+@pytest.mark.full
 def test_modes_linked_by_steps_are_one():
     modes = laplace([0.0, 2.0, 10.0, 4.0, jnp.nan], [*np.log([0.1, 0.2, 0.3, 0.4]), -np.inf])
     labels = group_modes(modes)
@@ -77,6 +78,7 @@ def test_a_mode_weighs_its_mass_however_many_chains_it_got(lesser):
     assert np.exp(log_weights).sum() == pytest.approx(1.0, rel=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("power", "expected"), [(1.0, 0.1), (0.75, 0.1614), (0.5, 0.25), (0.0, 0.5)])
 def test_a_smaller_power_gives_a_lesser_mode_more_chains_and_the_same_weight(power, expected):
     """Of 0.1 and 0.9: shares of 0.1^a / (0.1^a + 0.9^a), to within a chain; without the power all would have the first."""
@@ -86,6 +88,7 @@ def test_a_smaller_power_gives_a_lesser_mode_more_chains_and_the_same_weight(pow
     assert np.exp(log_weights)[np.asarray(chosen) == 1].sum() == pytest.approx(0.1, rel=1e-5)
 
 
+@pytest.mark.full
 def test_where_no_mode_has_mass_all_chains_count_alike():
     chosen, log_weights = mode_chains.share_out(jax.random.key(0), laplace([-10.0, 10.0, 10.5], [-np.inf] * 3), 30)
     assert set(chosen.tolist()) == {0, 1, 2}

@@ -21,6 +21,8 @@ from poseppl.filters.window_target import empty_window, move_on, window_target
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.program import Observation
 
+pytestmark = pytest.mark.full
+
 WINDOW = 3
 
 

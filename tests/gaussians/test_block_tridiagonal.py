@@ -77,6 +77,7 @@ def test_agrees_with_dense_linear_algebra(shape, dtype):
             np.testing.assert_allclose(found.ravel(), answer, rtol=tolerance, atol=tolerance * np.abs(answer).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", [(1, 3), (2, 1), (6, 3)])
 def test_dense_form_holds_every_block(shape):
     matrix, dense = random_matrix(*shape)
@@ -110,6 +111,7 @@ def test_a_ridge_makes_a_singular_matrix_definite():
     assert not np.isfinite(factorise(matrix, ridge=0.0).inverses).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", [(1, 3), (2, 1), (6, 3)])
 def test_the_solution_and_log_determinant_have_the_dense_ones_gradient(shape):
     with precision(jnp.float64):

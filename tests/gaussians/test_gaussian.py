@@ -9,6 +9,8 @@ import pytest
 
 from poseppl.gaussians.gaussian import lower_inverse
 
+pytestmark = pytest.mark.full
+
 
 @pytest.mark.parametrize("size", [1, 32, 33, 70])
 def test_triangular_matrices_are_inverted(size):

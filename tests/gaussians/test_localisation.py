@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from poseppl.gaussians.localisation import gaspari_cohn
 
@@ -26,6 +27,7 @@ def test_its_pieces_join_with_their_derivatives():
             assert value is None or abs(above - value) < 1e-12
 
 
+@pytest.mark.full
 def test_its_matrices_are_positive_semi_definite():
     places = np.random.default_rng(0).uniform(0, 10, (200, 3))
     distances = np.linalg.norm(places[:, None] - places, axis=-1)

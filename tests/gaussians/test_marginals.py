@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import scipy.optimize
 import scipy.stats
 
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
+
+pytestmark = pytest.mark.full
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 WEIGHTS = np.array([0.2, 0.5, 0.3])

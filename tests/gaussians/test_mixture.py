@@ -17,6 +17,7 @@ COVARIANCES = np.array([[[1.0, 0.4], [0.4, 0.5]], [[0.2, 0.0], [0.0, 3.0]]])
 MIXTURE = GaussianMixture(*(jnp.asarray(part, jnp.float32) for part in (np.log(WEIGHTS), MEANS, COVARIANCES)))
 
 
+@pytest.mark.full
 def test_density():
     points = np.random.default_rng(0).normal(2.0, 2.0, (20, 2))
     parts = [scipy.stats.multivariate_normal(m, c).pdf(points) for m, c in zip(MEANS, COVARIANCES, strict=True)]
@@ -57,6 +58,7 @@ def test_covariances_of_few_draws_have_heavy_tails():
     )
 
 
+@pytest.mark.full
 def test_draws_come_from_their_components():
     draws, component = (np.asarray(part) for part in draw_mixture(jax.random.key(0), MIXTURE, 20_000))
     assert abs((component == 1).mean() - 0.3) < 5 * np.sqrt(0.21 / 20_000)
@@ -99,6 +101,7 @@ def test_chains_count_by_their_weights():
     np.testing.assert_allclose(one.covariances, again.covariances, rtol=2e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [2, 8])
 def test_few_draws_in_many_dimensions_leave_no_direction_without_variance(number):
     """Draws that all lie in a plane of ten dimensions, in units as far apart as millimetres and radians."""
@@ -110,6 +113,7 @@ def test_few_draws_in_many_dimensions_leave_no_direction_without_variance(number
     assert np.isfinite(jax.vmap(log_mixture(mixture))(chains.reshape(-1, 10))).all()
 
 
+@pytest.mark.full
 def test_a_coordinate_that_is_the_same_in_all_draws_has_no_variance():
     draws = np.random.default_rng(4).normal(size=(6, 50, 3)) * [1.0, 0.0, 1e-3]
     mixture, residuals = fit_mixture(jnp.asarray(draws, jnp.float32), 3)

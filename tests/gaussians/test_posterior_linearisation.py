@@ -20,6 +20,8 @@ from poseppl.gaussians.linearisation import linearise, predict
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import smoothed_moments
 
+pytestmark = pytest.mark.full
+
 YS = np.array([4.0, np.nan, 1.5, 0.3, 2.5, 6.0])
 STEP, NOISE = 0.5, 0.2
 every_method = pytest.mark.parametrize("method", ["first-order", "unscented", "gauss-hermite"])

@@ -44,26 +44,31 @@ def test_the_density_is_invariant_for_few_members(name):
     assert 0.05 < float(chains.acceptance.mean()) < 0.9
 
 
+@pytest.mark.full
 def test_another_density_is_noticed():
     assert np.abs(z_scores(after_updates(DEMCSettings(), log_density=lambda x: 0.8 * banana(x)).draws[:, :, -1])).max() > 10
 
 
+@pytest.mark.full
 def test_moves_without_metropolis_are_noticed():
     assert np.abs(z_scores(after_updates(DEMCSettings(), log_density=lambda x: 0.0 * x[0]).draws[:, :, -1])).max() > 10
 
 
+@pytest.mark.full
 def test_noise_that_is_not_symmetric_is_noticed(monkeypatch):
     one_sided = lambda key, width, x: width * jax.random.uniform(key, x.shape, x.dtype)  # noqa: E731
     monkeypatch.setattr(demc, "symmetric_noise", one_sided)
     assert np.abs(z_scores(after_updates(DEMCSettings(noise=0.5, scale=0.4)).draws[:, :, -1])).max() > 10
 
 
+@pytest.mark.full
 def test_snooker_without_its_factor_is_noticed(monkeypatch):
     original = demc._snooker
     monkeypatch.setattr(demc, "_snooker", lambda *arguments: (original(*arguments)[0], 0.0))
     assert np.abs(z_scores(after_updates(DEMCSettings(snooker=1.0)).draws[:, :, -1])).max() > 10
 
 
+@pytest.mark.full
 def test_all_members_at_once_is_noticed(monkeypatch):
     """The pool of a member's step must not move with it: the whole population as its own pool is not exact."""
 
@@ -82,6 +87,7 @@ def long_run(settings, number, replicates=30):
     return jax.jit(lambda keys: jax.lax.map(run, keys))(keys)
 
 
+@pytest.mark.full
 def test_past_states_converge_with_few_members():
     settings = DEMCSettings(num_updates=1500, num_warmup=500, past_states=True, snooker=0.1)
     draws = long_run(settings, 3)
@@ -101,6 +107,7 @@ def test_members_find_the_scale_and_the_correlation():
     assert int(chains.num_density) == 60 * 401
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("number", "past_states"), [(1, False), (2, True), (3, False)])
 def test_few_and_equal_members(number, past_states):
     settings = DEMCSettings(num_updates=20, snooker=0.3, past_states=past_states)
@@ -113,6 +120,7 @@ def test_few_and_equal_members(number, past_states):
     assert np.asarray(moving.draws)[:, -1].std() > 0
 
 
+@pytest.mark.full
 def test_impossible_places_are_never_entered_and_are_left():
     def half(x):
         return jnp.where(x[0] > 0, banana(x), jnp.nan)
@@ -124,6 +132,7 @@ def test_impossible_places_are_never_entered_and_are_left():
     assert not (~outside[:, :-1] & outside[:, 1:]).any()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "wrong",
     [{"num_updates": 0}, {"num_warmup": 30}, {"noise": 1.0}, {"noise": -0.1}, {"scale": 0.0}, {"jump": 1.1}, {"snooker": -0.1}],

@@ -34,6 +34,7 @@ def exact_moments(slope, curvature):
 CUTS = [(s, c) for s in (0.0, 0.1, 1.0, 2.9, 3.1, 30.0, 1e4) for c in (0.01, 1.0, 50.0)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_cut_gaussian_is_integrated_however_steep(dtype):
     rtol = 2e-5 if dtype is np.float32 else 1e-7
@@ -104,6 +105,7 @@ def test_the_mass_of_a_gaussian_cut_by_one_bound_is_exact(dtype, shift):
         np.testing.assert_allclose(modes.covariances[0], free, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.full
 def test_a_row_cuts_as_the_bound_of_a_turned_coordinate_does():
     mean, matrix = gaussian(5, 3)
     normal = np.array([0.6, 0.0, -0.8])
@@ -115,6 +117,7 @@ def test_a_row_cuts_as_the_bound_of_a_turned_coordinate_does():
         assert modes.log_masses[0] == pytest.approx(whole + scipy.stats.norm.logcdf(shift), abs=3e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(6))
 def test_a_corner_is_bounded_from_below(seed):
     """Two bounds that both cut: never more than the orthant's probability, and near to it; Laplace's own is far off."""
@@ -150,6 +153,7 @@ def mixture(seed, number=6, dimension=3):
     return log_density, lambda x: -jax.hessian(log_density)(x), means, log_weights, unit
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(2))
 def test_all_modes_of_a_mixture_are_found_once_with_their_masses(seed):
     log_density, curvature, means, log_weights, unit = mixture(seed)
@@ -166,6 +170,7 @@ def test_all_modes_of_a_mixture_are_found_once_with_their_masses(seed):
     assert float(few.log_mass) == pytest.approx(0.0, abs=0.02)  # also of modes that were not kept
 
 
+@pytest.mark.full
 def test_bounds_cut_a_mixture_into_its_parts():
     """A bound through the middle of one mode halves it, and moves another one, which lies beyond, to the face."""
 
@@ -192,6 +197,7 @@ def test_climbs_that_came_to_one_mode_are_one():
     assert len(set(labels[:3])) == 1 and len(set(labels[3:])) == 1 and labels[0] != labels[3]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_singular_curvatures_and_lost_climbs_have_no_nan(dtype):
     with precision(dtype):

@@ -54,6 +54,7 @@ def test_a_wider_density_is_noticed():
     assert np.abs(z_scores(run(lambda x: 0.8 * banana(x)).draws)).max() > 10
 
 
+@pytest.mark.full
 def test_step_size_adapts_to_the_acceptance_rate():
     settings = HMCSettings(num_updates=400, num_leapfrog=10, num_warmup=200, step_size=0.02, target_acceptance=0.85, jitter=0.3)
     starts = jax.random.normal(jax.random.key(3), (10, 28))
@@ -78,6 +79,7 @@ def test_number_of_gradients_is_counted():
     assert int(chains.num_gradient) == 3 * (1 + 6 * 5)
 
 
+@pytest.mark.full
 def test_nan_density_is_never_accepted():
     def half(x):
         return jnp.where(x[0] > 0, banana(x), jnp.nan)

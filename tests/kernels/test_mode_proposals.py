@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from poseppl.kernels.mode_proposals import covariance_scaled, dynamic_noise, principal_axes
 
@@ -15,6 +16,7 @@ COVARIANCE = jnp.asarray(TURN * WIDTHS**2 @ TURN.T * UNITS[:, None] * UNITS)
 MODE = jnp.asarray(UNITS * np.array([1.0, -2.0, 0.5, 3.0]))
 
 
+@pytest.mark.full
 def test_axes_are_the_widest_in_the_given_units():
     axes = np.asarray(principal_axes(COVARIANCE, jnp.asarray(UNITS), 2)) / UNITS
     np.testing.assert_allclose(np.abs(axes @ TURN), np.diag(WIDTHS)[:2], atol=1e-4)
@@ -40,6 +42,7 @@ def test_random_starts_have_the_stretched_covariance_of_the_subspace():
     assert abs(along[:, :2].std(0)[0] / WIDTHS[0] - 9.0) > 1.0  # a factor of the covariance, not of the width
 
 
+@pytest.mark.full
 def test_noise_is_inflated_alike_in_all_directions():
     noise = jnp.asarray(np.diag(UNITS**2))
     condensation = dynamic_noise(20_000, noise, stretch=4.0)(jax.random.key(2), MODE, COVARIANCE)

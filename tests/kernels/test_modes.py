@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import scipy.stats
 
 from poseppl.kernels import find_modes, mode_log_weights, whitening
@@ -64,6 +65,7 @@ def test_whitening_makes_the_precision_the_identity():
         np.testing.assert_allclose(diagonal.to_white(diagonal.to_state(z)), z, atol=1e-12)
 
 
+@pytest.mark.full
 def test_climbers_that_came_to_one_mode_share_its_mass():
     """Otherwise a mode counts as often as it is found: here the left one three times."""
     log_density, curvature = square_problem()
@@ -77,6 +79,7 @@ def test_climbers_that_came_to_one_mode_share_its_mass():
     assert np.abs(plain[:3].sum() - 3 * once[0] / (3 * once[0] + once[1])) < 0.01
 
 
+@pytest.mark.full
 def test_a_climb_that_broke_down_has_no_mass():
     log_density, curvature = square_problem()
     starts = jnp.array([[-2.0], [2.0]])

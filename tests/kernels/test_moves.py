@@ -35,6 +35,7 @@ def population():
     return contexts + jax.random.normal(key_draw, (NUM, 2)) @ lower.T, contexts
 
 
+@pytest.mark.full
 def test_gradients_show_the_covariance_given_the_context(population):
     # in this file a tenth is 4.5 standard errors of a variance of 4,000 draws; found up to 0.037
     transform = whitening_from_gradients(evaluate(*population, log_density, HMC_MOVES))
@@ -71,6 +72,7 @@ def test_members_keep_their_conditional_density_and_the_step_adapts(population, 
     assert counted == NUM * (1 + 20 * (4 if settings.kernel == "hmc" else 1))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("gradients", [0.0, jnp.nan, jnp.inf])
 def test_charts_of_nothing_are_finite(gradients):
     starts = Starts(jnp.ones((3, 2)), None, jnp.zeros(3), jnp.full((3, 2), gradients))

@@ -47,6 +47,7 @@ def least_squares_problem(seed):
     return (a, b, target, scale), low, high
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_bounded_least_squares_are_scipys(dtype):
     """Of trf with the same bounds, coordinates differing in scale by up to 10^4; some bounds are active in every problem."""
@@ -100,6 +101,7 @@ def quadratic_problem(seed):
     return hessian, centre, rows, limits
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_rows_of_a_matrix_are_held_as_scipys_trust_constr_does(dtype):
     active = 0
@@ -161,6 +163,7 @@ def test_a_climb_ends_in_a_minimum_and_not_in_a_saddle():
     assert np.abs(np.asarray(climbs.gradients) * [1.0, 100.0]).max() < 0.02
 
 
+@pytest.mark.full
 def test_a_start_on_a_constraint_leaves_it_when_the_cost_falls_inward():
     """A cost that falls along the upper bound of one coordinate, and away from that of the other; and from a row."""
 
@@ -192,6 +195,7 @@ def test_holding_every_touched_bound_is_noticed(monkeypatch):
         test_a_start_on_a_constraint_leaves_it_when_the_cost_falls_inward()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_singular_curvatures_make_no_nan(dtype):
     """A density that knows one combination of three coordinates, one that knows none, and one with a cliff."""
@@ -221,6 +225,7 @@ def identity(x, centre):
     return jnp.eye(2)
 
 
+@pytest.mark.full
 def test_one_compilation_serves_all_data():
     traces = []
 
@@ -237,6 +242,7 @@ def test_one_compilation_serves_all_data():
     assert counts[0] == counts[1] > 0
 
 
+@pytest.mark.full
 def test_rows_of_another_length_are_refused():
     with pytest.raises(ValueError, match=r"rows have shape \(1, 2\)"):
         constraints(3, rows=[[1.0, 0.0]])

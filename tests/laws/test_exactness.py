@@ -134,6 +134,7 @@ def broken_laws(row, found):
     return broken if evidence_is_exact(ratios, row.evidence_error) else broken | {"evidence"}
 
 
+@pytest.mark.full
 @every_filter
 def test_mistakes_are_noticed(row):
     """Each by a law, in every row, but those on moments by seekers of modes; equal weights can be ignored."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from catalogue import FILTERS, rows
 from law_problems import run
 from oracles.kalman import simulate
@@ -45,6 +46,7 @@ def test_a_state_is_where_its_ancestor_leads_to(row):
         assert infos.num_likelihood[1] >= 2 * infos.num_likelihood[0], "nor of one that does not temper"
 
 
+@pytest.mark.full
 def test_ancestors_of_a_neighbour_are_noticed():
     found, _ = distances(next(row for row in FILTERS if row.name == "particle"), shift=1)
     assert found.max() > 20 * SPREAD

@@ -14,6 +14,8 @@ from mistakes import NO_MISTAKES, Mistakes
 from other_problems import clamped_and_smoothed, counted_and_smoothed
 from smoothing_problems import broken_laws, chain_problem, is_mean, replicator, smoothed_chain
 
+pytestmark = pytest.mark.full
+
 QUICK = ("forward-backward", "backward-simulation-metropolis")
 QUICK_FILTERS = ("kalman", "particle")
 GAUSSIAN = (

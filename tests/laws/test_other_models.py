@@ -28,6 +28,7 @@ def check(row, posed, *, evidence=True):
         assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(REPLICATES) + 1e-4).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name",
     ["particle", "auxiliary", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tempered", "demc-posterior"))],
@@ -36,6 +37,7 @@ def test_counts_of_a_positive_rate(name):
     check(ROWS[name], counted())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name",
     [
@@ -50,6 +52,7 @@ def test_a_part_of_the_state_that_is_known(name):
     check(ROWS[name], clamped())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", ["kalman", "guided", *(pytest.param(name, marks=pytest.mark.slow) for name in ("assumed-density", "auxiliary"))]
 )
@@ -69,6 +72,7 @@ def means_of_counts(ys, slope):
     return np.array(means)
 
 
+@pytest.mark.full
 def test_a_state_of_counts():
     """Against all counts up to 59; another rate is noticed."""
 
@@ -87,6 +91,7 @@ def test_a_state_of_counts():
     assert np.abs(z_scores(np.array(runs), means_of_counts(ys, 0.6))).max() > 10
 
 
+@pytest.mark.full
 def test_known_values_of_the_wrong_frame_are_noticed():
     posed = clamped()
     late = posed._replace(inputs=jax.tree.map(lambda leaf: jnp.roll(leaf, 1, axis=0), posed.inputs))

@@ -63,18 +63,21 @@ def test_means_and_covariances_are_those_of_rauch_tung_and_striebel(row):
     check_exact(row, linear_problem_with_powers, row.lag)
 
 
+@pytest.mark.full
 @discrete_smoothers
 @pytest.mark.parametrize("num_states", [2, pytest.param(5, marks=pytest.mark.slow)])
 def test_states_of_a_hidden_markov_chain_have_their_probabilities(row, num_states):
     check_exact(row, markov_problem, num_states)
 
 
+@pytest.mark.full
 @rows([row for row in SMOOTHERS if row.consistent and row.multimodal], lambda row: row.name in CHEAP)
 def test_growth_model_has_the_moments_of_quadrature(row):
     """Two modes, a transition that bends, and time as an input."""
     check_exact(row, growth_problem)
 
 
+@pytest.mark.full
 @two_kinds
 @pytest.mark.parametrize("dimension", [1, *(pytest.param(many, marks=pytest.mark.slow) for many in (10, 28))])
 def test_linear_models_of_other_dimensions(name, dimension):
@@ -151,6 +154,7 @@ def excused(row, mistake):
     return any(mistake in excuse.mistakes and row.name in excuse.smoothers for excuse in EXCUSES)
 
 
+@pytest.mark.full
 @linear_smoothers(lambda row: row.name in CHEAP)
 def test_mistakes_are_noticed(row):
     """Each by a law that the right smoother holds, but those that change nothing for a smoother of its kind."""

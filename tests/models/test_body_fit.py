@@ -16,6 +16,8 @@ from poseppl.diagnostics import VIRTUAL_MARKERS
 from poseppl.errors import InputError
 from poseppl.motion.geometry import marker_positions
 
+pytestmark = pytest.mark.full
+
 
 def place_markers(body, states):
     """Places (T, 3) in mm of all of a body's markers in states (T, d)."""

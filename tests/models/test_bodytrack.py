@@ -53,6 +53,7 @@ def around(data, count, seed=0):
     return jnp.asarray(data.start + data.step_scale * noise, float)
 
 
+@pytest.mark.full
 def test_corners_in_the_first_camera(folder):
     """Published to 0.1 px; so is the tolerance, rounding included."""
     data = recording(folder)
@@ -67,6 +68,7 @@ def test_corners_in_the_first_camera(folder):
         np.testing.assert_allclose(corners[part], expected, atol=0.07)
 
 
+@pytest.mark.full
 def test_scores_of_the_benchmark(folder):
     """Its own figures, to their four digits, with as many samples as an independent port counts."""
     data = recording(folder)
@@ -100,6 +102,7 @@ def test_poses_and_states_round_trip(folder):
     np.testing.assert_allclose(recording(folder).start[:3], [134.693, 940.095, 867.287])
 
 
+@pytest.mark.full
 def test_limbs_are_all_coordinates(folder):
     body = recording(folder).body
     groups = limb_groups(body)
@@ -209,6 +212,7 @@ def test_files_that_cannot_be_used(folder, tmp_path, name, text, words):
         read_bodytrack(tmp_path / "copy")
 
 
+@pytest.mark.full
 def test_folders_that_cannot_be_used(folder, tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         read_bodytrack(tmp_path / "absent")

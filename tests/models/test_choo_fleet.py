@@ -57,6 +57,7 @@ def test_at_rest():
     assert 1550 < stature < 1750
 
 
+@pytest.mark.full
 def test_every_coordinate_moves_a_marker():
     body = full_body()
     jacobian = jax.jacrev(lambda x: marker_positions(body.tree, x))(jnp.asarray(poses(body, 1)[0]))
@@ -65,6 +66,7 @@ def test_every_coordinate_moves_a_marker():
     assert np.all(np.delete(moved, twist) > 0.5)
 
 
+@pytest.mark.full
 def test_compiled_program(dtype):
     body = full_body()
     frame = inputs(body)
@@ -81,6 +83,7 @@ def test_compiled_program(dtype):
     np.testing.assert_allclose(model.log_transition(y, x, frame), expected, rtol=500 * epsilon(dtype))
 
 
+@pytest.mark.full
 def test_likelihood_of_simulated_data(dtype):
     """Eq. 20 for the true pose, from the program's own simulation; and another pose is far less likely."""
     body = full_body()
@@ -133,5 +136,6 @@ def test_measuring_what_was_not_seen():
         measure(named)
 
 
+@pytest.mark.full
 def test_lengths_are_plain_numbers():
     assert json.loads(json.dumps(dict(full_body({"thigh": 400.0}).lengths)))["thigh"] == 400.0

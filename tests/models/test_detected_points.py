@@ -106,6 +106,7 @@ def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], f
     assert other < -4, independent
 
 
+@pytest.mark.full
 def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scene[PointData]) -> None:
     """A known start stays; else angles are those of people at rest, and the root may be far from where it was found."""
     known, sought = (make_problem(each) for each in (scene, scene._replace(states=None)))
@@ -118,6 +119,7 @@ def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scen
     assert np.all(np.asarray(opened.start_scale.value)[root] > 5 * np.asarray(sought.inputs.start_scale.value)[root])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mean_reverting", [False, True], ids=["random walk", "mean-reverting"])
 def test_the_body_walks_as_its_velocities_were_learned(scene: Scene[PointData], mean_reverting: bool) -> None:
     """Moments of poses and velocities in the program are those of the transitions that their scales are learned with."""
@@ -150,6 +152,7 @@ def test_the_result_is_that_of_the_body(scene: Scene[PointData], filtered: xr.Da
     assert np.median(error) < np.median(before)
 
 
+@pytest.mark.full
 def test_the_same_recording_is_posed_for_programs_that_are_compiled(scene: Scene[PointData]) -> None:
     """Model and collector are the very objects of the time before, for which JAX has compiled."""
     once, again = (with_lasting_errors(make_problem(scene), scene.frames, scene.rate) for _ in range(2))
@@ -169,6 +172,7 @@ def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointD
     assert found.shape[1] == problem.model.dimension and not np.any(found[:, states.shape[1] :])
 
 
+@pytest.mark.full
 def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
     with pytest.raises(InputError, match="whole body"):
@@ -182,6 +186,7 @@ def test_what_cannot_have_lasting_errors_is_refused(scene: Scene[PointData], fil
         smooth(track(alone, TrackSettings(filter="kalman")), SmoothSettings("laplace", errors="lasting"))
 
 
+@pytest.mark.full
 def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     lengths = dict(scene.body.lengths)
     measured = MeasuredLengths(offsets_per_length(filtered), lengths_per_place(scene.body, scene.markers))
@@ -225,6 +230,7 @@ def test_lengths_of_a_long_recording_are_known_better() -> None:
     assert mean_deviation(np.full(1, 1 / RATE)) == SHIFT
 
 
+@pytest.mark.full
 def test_what_was_measured_is_not_exact(scene: Scene[PointData]) -> None:
     """Angles are known less well, by some degrees where a length alone tells them; places nearly as well."""
     told = scene._replace(data=scene.data._replace(found={"lengths measured": True}))

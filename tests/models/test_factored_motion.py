@@ -17,6 +17,8 @@ from poseppl.filters import hidden_markov_filter, particle_filter
 from poseppl.motion.learned import FactoredTables, bin_angles
 from poseppl.program import StateSpaceModel
 
+pytestmark = pytest.mark.full
+
 PHASES, ROTATIONS, BINS, FRAMES = 2, 2, 3, 3
 
 

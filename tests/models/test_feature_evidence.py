@@ -10,6 +10,8 @@ from poseppl_models.feature_evidence import colours_at, du_guan_of_features, two
 from poseppl.motion.geometry.silhouette_bits import unpack_bits
 from poseppl.motion.vision import BackgroundSettings, FeatureSettings, background_from_plate, extract
 
+pytestmark = pytest.mark.full
+
 pytest.importorskip("cv2", reason="needs pip install 'poseppl[vision]'")
 
 

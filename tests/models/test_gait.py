@@ -60,6 +60,7 @@ def test_knees_elbows_and_feet(stride):
     assert np.corrcoef(*arms)[0, 1] < -0.3  # an arm swings against its leg
 
 
+@pytest.mark.full
 def test_walk_is_the_recordings_fit(data_dir):
     motion = read_motion(data_dir / "cmu_amc" / "02_01.amc", data_dir / "cmu_amc" / "02.asf")
     table = json.loads(files("poseppl_models").joinpath("walk.json").read_text())

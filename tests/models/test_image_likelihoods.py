@@ -203,6 +203,7 @@ def perturbed(body, count, seed=0):
     return true_pose(body) + scale * rng.normal(size=(count, body.tree.dimension))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name == "peursum" else ()) for name in NAMES if name not in SMOOTH]
 )
@@ -216,6 +217,7 @@ def test_equals_plain_numpy(catalogue, name):
         np.testing.assert_allclose(value, plain(body, state, evidence, occluder()), rtol=EXACT, atol=2e-7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 def test_highest_near_the_truth(catalogue, name):
     """Above all of 60 poses that are off by 60 mm and 0.25 rad in every coordinate."""
@@ -226,6 +228,7 @@ def test_highest_near_the_truth(catalogue, name):
     assert found[0] - np.median(found[1:]) > 5.0  # temperatures of 0.1 to 0.3 tell poses apart by more than e^5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", NAMES)
 def test_cameras_multiply_and_drop_out(catalogue, name):
     """Weights add cameras up, and what a camera of weight 0 holds changes nothing at all."""
@@ -247,6 +250,7 @@ def test_what_is_hidden_is_no_evidence(catalogue, name):
     np.testing.assert_array_equal(evaluate(states, inputs(body, changed)), evaluate(states, inputs(body, evidence)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", [pytest.param("smooth_peursum", marks=pytest.mark.slow), "smooth_darby"])
 def test_gradient_against_differences(catalogue, name):
     """Central differences of 1e-7 mm and rad: of the kinks where a sample crosses a pixel, 0.02 are met."""
@@ -260,6 +264,7 @@ def test_gradient_against_differences(catalogue, name):
     np.testing.assert_allclose(gradient, differences, rtol=1e-4, atol=1e-5 * np.abs(gradient).max())
 
 
+@pytest.mark.full
 def test_programs_compile(catalogue):
     """As a state-space model: a density of the images through a factor, and the walk."""
     body = peursum_body()
@@ -273,6 +278,7 @@ def test_programs_compile(catalogue):
     np.testing.assert_allclose(found, expected, rtol=EXACT)
 
 
+@pytest.mark.full
 def test_a_coarser_grid_says_nearly_the_same():
     """At stride 4 in images as small as these, where limbs are 6 to 10 px wide, log P is within 4% of that of every pixel."""
     body = peursum_body()
@@ -287,6 +293,7 @@ def test_a_coarser_grid_says_nearly_the_same():
     np.testing.assert_allclose(found[1], found[0], rtol=0.04)
 
 
+@pytest.mark.full
 def test_colours_need_no_histogram():
     """The sum over pixels is the overlap of counted histograms."""
     rng = np.random.default_rng(0)

@@ -23,6 +23,8 @@ from poseppl.motion.learned import TrainingSettings, pose_recording, read_record
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import collect_history, forward_backward_smoother
 
+pytestmark = pytest.mark.full
+
 SETTINGS = TrainingSettings(num_components=2, num_states=6, num_rounds=10)
 
 

@@ -128,6 +128,7 @@ def check_moments(filter, problem, *, evidence):
         assert (np.abs(ratios.mean(0) - 1) < 5 * ratios.std(0, ddof=1) / np.sqrt(40) + 1e-4).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("residual", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["on", "about"])
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "guided" else pytest.mark.slow) for name in FILTERS])
 def test_filters_have_the_moments_of_all_sequences(name, residual):
@@ -135,6 +136,7 @@ def test_filters_have_the_moments_of_all_sequences(name, residual):
     check_moments(FILTERS[name](problem.model), problem, evidence=name != "tempered")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["guided", pytest.param("particle", marks=pytest.mark.slow)])
 def test_other_motion_has_the_moments_of_all_sequences(name):
     """Its probability, too; and another duration of it is noticed."""
@@ -147,6 +149,7 @@ def test_other_motion_has_the_moments_of_all_sequences(name):
     assert np.abs(z_scores(means, problem.exact.means)).max() > 10
 
 
+@pytest.mark.full
 def test_other_motion_keeps_the_chances_of_the_start():
     """A start that is known chooses among the phases of the activity; that of other motion is as likely as before."""
     near = OTHER.starting_from(ACTIVITY.angles(ACTIVITY.means[1]), jnp.full(2, 0.1))
@@ -155,6 +158,7 @@ def test_other_motion_keeps_the_chances_of_the_start():
     assert near.initial[1] > 0.95 * near.initial[:2].sum()
 
 
+@pytest.mark.full
 def test_other_chances_of_the_phase_are_noticed():
     problem = posed(False)
     turned = problem.inputs._replace(
@@ -179,6 +183,7 @@ def test_an_auxiliary_filter_is_refused():
         guided_filter(posed(True).model, 10, auxiliary=True)
 
 
+@pytest.mark.full
 def test_a_phase_that_follows_from_a_real_site_is_refused():
     def start(params, *rest):
         x = numpyro.sample("x", dist.Normal(0.0, 1.0))

@@ -22,6 +22,7 @@ def test_joint_density():
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("told", [False, True])
 def test_a_filter_keeps_both_sides_unless_it_is_told(told):
     """Where the side is never told both have the same probability; a state that is told at the start stays on its side."""
@@ -54,6 +55,7 @@ def test_mean_keeps_the_side():
     np.testing.assert_array_equal(np.sign(mirror_mean(x)), np.sign(x))
 
 
+@pytest.mark.full
 def test_numbers_that_are_not_positive_are_refused():
     with pytest.raises(ValueError, match=r"noise is 0.0. Expected a positive"):
         mirror(noise=0.0)

@@ -18,6 +18,8 @@ from poseppl.motion.tracking.named_points import PointRecording, make_point_prob
 from poseppl.motion.tracking.point_fit import points_mode, value_and_gradient
 from poseppl.program.parameters import parameter_bijector
 
+pytestmark = pytest.mark.full
+
 
 @pytest.fixture(autouse=True)
 def _double_precision() -> Iterator[None]:

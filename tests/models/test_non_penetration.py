@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from poseppl_models.non_penetration import NEAREST, apart, non_penetration_residuals
 from poseppl_models.sminchisescu_body import superquadric_body
 from precision import precision
@@ -43,6 +44,7 @@ def test_pairs():
     assert len(apart(superquadric_body("arm").flesh.names)) == 2
 
 
+@pytest.mark.full
 def test_hardly_anything_apart_and_much_inside():
     """Without the reach of a forearm into the chest no cost is above 1; 30 mm of it cost 50 at least. Legs that cross, too."""
     body = superquadric_body()
@@ -75,6 +77,7 @@ def test_descent_pulls_limbs_apart():
             assert jnp.sum(lower**2) < jnp.sum(value**2)
 
 
+@pytest.mark.full
 def test_pairs_that_are_far_from_each_other_do_not_matter():
     """Of 240 pairs those that count have all but 1 % of the cost in 99 of 100 poses; a third as many have not."""
     body = superquadric_body()

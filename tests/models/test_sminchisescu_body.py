@@ -63,12 +63,14 @@ def test_limited_normal_draws():
     assert abs(LOC[0] - mean[0]) > 50 * spread[0] / np.sqrt(20_000)
 
 
+@pytest.mark.full
 def test_limited_normal_has_gradients_beyond_its_limits():
     """A mean beyond a limit, as a recorded start may be, and infinite limits give no NaN in float32."""
     gradient = jax.grad(lambda loc: jnp.sum(LimitedNormal(loc, 1e-3, LOW, HIGH).log_prob(jnp.array([0.05, 0.3, 0.0]))))
     assert np.isfinite(gradient(jnp.array([2.0, 0.3, -5.0]))).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", BUILDERS)
 def test_limits_are_supports_and_the_flat_state_is_the_pose(kind):
     build, dimension = BUILDERS[kind]
@@ -88,6 +90,7 @@ def test_limits_are_supports_and_the_flat_state_is_the_pose(kind):
     assert model.log_initial(bent, inputs) == -np.inf
 
 
+@pytest.mark.full
 def test_draws_keep_to_the_limits():
     """400 steps of 0.3 rad from a straight elbow; steps of a plain walk go beyond in a tenth of the draws."""
     body, limits = arm(), superquadric_body("arm").limits
@@ -101,6 +104,7 @@ def test_draws_keep_to_the_limits():
     assert np.mean(np.any((free < least) | (free > most), 1)) > 0.1
 
 
+@pytest.mark.full
 def test_stabilisers_are_the_stationary_distribution():
     """Exact: with x ~ N(mu, S^2) the next state is so, too; after a plain walk it is not."""
     steps, spread, rest = np.array([0.05, 0.2, 0.5]), 0.3, 0.4
@@ -166,6 +170,7 @@ def test_anthropometric_prior():
         anthropometric_prior(("tail",))
 
 
+@pytest.mark.full
 def test_a_filter_runs_within_the_limits():
     """The arm over 2 frames by a particle filter; Gaussian moments are refused with the cure, and there with a barrier."""
     body = arm()
@@ -183,6 +188,7 @@ def test_a_filter_runs_within_the_limits():
     assert np.isfinite(free.transition_moments(inputs.start, inputs)[0]).all()
 
 
+@pytest.mark.full
 def test_curvature_of_a_barrier_stands_beside_that_of_the_points():
     """Exact: the information of both is that of the points and the barrier's own Hessian; at rest the elbow is at its limit."""
     body, limits = arm(), superquadric_body("arm").limits

@@ -23,6 +23,8 @@ from poseppl.motion.geometry.superquadrics import Superquadric, part_axes, super
 from poseppl.motion.rendering import Stage, build_setting
 from poseppl.motion.tracking.placing import cameras_of_records
 
+pytestmark = pytest.mark.full
+
 SETTINGS = CostSettings()
 SIZE = (240, 180)
 

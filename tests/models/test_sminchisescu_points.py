@@ -5,10 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from poseppl_models.sminchisescu_body import superquadric_body
 from poseppl_models.sminchisescu_points import STRENGTH, point_inputs, point_programs
 
 from poseppl.motion.geometry import look_at, marker_positions, project
+
+pytestmark = pytest.mark.full
 
 NOISE = 3.0
 

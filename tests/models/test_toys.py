@@ -22,6 +22,7 @@ from poseppl.filters import particle_filter
 FULL = [[1.0, 0.3], [0.3, 0.5]]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "matrices", [{}, {"Q": FULL, "R": FULL, "P": FULL}, {"B": [[1.0], [2.0]]}], ids=["default", "full", "inputs"]
 )
@@ -130,6 +131,7 @@ def test_lorenz96_frame_is_a_step_of_the_flow():
     assert error < 1e-4 * moved  # the second order leaves more than 1e-3
 
 
+@pytest.mark.full
 def test_lorenz96_densities():
     model = lorenz96(6, 0.5, stride=2, transition_noise=0.2, forcing=5.0).compile()
     rng = np.random.default_rng(1)
@@ -201,6 +203,7 @@ def test_banana_bends():
         banana(noise=-1)
 
 
+@pytest.mark.full
 def test_oracles_agree_on_the_evidence():
     """Kalman's evidence is the joint density over the posterior of the whole path, at any path: here by quadrature, T = 1."""
     matrices = linear_gaussian_matrices(2, Q=FULL, R=FULL, P=FULL)

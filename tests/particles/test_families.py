@@ -33,6 +33,7 @@ def test_the_mean_errs_as_the_effective_number_says(families: int, alike: float)
     assert np.max(told) <= 1
 
 
+@pytest.mark.full
 def test_what_is_known_exactly_and_what_nothing_tells() -> None:
     draws = jnp.asarray(np.random.default_rng(1).standard_normal((8, 3)), jnp.float32)
     assert EFFECTIVE(draws, jnp.zeros(8, jnp.int32)) == 1

@@ -20,6 +20,7 @@ def correlation(*columns):
     return np.abs(matrix - np.eye(len(columns))).max()
 
 
+@pytest.mark.full
 def test_particles_draw_independently():
     normal, gamma, folded = map(np.asarray, jax.jit(lambda key: jax.vmap(draws)(particle_keys(key, SIZE)))(jax.random.key(0)))
     assert len(np.unique(normal)) == SIZE
@@ -29,12 +30,14 @@ def test_particles_draw_independently():
     assert correlation(normal, gamma, folded, np.roll(normal, 1)) < 5 / np.sqrt(SIZE)
 
 
+@pytest.mark.full
 def test_replicates_draw_independently():
     keys = jax.random.split(jax.random.key(0), 3)
     for values in jax.jit(jax.vmap(lambda key: jax.vmap(draws)(particle_keys(key, SIZE))))(keys):
         assert correlation(*np.asarray(values)) < 5 / np.sqrt(SIZE)
 
 
+@pytest.mark.full
 def test_a_loop_over_particles_draws_independently():
     normal, gamma, _ = jax.jit(lambda key: jax.lax.map(draws, particle_keys(key, SIZE)))(jax.random.key(0))
     assert len(np.unique(normal)) > SIZE - 10
@@ -58,6 +61,7 @@ def test_a_key_used_twice_is_noticed():
         jax.jit(lambda key: jax.vmap(careless)(particle_keys(key, 3)))(jax.random.key(0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_any_dtype(dtype):
     with jax.enable_x64(True):

@@ -33,6 +33,7 @@ def test_quantiles_are_numpys(dtype):
         np.testing.assert_allclose(found, np.quantile(sample, levels, axis=0), rtol=200 * np.finfo(dtype).eps)
 
 
+@pytest.mark.full
 def test_nan_is_told():
     sample = jnp.array([[1.0, 1.0], [jnp.nan, 2.0], [3.0, 3.0]])
     found = np.asarray(column_quantiles(sample, jnp.array([0.5])))

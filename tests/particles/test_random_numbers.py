@@ -10,6 +10,8 @@ from scipy import stats
 
 from poseppl.particles.random_numbers import normals_and_uniforms, weighted_choice
 
+pytestmark = pytest.mark.full
+
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_normals_and_uniforms_have_their_laws(wide):

@@ -29,6 +29,7 @@ def z_scores(counts, expected):
     return (counts.mean(0) - expected) / np.where(error > 0, error, 1e-3)
 
 
+@pytest.mark.full
 @every_scheme
 def test_unbiased(name, num=7):
     log_weights = 1.5 * jax.random.normal(jax.random.key(0), (20,))
@@ -75,6 +76,7 @@ def test_draws_of_several_numbers_are_those_of_each_number():
         np.testing.assert_array_equal(drawn, systematic(key, log_weights, num))
 
 
+@pytest.mark.full
 @ordered_schemes
 @pytest.mark.parametrize("size", [1, 100_000])
 def test_uniform_weights_keep_every_particle_once(name, size):
@@ -82,6 +84,7 @@ def test_uniform_weights_keep_every_particle_once(name, size):
         np.testing.assert_array_equal(compiled(jax.random.key(seed), jnp.full(size, level), size, name), np.arange(size))
 
 
+@pytest.mark.full
 @every_scheme
 def test_particles_without_weight_have_no_children(name):
     """At both ends, in between, and where only tiny weights stand beside them."""
@@ -93,6 +96,7 @@ def test_particles_without_weight_have_no_children(name):
         assert not dead[compiled(jax.random.key(seed), log_weights, 5000, name)].any()
 
 
+@pytest.mark.full
 @every_scheme
 def test_one_particle_with_all_the_weight(name):
     log_weights = jnp.full(64, -jnp.inf).at[37].set(-1000.0)
@@ -114,6 +118,7 @@ def test_result_is_int32_of_the_asked_length(name):
     assert ancestors.dtype == jnp.int32
 
 
+@pytest.mark.full
 @ordered_schemes
 def test_large_sets_keep_their_precision_in_float32(name):
     """At N = 100,000 a plain float32 cumulative sum is wrong by more than a tenth of a slot, these by far less."""

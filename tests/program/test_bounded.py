@@ -42,6 +42,7 @@ def test_bounds_are_those_of_the_supports():
     assert found.model.coordinate_names == MODEL.coordinate_names
 
 
+@pytest.mark.full
 def test_densities_are_those_of_the_sites_themselves():
     """Less the determinant of the bijector of what is bounded now, also on a bound, where the logistic function is infinite."""
     found = bounded(MODEL)
@@ -60,6 +61,7 @@ def test_densities_are_those_of_the_sites_themselves():
     assert np.isfinite(np.asarray(found.to_unbounded(edge))).all()
 
 
+@pytest.mark.full
 def test_moments_are_told_of_bounded_sites_too():
     """Those of a truncated normal; a Dirichlet's are not, for its site is still seen through its bijector."""
 
@@ -79,6 +81,7 @@ def test_moments_are_told_of_bounded_sites_too():
             refused.initial_moments()
 
 
+@pytest.mark.full
 def test_discrete_sites_are_refused():
     def count(params, *state_and_inputs):
         numpyro.sample("count", dist.Poisson(3.0))

@@ -95,6 +95,7 @@ def test_draws_are_those_of_their_moments(full, inputs):
     np.testing.assert_allclose(mean[INDICES] + gain @ (inputs.values[1:3] - mean[1:3]), expected, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_summaries_of_the_data_are_blocks(full, inputs):
     clamped = full.clamp(FREE)
     data = full.observe({"y": np.arange(4.0)})
@@ -113,6 +114,7 @@ def test_gradient_is_that_of_the_free(full, inputs):
     np.testing.assert_allclose(found, expected[INDICES], rtol=1e-6)
 
 
+@pytest.mark.full
 def test_a_filter_runs_on_it(full):
     clamped = full.clamp(FREE)
     rng = np.random.default_rng(0)
@@ -160,6 +162,7 @@ def test_refused(full, free):
         full.clamp(free)
 
 
+@pytest.mark.full
 def test_refused_inputs_and_clamping_twice(full):
     with pytest.raises(ValueError, match="inputs of type NoneType. Expected Clamped"):
         full.clamp(FREE).log_initial(X, None)

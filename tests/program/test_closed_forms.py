@@ -40,6 +40,7 @@ def test_the_protocols_are_found_by_their_methods():
     assert not isinstance(dist.Normal(0.0, 1.0), SummedDensity | WhitenedJacobian)
 
 
+@pytest.mark.full
 def test_right_ones_pass():
     check_closed_forms(Plane, STATE, VALUE)
     check_closed_forms(Summed, STATE, VALUE)

@@ -44,6 +44,7 @@ def test_the_density_is_that_of_the_mixture(errors: Cluttered) -> None:
     assert np.allclose(errors.clutter_probability(jnp.asarray(points)), probability, rtol=1e-10)
 
 
+@pytest.mark.full
 def test_numbers_by_themselves(errors: Cluttered) -> None:
     single = Cluttered(dist.Normal(jnp.array([3.0, 20.0]), 2.0), FREEDOM, ODDS, 50.0)
     peak = t(FREEDOM, np.array([3.0, 20.0]), 2.0).pdf(22.0)
@@ -51,6 +52,7 @@ def test_numbers_by_themselves(errors: Cluttered) -> None:
     assert single.sample(jax.random.key(0), (3,)).shape == (3, 2)
 
 
+@pytest.mark.full
 def test_draws_have_the_density(errors: Cluttered) -> None:
     draws = np.asarray(errors.sample(jax.random.key(1), (40_000,)))
     inside = np.abs(draws - [18.0, 13.0]).max(-1) < 3.0

@@ -33,6 +33,7 @@ def test_names_and_layout():
     assert chart_model().dimension == len(names)
 
 
+@pytest.mark.full
 def test_round_trip():
     compiled = chart_model()
     x = jax.jit(compiled.sample_initial)(jax.random.key(0), None)
@@ -44,6 +45,7 @@ def test_round_trip():
     np.testing.assert_allclose(compiled.to_flat(sites), x, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.full
 def test_angles_are_unwrapped():
     """The bijector of an angle is the identity, its density periodic: no wall at pi."""
     compiled = chart_model()
@@ -118,6 +120,7 @@ def test_masked_entries_count_exactly_nothing():
     assert (gradient == 0).all()
 
 
+@pytest.mark.full
 def test_mask_over_events():
     def program(params, state, inputs):
         numpyro.sample("y", dist.MultivariateNormal(state["slope"] * jnp.ones((3, 1)), jnp.eye(2)))
@@ -259,6 +262,7 @@ def test_nothing_leaks_into_a_program_around_it():
     assert sites["after"]["value"] == plain["after"]["value"]
 
 
+@pytest.mark.full
 def test_runs_in_jit_vmap_grad_and_scan_without_a_retrace():
     traces = []
 

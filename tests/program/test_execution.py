@@ -12,6 +12,8 @@ import pytest
 from poseppl.particles.keys import particle_keys
 from poseppl.program.execution import Randomness, Seed, draw, trace_program
 
+pytestmark = pytest.mark.full
+
 
 def program() -> None:
     level = numpyro.sample("level", dist.Normal(2.0, 3.0))

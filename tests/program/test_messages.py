@@ -107,6 +107,7 @@ def test_a_model_compiled_for_a_whole_sequence_of_inputs():
         run_filter(particle_filter(model, 4), KEY, observations, jnp.ones(5), collect=collect_draws(model))
 
 
+@pytest.mark.full
 def test_right_inputs_are_taken():
     run = go(Controls(jnp.zeros((5, 2)), Constant(1.0)), DRIVEN.compile(FRAME))
     assert run.outputs.state.shape[0] == 5
@@ -129,6 +130,7 @@ def test_a_model_that_is_not_compiled():
         programs.anything  # noqa: B018
 
 
+@pytest.mark.full
 def test_draws_given_as_history():
     observations = PLAIN.observe(DATA)
     run = run_filter(particle_filter(PLAIN, 4), KEY, observations, collect=collect_draws(PLAIN))
@@ -159,6 +161,7 @@ def test_draws_without_a_density_and_densities_without_draws():
         StateSpaceModel(initial, with_own_key, observation).compile()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", [1e-3, 1.0])
 @pytest.mark.parametrize("told_by", ["program", "params", "inputs"])
 def test_data_that_float32_rounds_by_more_than_their_noise(caplog, noise, told_by):

@@ -18,6 +18,7 @@ FULL = [[1.0, 0.3], [0.3, 0.5]]
 X = jnp.array([0.4, -0.3, 1.1])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("matrices", [{}, {"Q": FULL, "R": FULL}], ids=["diagonal", "full"])
 def test_linear_gaussian_is_exact(matrices):
     matrices = linear_gaussian_matrices(2, H=[[1.0, 2.0], [0.5, -1.0]], **matrices)
@@ -93,6 +94,7 @@ class Known(dist.Normal):
         return jnp.where(jnp.array([True, True]) if mask is None else mask, 1.0, 0.0)[:, None] * self.fixed * rows / 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("constant", "asked"), [(True, 1), (False, 0)])
 def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
     def program(params, state, inputs):
@@ -113,6 +115,7 @@ def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
     assert Known.asked == 2 * asked
 
 
+@pytest.mark.full
 def test_the_jacobian_is_that_of_all_means_in_order():
     def program(params, state, inputs):
         numpyro.sample("many", dist.MultivariateNormal(jnp.stack([curved(state)] * 2), jnp.array(FULL)))
@@ -221,6 +224,7 @@ def test_sites_without_gaussian_moments_are_refused():
     refused("site 'level': its distribution gives no mean and variance", shifted)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("scale", [-0.5, 0.5])
 def test_a_negative_scale_has_no_moments(scale):
     """Its square is a variance, by which a Kalman filter would go on where the density says that nothing is possible."""

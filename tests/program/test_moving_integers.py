@@ -48,6 +48,7 @@ def model_of(law):
     return StateSpaceModel(initial, transition, observation).compile()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", LAWS)
 def test_what_is_left_of_a_count_is_what_sums_over_all_counts_give(name):
     law, row = LAWS[name]
@@ -71,6 +72,7 @@ def test_more_than_there_was_is_impossible(name):
     assert model.finite_values == {} and model.finite_sites == ("left",)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("first", "later", "taken"),
     [

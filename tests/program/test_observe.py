@@ -45,6 +45,7 @@ def test_nan_becomes_a_mask_with_a_safe_fill():
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "distribution", [dist.Gamma(2.0, 1.0), dist.Uniform(3.0, 4.0), dist.Poisson(2.0), dist.Categorical(jnp.ones(3) / 3)]
 )
@@ -148,6 +149,7 @@ def test_what_is_no_number(given, match):
         compiled(lambda params, state, inputs: numpyro.sample("y", dist.Normal(0.0, 1.0))).observe({"y": given})
 
 
+@pytest.mark.full
 def test_unobserved():
     nothing = compiled().unobserved()
     assert not any(np.asarray(mask).any() for mask in nothing.mask.values())

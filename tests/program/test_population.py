@@ -10,6 +10,8 @@ from law_problems import frame, problem
 
 from poseppl.program import population
 
+pytestmark = pytest.mark.full
+
 POSED = problem()
 MODEL, INPUTS, OBSERVATION = POSED.model, POSED.inputs[1], frame(POSED.observations, 1)
 XS, BEFORE = jax.random.normal(jax.random.key(0), (2, 4, 2))

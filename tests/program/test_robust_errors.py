@@ -32,6 +32,7 @@ def test_a_lorentzian_is_a_students_t(strength):
     assert np.abs(found - wrong.log_prob(values)).max() > 0.01
 
 
+@pytest.mark.full
 def test_vectors_have_one_squared_error():
     """A multivariate t; n entries by themselves would be n Student's t."""
     errors = Lorentzian(dist.MultivariateNormal(jnp.ones(2), COVARIANCE), 5.0)
@@ -45,6 +46,7 @@ def test_vectors_have_one_squared_error():
     assert np.abs(single.log_prob(jnp.asarray(POINTS)).sum(1) - exact.logpdf(POINTS)).max() > 0.1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("strength", [0.5, 6.0, 60.0, 250.0])
 def test_leclercs_window_makes_it_a_density(strength):
     """Over a square window of 100 standard deviations a side, in which the peak lies."""
@@ -70,6 +72,7 @@ def test_leclercs_without_a_window_is_a_factor():
     assert not factor.is_predictive
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 @pytest.mark.parametrize("gaussian", [dist.Normal(1.0, 2.0), dist.MultivariateNormal(jnp.ones(2), COVARIANCE)])
 def test_draws_have_the_densitys_squared_errors(family, gaussian):
@@ -88,6 +91,7 @@ def test_draws_have_the_densitys_squared_errors(family, gaussian):
     assert scipy.stats.kstest(radii_of(gaussian, other), exact).pvalue < 1e-3
 
 
+@pytest.mark.full
 def test_moments_of_a_lorentzian():
     errors = Lorentzian(dist.Normal(jnp.ones(2), 3.0).to_event(1), jnp.array(8.0))
     draws = np.asarray(errors.sample(jax.random.key(1), (100_000,)), float)
@@ -96,6 +100,7 @@ def test_moments_of_a_lorentzian():
     assert np.isinf(Lorentzian(dist.Normal(0.0, 1.0), 2.5).variance)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 def test_derivatives_are_those_of_the_potential(family):
     errors, squared = family(dist.Normal(0.0, 1.0), 5.0), jnp.linspace(0.0, 20.0, 21)
@@ -126,6 +131,7 @@ def programs_of(family):
     return {"vectors": vectors, "full": full, "single": single}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 @pytest.mark.parametrize("which", ["vectors", "full", "single"])
 def test_curvature_is_the_hessian_of_linear_residuals(family, which):
@@ -141,6 +147,7 @@ def test_curvature_is_the_hessian_of_linear_residuals(family, which):
         assert np.abs(compiled.observation_information(x, centred) - hessian).max() > 0.01
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 def test_outliers_leave_the_curvature_positive(family):
     """Along the residual nothing, across it less than an inlier would give; masked vectors give nothing."""
@@ -151,6 +158,7 @@ def test_outliers_leave_the_curvature_positive(family):
     np.testing.assert_allclose(found, weight * np.outer(MATRIX[1], MATRIX[1]) / 0.25, rtol=1e-3, atol=1e-7)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 def test_the_majorised_curvature_is_of_a_quadratic_above(family):
     """The negative log-density of linear residuals lies below it everywhere, and not below the Gauss-Newton curvature's."""
@@ -175,6 +183,7 @@ def test_the_majorised_curvature_is_of_a_quadratic_above(family):
         assert above(compiled.observation_information(here, data)).min() < -0.1
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("family", [Lorentzian, Leclerc])
 @pytest.mark.parametrize("which", ["vectors", "full", "single"])
 def test_the_expected_curvature_is_that_of_a_state_without_spread_and_smaller_with_one(family, which):
@@ -207,6 +216,7 @@ class Known(dist.Normal):
         return MATRIX / 0.5 if mask is None else jnp.where(jnp.ravel(mask)[:, None], MATRIX / 0.5, 0.0)
 
 
+@pytest.mark.full
 def test_a_gaussian_that_knows_its_jacobian_is_asked_for_it():
     def known(params, state, inputs):
         numpyro.sample("y", Lorentzian(Known(jnp.concatenate([state["level"][None], state["slope"]])).to_event(1), 6.0))
@@ -220,6 +230,7 @@ def test_a_gaussian_that_knows_its_jacobian_is_asked_for_it():
     np.testing.assert_allclose(found[0], found[1], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_strengths_without_an_integral_are_refused():
     with pytest.raises(RangeError, match="strength is 2.0. Expected more than 2.0"):
         Lorentzian(dist.Normal(jnp.zeros(2), 1.0).to_event(1), 2.0)

@@ -130,6 +130,7 @@ def test_positive_sites_have_the_moments_of_their_logarithms():
         jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6), found, expected)
 
 
+@pytest.mark.full
 def test_the_law_must_be_seen_through_the_bijector_of_its_site():
     """A Normal through a logistic function or a stick-breaking map is; a Student's t is no Normal."""
     transforms = dist.transforms

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from waiting import wait_until
 
 FLAGS = (
     "--headless=new",
@@ -25,6 +26,14 @@ FLAGS = (
     "--window-size=1280,1000",
     "--force-device-scale-factor=1",
 )
+
+_DRAWN = """
+const done = arguments[0];
+let left = 24;
+const next = () => left-- ? requestAnimationFrame(next) : done();
+next();
+"""
+"""Waits until the browser has drawn the page some more times: one in three dimensions is drawn in the frames that follow."""
 
 
 def missing() -> str | None:
@@ -55,11 +64,9 @@ def start(profile: Path) -> Any:
 
 def open_page(driver: Any, path: Path) -> None:
     """Open a page and wait until its script is done."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     driver.get_log("browser")
     driver.get(path.as_uri())
-    WebDriverWait(driver, 60).until(lambda page: page.execute_script("return document.documentElement.dataset.ready") == "yes")
+    wait_until(lambda: driver.execute_script("return document.documentElement.dataset.ready") == "yes")
 
 
 def errors(driver: Any) -> list[str]:
@@ -72,5 +79,5 @@ def picture_of(driver: Any, name: str) -> np.ndarray:
     from selenium.webdriver.common.by import By
 
     driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({block: 'center'})", name)
-    driver.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => setTimeout(done, 400));")
+    driver.execute_async_script(_DRAWN)
     return np.asarray(Image.open(io.BytesIO(driver.find_element(By.ID, name).screenshot_as_png)).convert("RGB"), float)

@@ -7,12 +7,13 @@ from typing import Any
 
 import browser
 import pytest
+from waiting import PATIENCE
 
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     started = browser.start(tmp_path_factory.mktemp("profile"))
-    started.set_page_load_timeout(60)
-    started.set_script_timeout(60)
+    started.set_page_load_timeout(PATIENCE)
+    started.set_script_timeout(PATIENCE)
     yield started
     started.quit()

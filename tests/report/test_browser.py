@@ -12,6 +12,7 @@ import xarray as xr
 from browser import errors, open_page, picture_of
 from hostile import HOSTILE, telling
 from synthetic import predicted_result, synthetic_result, two_sided_result
+from waiting import wait_until
 
 from poseppl.cli import main
 from poseppl.diagnostics import diagnose
@@ -26,9 +27,15 @@ const slider = document.getElementById("slider");
 slider.value = arguments[0];
 slider.dispatchEvent(new Event("input"));
 """
+_INSERT = """
+document.addEventListener("error", () => setTimeout(arguments[1]), true);
+document.body.insertAdjacentHTML("beforeend", arguments[0]);
+"""
+"""Insert a picture that cannot be loaded, and return when its error has been handled."""
 _SPACE = "const t = document.getElementById('space').data; return [t.length, t[1].x.filter((v) => v !== null), t[0].x.length];"
 
 
+@pytest.mark.full
 def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     tree = synthetic_result()
     write_report(tree, tmp_path / "report.html")
@@ -54,6 +61,7 @@ def test_slider_moves_and_pictures_change(driver: Any, tmp_path: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_joints_that_are_doubted_are_marked(driver: Any, tmp_path: Path) -> None:
     tree = synthetic_result()
     tree["observed_data/points"][3, :, 5] += 0.5  # far away: the noise is 0.003
@@ -73,13 +81,15 @@ def test_joints_that_are_doubted_are_marked(driver: Any, tmp_path: Path) -> None
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
     write_report(synthetic_result(num_frames=30), tmp_path / "report.html")
     open_page(driver, tmp_path / "report.html")
+    where = "return document.getElementById('slider').value"
+    before = driver.execute_script(where)
     driver.execute_script("document.getElementById('play').click()")
-    driver.execute_async_script("setTimeout(arguments[0], 1500)")
+    wait_until(lambda: driver.execute_script(where) != before)
     driver.execute_script("document.getElementById('play').click()")
-    assert driver.execute_script("return Number(document.getElementById('slider').value)") != 15
     driver.execute_script(
         "const s = document.getElementById('coordinate'); s.selectedIndex = 4; s.dispatchEvent(new Event('change'));"
     )
@@ -91,6 +101,7 @@ def test_play_and_charts(driver: Any, tmp_path: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arguments", [{"weighted": True, "with_truth": False}, {"num_frames": 1}])
 def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, arguments: dict[str, Any]) -> None:
     write_report(synthetic_result(**arguments), tmp_path / "report.html")
@@ -99,6 +110,7 @@ def test_other_results_open_without_an_error(driver: Any, tmp_path: Path, argume
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_the_histogram_of_predictions_is_drawn(driver: Any, tmp_path: Path) -> None:
     write_report(predicted_result(np.random.default_rng(0).uniform(size=(20, 6))), tmp_path / "report.html")
     open_page(driver, tmp_path / "report.html")
@@ -109,6 +121,7 @@ def test_the_histogram_of_predictions_is_drawn(driver: Any, tmp_path: Path) -> N
 _NAMES = "return document.getElementById(arguments[0]).data.map((trace) => trace.name);"
 
 
+@pytest.mark.full
 def test_modes_are_ghosts_in_the_frames_that_have_several(driver: Any, tmp_path: Path) -> None:
     write_report(two_sided_result(), tmp_path / "report.html")
     open_page(driver, tmp_path / "report.html")
@@ -124,16 +137,16 @@ def test_modes_are_ghosts_in_the_frames_that_have_several(driver: Any, tmp_path:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_no_script_of_a_result_runs(driver: Any, tmp_path: Path) -> None:
     write_report(telling(HOSTILE), tmp_path / "report.html")
     open_page(driver, tmp_path / "report.html")
     driver.execute_script(_MOVE, 3)
     assert driver.execute_script("return typeof hacked") == "undefined"
     assert errors(driver) == []
-    driver.execute_script("document.body.insertAdjacentHTML('beforeend', arguments[0])", HOSTILE[0])
-    driver.execute_async_script("setTimeout(arguments[0], 300)")
+    driver.execute_async_script(_INSERT, HOSTILE[0])
     assert driver.execute_script("return typeof hacked") == "undefined"  # not even if it were not escaped
-    assert any("Content Security Policy" in message for message in errors(driver))
+    wait_until(lambda: any("Content Security Policy" in message for message in errors(driver)))
 
 
 @pytest.mark.parametrize(

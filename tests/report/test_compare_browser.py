@@ -23,6 +23,7 @@ _CHOOSE = (
 DATA = scene(num_frames=30)
 
 
+@pytest.mark.full
 def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: Path) -> None:
     comparison = compare(
         {
@@ -50,6 +51,7 @@ def test_heat_maps_are_drawn_and_change_with_the_figure(driver: Any, tmp_path: P
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) -> None:
     shapes = {"short": (4, 20), "long": (4, 80)}
     runs = {
@@ -80,6 +82,7 @@ def test_variance_against_time_by_setting_and_seed(driver: Any, tmp_path: Path) 
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
     """Every chart is drawn, nothing is wider than the page, and axes carry units."""
     write_comparison(compare({"a": run_on(DATA), "b": run_on(DATA, seed=1, rho=0.5)}), tmp_path / "page.html")
@@ -99,6 +102,7 @@ def test_the_page_reads_at_a_glance(driver: Any, tmp_path: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_a_comparison_without_figures_opens_too(driver: Any, tmp_path: Path) -> None:
     runs = {name: run_on(DATA, method="kalman", weighted=9.0, with_truth=False) for name in ("a", "b")}
     write_comparison(compare(runs), tmp_path / "page.html")

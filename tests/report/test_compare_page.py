@@ -39,6 +39,7 @@ def _row(page: str, first: str) -> list[str]:
     return [re.sub("<.*?>", "", cell) for cell in re.findall("<td>(.*?)</td>", found.group(0))]
 
 
+@pytest.mark.full
 def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.DataTree) -> None:
     write_comparison(comparison, tmp_path / "page.html")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
@@ -83,6 +84,7 @@ def test_runs_are_told_by_what_their_intervals_cover(comparison: xr.DataTree, sh
     assert words in [f"{found.severity}: {found.text}" for found in findings(tree)]
 
 
+@pytest.mark.full
 def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.DataTree) -> None:
     write_comparison_table(comparison, tmp_path / "table.csv")
     with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as stream:
@@ -103,6 +105,7 @@ def test_page_and_table_carry_the_same_numbers(tmp_path: Path, comparison: xr.Da
     assert cells[7] == shown(float(summary["ess_per_second_all"]))
 
 
+@pytest.mark.full
 def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) -> None:
     assert set(comparison_charts(comparison)) == {"cost", "error", "coverage", "progress", "heat", "variance"}
     closed = {name: run_on(DATA, method="kalman", weighted=9.0, evaluations=(1, 1), with_truth=False) for name in ("a", "b")}
@@ -112,6 +115,7 @@ def test_charts_are_those_that_there_are_figures_for(comparison: xr.DataTree) ->
     assert "Nobody wins" in page and 'id="heat"' not in page and 'id="variance-chart"' not in page
 
 
+@pytest.mark.full
 def test_forecasts_stand_side_by_side() -> None:
     runs = {"near": run_on(DATA), "far": run_on(DATA, seed=1), "none": run_on(DATA, seed=2)}
     assert "<h2>Forecasts</h2>" not in comparison_html(compare(runs))
@@ -132,6 +136,7 @@ def test_forecasts_stand_side_by_side() -> None:
     assert [trace["name"] for trace in figure["data"]] == ["near", "far"] and figure["data"][1]["y"] == [2.5] * 9
 
 
+@pytest.mark.full
 def test_one_frame_and_many_runs_have_a_page() -> None:
     single = scene(num_frames=1)
     page = comparison_html(compare({"a": run_on(single), "b": run_on(single, seed=1)}))
@@ -141,6 +146,7 @@ def test_one_frame_and_many_runs_have_a_page() -> None:
     assert "and 4 more" in comparison_html(many)
 
 
+@pytest.mark.full
 def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
     figures = comparison["figures"].dataset
     frames, dofs, runs = 3000, 28, 6

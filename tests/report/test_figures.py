@@ -14,6 +14,7 @@ from poseppl.diagnostics.simulation_based import Calibration
 from poseppl.runs.results import Names, build_result
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments", [{}, {"weighted": True}, {"with_truth": False}, {"num_frames": 1}, {"num_draws": 1, "num_chains": 1}]
 )
@@ -33,6 +34,7 @@ def test_a_result_without_a_body_has_a_picture() -> None:
         report.plot_pose3d(tree)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["overlay", "pose3d", "inefficiency", "error", "state"])
 def test_one_call_each(name: str) -> None:
     picture = getattr(report, f"plot_{name}")(synthetic_result(num_frames=8))

@@ -10,6 +10,8 @@ from hostile import HOSTILE, telling
 from poseppl.diagnostics import compare
 from poseppl.report import comparison_html, page, report_html
 
+pytestmark = pytest.mark.full
+
 HARMLESS = tuple(f"name {number} " for number in range(len(HOSTILE)))
 
 

@@ -14,6 +14,7 @@ from poseppl.report.pose_data import pose_data
 from poseppl.runs.results import Names, build_result
 
 
+@pytest.mark.full
 def test_one_file_without_a_network(tmp_path: Path) -> None:
     write_report(synthetic_result(), tmp_path / "report.html")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
@@ -24,6 +25,7 @@ def test_one_file_without_a_network(tmp_path: Path) -> None:
         assert f"<h2>{heading}</h2>" in page
 
 
+@pytest.mark.full
 def test_text_of_the_user_is_escaped() -> None:
     page = report_html(synthetic_result())
     assert "<script>alert" not in page
@@ -31,6 +33,7 @@ def test_text_of_the_user_is_escaped() -> None:
     assert "&lt;script&gt;alert(1)" in page
 
 
+@pytest.mark.full
 def test_provenance_and_verdicts_are_told() -> None:
     page = report_html(synthetic_result(truth_scale=2.5, num_frames=40))
     assert "poseppl_models.synthetic:stick" in page
@@ -38,6 +41,7 @@ def test_provenance_and_verdicts_are_told() -> None:
     assert "over-confident" in page
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -70,6 +74,7 @@ def test_a_model_without_a_body_has_a_report() -> None:
     assert list(data_of(page, "charts-data")["coordinates"]) == ["level", "slope"]  # type: ignore[index]
 
 
+@pytest.mark.full
 def test_values_that_are_not_finite_become_null() -> None:
     tree = synthetic_result(num_frames=6)
     tree["posterior"]["markers"][0, 0, 2] = np.nan
@@ -87,6 +92,7 @@ def test_size_is_bounded_on_long_sequences() -> None:
     assert len(to_json(poses)) < 3_000_000
 
 
+@pytest.mark.full
 def test_rounding_keeps_the_poses() -> None:
     tree = synthetic_result(num_frames=5)
     poses = pose_data(tree)

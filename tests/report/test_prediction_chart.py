@@ -28,6 +28,7 @@ def test_errors_are_those_of_batches_of_frames() -> None:
     assert narrow == pytest.approx(np.sqrt(0.09 / 10_000), rel=0.3)
 
 
+@pytest.mark.full
 def test_the_report_shows_it_where_there_are_checks() -> None:
     transform = np.random.default_rng(1).uniform(size=(12, 5))
     page = report_html(predicted_result(transform))
@@ -39,6 +40,7 @@ def test_the_report_shows_it_where_there_are_checks() -> None:
     assert len(bars["error_y"]["array"]) == 10
 
 
+@pytest.mark.full
 def test_nothing_is_shown_without_checks() -> None:
     tree = synthetic_result(num_frames=3)
     assert prediction_chart(tree) is None and prediction_chart(predicted_result(np.full((3, 2), np.nan))) is None

@@ -46,6 +46,7 @@ def _screen(driver: Any, width: int, scheme: str) -> None:
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_no_label_leaves_the_page(driver: Any, report: Path, width: int, scheme: str) -> None:
     _screen(driver, width, scheme)
@@ -58,6 +59,7 @@ def test_no_label_leaves_the_page(driver: Any, report: Path, width: int, scheme:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_keys_move_the_poses(driver: Any, report: Path) -> None:
     _screen(driver, 1280, "light")
     open_page(driver, report)
@@ -85,6 +87,7 @@ def test_keys_move_the_poses(driver: Any, report: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.full
 def test_flesh_is_as_thick_as_its_parts(driver: Any, report: Path) -> None:
     _screen(driver, 1280, "light")
     open_page(driver, report)

@@ -52,6 +52,7 @@ def _lines(chart) -> dict[str, np.ndarray]:
     return {trace.name: np.asarray(trace.y, float) for trace in chart.data if trace.showlegend is not False}
 
 
+@pytest.mark.full
 def test_data_stand_on_what_is_predicted_of_them(tank: xr.DataTree) -> None:
     charts = data_charts(tank)
     assert list(charts) == ["height", "pair[0]", "pair[1]"]
@@ -80,6 +81,7 @@ def test_sites_are_drawn_in_their_own_values(tank: xr.DataTree) -> None:
     np.testing.assert_allclose(busy["1"], 100 * tank["summary/busy_probability"].values[:, 1], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_the_page_is_headed_by_the_model_and_shows_both(tank: xr.DataTree) -> None:
     page = report_html(tank)
     assert "<h1>water tank</h1>" in page and "Tracking" not in page.split("<script")[0]

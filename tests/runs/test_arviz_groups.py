@@ -56,6 +56,7 @@ def test_replicates_are_data_of_the_draws(result):
     assert (abs(residual.std((0, 1)) - 1) < 5 / np.sqrt(2 * 1000)).all()
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore")
 def test_leave_one_out_is_that_of_the_exact_posterior():
     """Of a linear Gaussian model with much noise, so that importance weights vary little: the smoother of other data."""
@@ -111,6 +112,7 @@ SHARED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", SHARED)
 def test_arviz_takes_a_result(result, name):
@@ -127,6 +129,7 @@ def test_what_is_missing_is_left_out_for_arviz_alone(result):
     assert converted["posterior_predictive"]["y"].shape == (1, 1000, SEEN.sum())
 
 
+@pytest.mark.full
 def test_a_result_without_data_is_told(result):
     with pytest.raises(InputError, match="does not hold the data"):
         poseppl.add_predictive(result.drop_nodes("observed_data"), POSED.model, jax.random.key(0), jnp.asarray(POSED.inputs))

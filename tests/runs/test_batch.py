@@ -82,6 +82,7 @@ def test_series_that_fail_are_told(caplog):
     assert failed[1].tolist() == [False] * 4 + [True, False] and failed[2, :5].tolist() == [False] * 3 + [True] * 2
 
 
+@pytest.mark.full
 def test_series_have_the_layout_of_a_result(batch, tmp_path):
     assert batch["posterior/x"].dims[:4] == ("chain", "draw", "series", "frame")
     assert batch["posterior/x"].shape == (1, 20, SERIES, FRAMES, 2)
@@ -115,6 +116,7 @@ def test_a_list_of_series_is_padded(batch):
     np.testing.assert_allclose(found["sample_stats/log_evidence"], batch["sample_stats/log_evidence"], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_particles_of_equal_series_are_independent_and_unbiased():
     """Sixty copies of one series: their evidence is right on average, and differs from copy to copy."""
     copies, inputs = 60, np.ones((FRAMES, 1))

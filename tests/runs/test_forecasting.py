@@ -67,6 +67,7 @@ def test_other_inputs_from_an_earlier_frame_on_tell_what_would_have_come(result)
     np.testing.assert_array_equal(ahead["predictions"]["frame"], [2, 3, 4, 5])
 
 
+@pytest.mark.full
 def test_draws_are_chosen_evenly_or_repeated(result):
     few, more = (
         poseppl.forecast(result, POSED.model, 4, jax.random.key(1), LATER, num_draws=number) for number in (50, 2 * DRAWS)
@@ -76,6 +77,7 @@ def test_draws_are_chosen_evenly_or_repeated(result):
     assert agrees(more["forecast/x"].values[0, ::2], means, np.diagonal(covariances, axis1=1, axis2=2))
 
 
+@pytest.mark.full
 def test_a_smoothed_result_goes_on_from_its_last_frame_alone(result):
     smoothed = poseppl.smooth(
         result, poseppl.smoothers.rauch_tung_striebel_smoother(POSED.model), jax.random.key(2), POSED.inputs
@@ -113,6 +115,7 @@ def test_forecasts_cover_the_data_that_come():
     assert abs(half.estimate - 0.9) > 4 * half.standard_error
 
 
+@pytest.mark.full
 def test_forecasts_from_all_frames_are_kalman_predictions(result):
     predicted = poseppl.hindcast(result, POSED.model, 2, jax.random.key(3), POSED.inputs, num_draws=DRAWS)
     assert predicted["y"].dims[:4] == (*LEADING, "start", "lead") and predicted["start"].values.tolist() == [0, 1, 2]

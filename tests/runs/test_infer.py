@@ -34,6 +34,7 @@ def filtered(**options):
     return poseppl.infer(POSED.model, VALUES, poseppl.particle_filter(POSED.model, 300), KEY, inputs=POSED.inputs, **options)
 
 
+@pytest.mark.full
 def test_a_dict_of_arrays_gives_what_the_long_form_gives():
     result = filtered(truth=POSED.exact.means, rate=25.0, frames=range(10, 15), attrs={"model": "toy"})
     collect = poseppl.collect_draws(POSED.model)
@@ -106,6 +107,7 @@ def test_labels_that_do_not_fit_are_refused_before_the_run(options, match):
         filtered(**options)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("filter", [poseppl.kalman_filter, partial(poseppl.kalman_filter, num_particles=1000)])
 def test_a_builder_stands_for_its_filter(filter):
     built, handed = (
@@ -115,6 +117,7 @@ def test_a_builder_stands_for_its_filter(filter):
     xr.testing.assert_identical(built["posterior"].to_dataset(), handed["posterior"].to_dataset())
 
 
+@pytest.mark.full
 def test_a_result_is_smoothed():
     result = filtered(truth=POSED.exact.means, rate=25.0, attrs={"model": "toy"})
     smoother = poseppl.backward_simulation_smoother(POSED.model, 100)
@@ -133,6 +136,7 @@ def test_a_result_is_smoothed():
         poseppl.smooth(smoothed, smoother, KEY, inputs=POSED.inputs)
 
 
+@pytest.mark.full
 def test_results_say_of_what_kind_their_algorithm_is():
     """A formula's evidence has no Monte Carlo error: it is the same for every key, and no other filter's is."""
     sources = {}
@@ -152,6 +156,7 @@ def test_results_say_of_what_kind_their_algorithm_is():
     assert kind_of_run(smoothed) == FORMULA != kind_of_run(first)
 
 
+@pytest.mark.full
 def test_all_particles_are_smoothed_from_a_history():
     run = poseppl.run_filter(
         poseppl.particle_filter(POSED.model, 300), KEY, POSED.observations, POSED.inputs, collect=poseppl.collect_history
@@ -162,6 +167,7 @@ def test_all_particles_are_smoothed_from_a_history():
         poseppl.smooth(run.outputs, genealogy_smoother(POSED.model), KEY, POSED.inputs)
 
 
+@pytest.mark.full
 def test_what_is_no_model_filter_smoother_or_result_is_said():
     other = problem().model
     with pytest.raises(ValueError, match="not compiled"):
@@ -187,6 +193,7 @@ def run_with(collect, filter=None):
     return poseppl.run_filter(filter, KEY, POSED.observations, POSED.inputs, collect=collect)
 
 
+@pytest.mark.full
 def test_a_lambda_in_a_loop_is_said_once(caplog):
     shared = jnp.ones(2)
     with caplog.at_level(logging.WARNING, logger="poseppl"):
@@ -196,6 +203,7 @@ def test_a_lambda_in_a_loop_is_said_once(caplog):
     assert "collector" in caplog.messages[0] and "test_infer.py" in caplog.messages[0]
 
 
+@pytest.mark.full
 def test_other_collectors_and_the_same_are_not_said(caplog):
     def times(factor):
         return lambda rng_key, state, info, inputs: factor * state.particles
@@ -209,6 +217,7 @@ def test_other_collectors_and_the_same_are_not_said(caplog):
     assert not caplog.messages
 
 
+@pytest.mark.full
 def test_a_filter_written_by_hand_in_a_loop_is_said_once(caplog):
     inner = poseppl.particle_filter(POSED.model, 10)
     recompilation._told.clear()
@@ -242,6 +251,7 @@ print(*compiled)
 """
 
 
+@pytest.mark.full
 def test_a_first_result_compiles_the_programs_of_the_run_and_few_others():
     """A small one takes a hundredth of what the run's take; data and levels that jnp.asarray made would each need one.
 

@@ -63,6 +63,7 @@ def value_and_gradient(build, **of):
     return jax.jit(jax.value_and_grad(lambda params, key: log_likelihood(MODEL, params, DATA, build, key, **of)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("linearisation", ["first-order", "unscented"])
 def test_kalmans_value_and_gradient_are_exact(linearisation):
     with jax.enable_x64(True):
@@ -81,6 +82,7 @@ def test_many_params_at_once():
     np.testing.assert_allclose(found, wanted, rtol=1e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("form", ["square-root", "stochastic"])
 def test_the_ensembles_gradient_is_that_of_its_value(form):
     """For given draws; with many members it is Kalman's, within Monte Carlo error."""
@@ -129,11 +131,13 @@ def test_the_particle_filters_gradient_of_the_likelihood_is_unbiased(name):
     assert max(distances(likelihood_gradient(BUILDS[name]))) < 5
 
 
+@pytest.mark.full
 def test_a_gradient_that_leaves_out_the_ancestors_is_noticed(monkeypatch):
     monkeypatch.setattr(adaptive_resampling, "_children", lambda log_start, log_drawn, ancestors: log_start[ancestors])
     assert max(distances(likelihood_gradient(BUILDS["particle"]))) > 10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("build", [lambda model: kalman_filter(model, 2), lambda model: ensemble_kalman_filter(model, 5)])
 @pytest.mark.parametrize("missing", [slice(0, 1), slice(0, 8)], ids=["first", "all"])
 def test_masked_frames_add_nothing_and_no_nan(build, missing):
@@ -144,6 +148,7 @@ def test_masked_frames_add_nothing_and_no_nan(build, missing):
     assert (missing == slice(0, 8)) == all(each == 0 for each in (value, *gradient.values()))
 
 
+@pytest.mark.full
 def test_a_posterior_without_a_factor_has_a_gradient():
     """A coordinate that is known exactly leaves a singular covariance, whose factor, of the draws, has no derivative."""
 
@@ -162,6 +167,7 @@ def test_a_posterior_without_a_factor_has_a_gradient():
     np.testing.assert_allclose(found["noise"], wanted, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_inputs_that_do_not_change():
     def pushed(params, state, inputs):
         numpyro.sample("x", dist.Normal(state["x"] + inputs["push"], inputs["step"]))
@@ -189,6 +195,7 @@ def test_a_filter_of_other_params_is_refused():
             log_likelihood(MODEL, PARAMS, DATA, filter)
 
 
+@pytest.mark.full
 def test_gradients_that_know_nothing_of_moves_are_refused_and_so_is_what_has_no_evidence():
     def of_params(params, build):
         return log_likelihood(MODEL, params, DATA, build)
@@ -252,6 +259,7 @@ def switching_evidence(params):
     return total
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("build", [particle_filter, guided_filter, rao_blackwellised_filter])
 def test_finite_sites_have_their_score(build):
     """Their draws know nothing of the probabilities that they were drawn by: without the score the derivative by these is 0."""

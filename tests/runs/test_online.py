@@ -20,6 +20,7 @@ KEY = jax.random.key(0)
 MODEL = driven_model().compile(Controls(0.0, 1.0))
 
 
+@pytest.mark.full
 def test_numbers_of_any_kind_are_compiled_for_once() -> None:
     """Python numbers are of a weak dtype, and integers of another than floats."""
     plain = particle_filter(MODEL, 8)
@@ -30,6 +31,7 @@ def test_numbers_of_any_kind_are_compiled_for_once() -> None:
     assert count == {"init": 1, "step": 1}
 
 
+@pytest.mark.full
 def test_constants_of_any_kind_are_compiled_for_once() -> None:
     filter, count = counted(particle_filter(MODEL, 8))
     for scale in (1.0, np.float32(1.0), jnp.asarray(1.0), jnp.ones(())):
@@ -66,6 +68,7 @@ def test_data_and_inputs_of_other_shapes_are_refused() -> None:
     assert online.frame == 0 and online.state is None
 
 
+@pytest.mark.full
 def test_data_of_another_model_are_refused_by_a_run() -> None:
     data = MODEL.observe({"y": np.zeros(4)})
     data = data._replace(values={"y": jnp.zeros((4, 2))}, mask={"y": jnp.ones((4, 2), bool)})

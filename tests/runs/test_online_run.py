@@ -26,6 +26,7 @@ def rows(start: int, stop: int) -> tuple[Any, Any]:
     return MODEL.observe({"y": Y[start:stop]}), inputs
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("ends", [(1, 2, 3, 4, 5, 6, 7, 8, 9), (4, 7, 9), (9,)])
 def test_parts_give_what_the_sequence_gives(ends: tuple[int, ...]) -> None:
     filter, count = counted(particle_filter(MODEL, 8))
@@ -53,6 +54,7 @@ def test_a_state_that_is_not_finite_ends_it_and_what_was_done_is_kept() -> None:
     assert len(fed.finish().info.ess) == 2
 
 
+@pytest.mark.full
 def test_data_of_another_shape_are_refused() -> None:
     fed = OnlineRun(particle_filter(MODEL, 8), KEY, *rows(0, 2), collect=poseppl.collect_history, note=pytest.fail)
     with pytest.raises(ValueError, match="Expected an Observation"):

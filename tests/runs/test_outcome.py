@@ -38,6 +38,7 @@ def counting_model(noise: float = 1e-6) -> StateSpaceModel:
     return StateSpaceModel(initial, transition, observation)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("length", [1, T])
 def test_a_simulation_uses_each_frame_s_own_inputs(length: int) -> None:
     inputs = jnp.array([3.0, 1.0, 20.0, 400.0])[:length]
@@ -97,6 +98,7 @@ def test_the_result_of_chains() -> None:
     assert (tree["sample_stats/acceptance_rate"] > 0.3).all()
 
 
+@pytest.mark.full
 def test_one_frame_is_no_sequence() -> None:
     model = linear_gaussian(2).compile()
     scalar = model.observe({"y": np.zeros(2)})

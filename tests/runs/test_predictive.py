@@ -134,6 +134,7 @@ def counts_model() -> StateSpaceModel:
     return StateSpaceModel(initial, transition, observation)
 
 
+@pytest.mark.full
 def test_ranks_of_counts_are_randomised_to_uniform() -> None:
     model = counts_model().compile()
     data = simulate(model, FRAMES, 3)
@@ -145,6 +146,7 @@ def test_ranks_of_counts_are_randomised_to_uniform() -> None:
     assert np.isfinite(prediction.noise_variance).all()
 
 
+@pytest.mark.full
 def test_what_was_not_seen_is_not_judged() -> None:
     data = simulate(LINEAR, 12, 5)
     whole = check(KALMAN, LINEAR, data).prediction.data
@@ -182,6 +184,7 @@ def test_the_first_frame_is_judged_by_the_initial_program() -> None:
     assert kstest(np.asarray(ranks).ravel(), "uniform").pvalue > 0.01
 
 
+@pytest.mark.full
 def test_checks_of_the_data_alone_are_the_same() -> None:
     data = LINEAR.observe(simulate(LINEAR, 5, 2))
     whole, part = (
@@ -195,6 +198,7 @@ def test_checks_of_the_data_alone_are_the_same() -> None:
         np.testing.assert_allclose(one, other, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_a_filter_does_the_same_with_checks_as_without() -> None:
     data = LINEAR.observe(simulate(LINEAR, 20, 2))
     for filter in (PARTICLE, KALMAN):
@@ -205,6 +209,7 @@ def test_a_filter_does_the_same_with_checks_as_without() -> None:
             jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
+@pytest.mark.full
 def test_a_resumed_run_has_the_same_predictions(tmp_path: Path) -> None:
     data = simulate(LINEAR, 20, 2)
     for number, filter in enumerate((PARTICLE, KALMAN)):

@@ -42,6 +42,7 @@ def test_arviz_takes_the_tree_as_it_is() -> None:
     assert float(arviz_stats.rhat(tree, var_names=["state"])["state"].max()) < 1.2
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("weighted", [False, True])
 def test_round_trip_keeps_everything(tmp_path: Path, weighted: bool) -> None:
     tree = synthetic_result(weighted=weighted)
@@ -88,6 +89,7 @@ def _newer(path: Path) -> None:
     save_result(tree, path)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-import time
+from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import jax
@@ -16,6 +17,7 @@ from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.filters import Filter, Info, ParticleState, kalman_filter, particle_filter
 from poseppl.program import Observation, StateSpaceModel
+from poseppl.runs import compiled_scan
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.online import Online
 from poseppl.runs.run import Constant, RunError, frame_inputs, run_filter
@@ -61,6 +63,7 @@ def toy(frames: int) -> tuple[Any, Observation]:
     return model, model.observe({"y": values})
 
 
+@pytest.mark.full
 def test_what_an_earlier_run_compiled_serves_other_data():
     model, observations = toy(5)
     filter, count = counted(particle_filter(model, 20))
@@ -79,6 +82,7 @@ def test_what_an_earlier_run_compiled_serves_other_data():
         assert not np.array_equal(again, before)
 
 
+@pytest.mark.full
 def test_a_sequence_of_any_length_is_one_compilation() -> None:
     model, _ = toy(19)
     filter, count = counted(particle_filter(model, 64))
@@ -118,6 +122,7 @@ def test_chunks_do_not_change_the_result() -> None:
         jax.tree.map(np.testing.assert_array_equal, first.state, other.state)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size", [1, 2**18])
 def test_parts_longer_than_a_scan_are_several_scans(size: int) -> None:
     """And frames of more than a megabyte make shorter ones."""
@@ -133,6 +138,7 @@ def test_parts_longer_than_a_scan_are_several_scans(size: int) -> None:
     assert runs[0].outputs[0].shape == (70, 4, 2) and count == {"init": 1, "step": 1}
 
 
+@pytest.mark.full
 def test_online_equals_the_scan_and_compiles_once() -> None:
     model, observations = toy(9)
     plain = particle_filter(model, 40)
@@ -150,6 +156,7 @@ def test_online_equals_the_scan_and_compiles_once() -> None:
     assert count == {"init": 1, "step": 1}
 
 
+@pytest.mark.full
 def test_inputs_vary_by_frame_or_are_constant() -> None:
     frames = 6
     drift = jnp.arange(frames, dtype=float)
@@ -191,6 +198,7 @@ def test_inputs_that_do_not_fit_are_named(inputs: Any, match: str) -> None:
         run_filter(particle_filter(model, 4), jax.random.key(0), observations, inputs, collect=collect_draws(model))
 
 
+@pytest.mark.full
 def test_inputs_that_are_not_finite_are_named() -> None:
     """In a transition they break the state, in an observation they make data impossible."""
     inputs = {"drift": np.array([0.0, 0.0, np.nan]), "height": np.zeros(3)}
@@ -239,6 +247,7 @@ def run_failing(at: int, broken: bool = False, **options: Any) -> Any:
     return run_filter(filter, jax.random.key(0), observations, num_frames=7, collect=collect_draws(model), chunk=4, **options)
 
 
+@pytest.mark.full
 def test_a_failed_frame_is_told_by_its_number_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="poseppl"):
         run = run_failing(5, frame_numbers=range(100, 107))
@@ -254,6 +263,7 @@ def test_a_failed_frame_stops_the_run_where_asked() -> None:
     assert caught.value.done is not None and len(caught.value.done.outputs.state) == 5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("policy", ["continue", "stop"])
 @pytest.mark.parametrize("at", [1, 3, 5, 6])
 def test_a_state_that_is_not_finite_is_never_passed_over_and_the_frames_before_it_are_kept(policy: str, at: int) -> None:
@@ -279,6 +289,7 @@ def test_a_run_that_breaks_down_at_once_has_nothing_to_keep() -> None:
     assert caught.value.done is None
 
 
+@pytest.mark.full
 def test_a_fault_that_does_not_come_again_ends_no_run() -> None:
     model, filter = failing(100)
     seen: list[float] = []
@@ -302,6 +313,7 @@ def test_a_fault_that_does_not_come_again_ends_no_run() -> None:
     assert told.frames == 7 and len(told.notes) == 1 and "frames 5 to 6" in told.notes[0]
 
 
+@pytest.mark.full
 def test_impossible_data_of_a_real_model(caplog: pytest.LogCaptureFixture) -> None:
     model = linear_gaussian(2, R=1e-10 * np.eye(2)).compile()
     values = np.zeros((6, 2))
@@ -337,33 +349,45 @@ def test_progress_is_told_every_frame() -> None:
     assert told.frames == 7
 
 
-def slow_to_trace() -> tuple[Any, list[float]]:
-    """A collector that takes its time whenever it is traced, and when it was done."""
-    traced: list[float] = []
+def counting(compiles: Callable[..., Any], done: list[str]) -> Callable[..., Any]:
+    """What compiles, and tells so."""
 
-    def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
-        time.sleep(0.05)
-        traced.append(time.perf_counter())
-        return state.particles
+    def compiling(*given: Any, **named: Any) -> Any:
+        done.append("compiled")
+        return compiles(*given, **named)
 
-    return collect, traced
+    return compiling
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("build", [particle_filter, kalman_filter])
-def test_the_time_of_the_frames_holds_no_compilation(build: Any) -> None:
+def test_the_time_of_the_frames_holds_no_compilation(build: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock on which nothing takes time but to trace the collector, and to compile: a second each."""
+    done: list[str] = []
+    clock = SimpleNamespace(perf_counter=lambda: float(len(done)))
+    for module in ("run", "course"):
+        monkeypatch.setattr(f"poseppl.runs.{module}.time", clock)
+    for name in ("compile_lowered", "compile_to_run_once"):
+        monkeypatch.setattr(compiled_scan, name, counting(getattr(compiled_scan, name), done))
     model, observations = toy(5)
     filter = build(model, 16)
     for _ in range(2):  # each time with a collector that nothing was compiled for
-        collect, traced = slow_to_trace()
+        done.clear()
+
+        def collect(rng_key: Any, state: Any, info: Info, inputs: Any) -> Any:
+            done.append("traced")
+            return state.particles
+
         run = run_filter(filter, jax.random.key(0), observations, collect=collect)
-        assert run.wall_seconds < time.perf_counter() - traced[-1]
-        assert run.compile_seconds > 0.05
-        times = len(traced)
+        assert run.wall_seconds == 0.0
+        assert run.compile_seconds == len(done) and set(done) == {"traced", "compiled"}
+        times = len(done)
         for frames in (5, 70):
             run_filter(filter, jax.random.key(1), toy(frames)[1], collect=collect)
-        assert len(traced) == times
+        assert len(done) == times
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("noise", "collapses"), [(1e-4, True), (1.0, False)])
 def test_a_filter_that_collapses_is_told(noise: float, collapses: bool) -> None:
     model = linear_gaussian(2, R=noise**2 * np.eye(2)).compile()

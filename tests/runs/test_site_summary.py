@@ -81,6 +81,7 @@ def test_a_saved_result_keeps_sites_and_values(result, tmp_path):
     assert again["summary/regime_probability"]["regime_value"].values.tolist() == [0, 1, 2]
 
 
+@pytest.mark.full
 def test_state_probabilities_are_those_of_forward_backward():
     """Filtered, exactly, by the hidden Markov filter; by particles within their error, with their weights alone."""
     model = finite_hmm(*TWO_STATES).compile()

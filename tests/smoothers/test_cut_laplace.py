@@ -95,6 +95,7 @@ def test_numbers_out_of_range_are_refused() -> None:
         cut_laplace_smoother(StateSpaceModel(initial, transition, observation).compile(), 0)
 
 
+@pytest.mark.full
 def test_robust_sites_are_as_sure_as_in_laplace_s_approximation() -> None:
     """Where the data tell nothing of what does not change, the rest is what Laplace's smoother says, as near as climbs end."""
 

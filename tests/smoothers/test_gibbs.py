@@ -51,6 +51,7 @@ def test_known_mixtures_are_sampled_exactly(options):
     np.testing.assert_allclose(chains.acceptance, 1.0, atol=1e-3)
 
 
+@pytest.mark.full
 def test_wrong_answers_are_noticed():
     """Inputs of the wrong frame, and a mixture whose weights are forgotten."""
     shifted = POSED._replace(inputs=jnp.roll(POSED.inputs, 1, axis=0))
@@ -98,6 +99,7 @@ def grid_smoothing(log_likelihoods):
     return means, (smoothed * (grid - means[:, None]) ** 2).sum(1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("target", ["mixture", "model"])
 def test_curved_transition_against_a_grid(target):
     """A mixture that is deliberately wrong is sampled as it is, and chains on the likelihood itself do not mind it."""
@@ -148,6 +150,7 @@ def test_first_chain_starts_at_the_most_likely_particles():
         assert (distances.min(1) == 0).all()
 
 
+@pytest.mark.full
 def test_draws_of_the_smoother():
     built = gibbs_smoother(POSED.model, num_components=5, num_chains=2, num_draws=15, num_warmup=5)
     smoothed = jax.jit(built.smooth)(jax.random.key(0), history_around(3), POSED.observations, POSED.inputs)
@@ -159,6 +162,7 @@ def test_draws_of_the_smoother():
     assert (np.asarray(smoothed.info.ess) > 0).all()
 
 
+@pytest.mark.full
 def test_blocked_rounds_need_a_linear_transition():
     model = curved_model()
     built = gibbs_smoother(model, num_chains=2, num_draws=4, num_warmup=0, blocked=True)
@@ -167,6 +171,7 @@ def test_blocked_rounds_need_a_linear_transition():
         jax.eval_shape(built.smooth, jax.random.key(0), history_around(4, dimension=1), observations)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "match"),
     [

@@ -61,6 +61,7 @@ def test_it_is_kalmans_for_a_linear_model_with_its_gradient() -> None:
     assert all(np.isclose(gradient[name], differences[name] / 2e-4, rtol=1e-5) for name in differences)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("datum", [0.4, 1.5])
 def test_one_robust_point(datum: float) -> None:
     """Laplace's formula, with the curvature from differences; against quadrature it is an approximation, good to a sixth."""

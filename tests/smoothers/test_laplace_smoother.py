@@ -50,6 +50,7 @@ def smoothed(num_draws: int, num_mode_steps: int = 20) -> Any:
     return smoother.smooth(jax.random.key(0), history, model.observe({"y": DATA}), None)
 
 
+@pytest.mark.full
 def test_the_mode_of_a_robust_model_is_found() -> None:
     """It is a general optimiser's, and the mean of n draws within 4 standard errors of it; after a step it is not found."""
     mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x
@@ -62,6 +63,7 @@ def test_the_mode_of_a_robust_model_is_found() -> None:
     assert error.max() < 4.0
 
 
+@pytest.mark.full
 def test_it_climbs_until_a_step_promises_nothing() -> None:
     taken = [float(smoothed(1, most).info.num_gradient) / len(DATA) for most in (100, 2)]
     assert 6 < taken[0] < 30  # three climbs
@@ -106,6 +108,7 @@ def test_draws_have_the_spread_of_the_curvature_at_expected_errors() -> None:
     assert np.abs(np.sqrt(found.marginals.variances[:, 0, 0]) / expected - 1).max() < 0.01
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step", [0.3, 1.0])
 def test_intervals_of_a_robust_model_hold(step: float) -> None:
     """Of trajectories that the model draws, 90 % intervals hold 88 to 92 %; by the curvature at the mode they hold less."""

@@ -34,6 +34,7 @@ def weighted_points(count=200, dimension=2, seed=0):
     return jnp.asarray(points), jnp.asarray(weights / weights.sum())
 
 
+@pytest.mark.full
 def test_components_of_a_known_mixture():
     weights, means = np.array([[0.3, 0.7]]), np.array([[[1.0, 2.0], [-1.0, 0.5]]])
     covariances = np.array([[[[1.0, 0.3], [0.3, 2.0]], [[0.5, 0.0], [0.0, 0.1]]]])
@@ -58,6 +59,7 @@ def test_seeds_are_at_or_above_the_average():
     assert int(alive.sum()) == 5
 
 
+@pytest.mark.full
 def test_one_free_component_is_the_weighted_mean_and_covariance():
     points, weights = weighted_points()
     fitted = fit_free(points, weights, jnp.array([3]), jnp.array([True]), 3, jnp.zeros(2))
@@ -66,6 +68,7 @@ def test_one_free_component_is_the_weighted_mean_and_covariance():
     np.testing.assert_allclose(fitted.covariances[0], np.cov(points.T, aweights=weights, ddof=0), rtol=1e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("free", [False, True])
 def test_expectation_maximisation_never_lowers_the_likelihood_of_the_points(free):
     """Free covariances are shrunk, so that only the first rounds are sure to gain."""
@@ -130,15 +133,18 @@ def information_scores(correction):
     return scores
 
 
+@pytest.mark.full
 def test_one_component_without_the_prediction_is_the_likelihood():
     """N = 1000 and 40 replicates: the bias of an inverse variance, about 2 / ESS, is below two of the standard errors."""
     assert max(information_scores("moments")) < 5
 
 
+@pytest.mark.full
 def test_density_of_particles_that_is_left_in_is_noticed():
     assert min(information_scores("none")) > 20
 
 
+@pytest.mark.full
 def test_weights_over_density_stand_for_the_likelihood():
     """Where the likelihood has an end in all directions: the first frame, whose mean is that of both data."""
     fitted = mixtures("weights")
@@ -157,6 +163,7 @@ def test_frame_without_data_is_flat(correction):
     assert (np.asarray(fitted.gradients[:, MASKED]) == 0).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("dtype", "covariance", "num_particles"), [(np.float32, "fixed", 1), (np.float32, "free", 3), (np.float64, "free", 1)]
 )

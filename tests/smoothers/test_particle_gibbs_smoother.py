@@ -19,6 +19,8 @@ from poseppl.smoothers.base import History
 from poseppl.smoothers.conditional_smc import conditional_smc
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother
 
+pytestmark = pytest.mark.full
+
 METHODS = ("ancestor", "backward")
 INITIAL, TRANSITION, EMISSION = TWO_STATES
 SYMBOLS = np.array([0, 2, 2, 0, 1])

@@ -51,6 +51,7 @@ def test_weights_are_densities_of_the_other_slots(variant):
     np.testing.assert_allclose(ours - ours[0], np.array(exact) - exact[0], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.full
 def test_proposals_have_their_moments():
     noise, scale, h = np.array([[1.0, 0.4], [0.4, 0.5]]), np.array([[0.6, -0.1], [-0.1, 0.3]]), 0.8
     mean, u = np.array([1.0, -2.0]), np.array([0.5, 0.3])
@@ -158,6 +159,7 @@ def test_exact_draws_of_two_modes_stay_exact(variant, monkeypatch):
     assert largest_drift(variant) > 10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("scaling", ["covariance", "spread", "none"])
 def test_scales_are_positive_where_particles_do_not_differ(scaling):
     particles = jnp.array([[1.0, 2.0, 0.0]] * 3) * jnp.array([[1.0], [2.0], [3.0]])
@@ -166,6 +168,7 @@ def test_scales_are_positive_where_particles_do_not_differ(scaling):
         assert (np.linalg.eigvalsh(scale) > 0).all()
 
 
+@pytest.mark.full
 def test_bad_settings_and_unsuitable_models_are_told():
     posed = problem()
     wrong = ({"num_particles": 1}, {"num_chains": 0}, {"num_draws": 0}, {"num_warmup": -1}, {"variant": "a"}, {"scaling": "b"})

@@ -73,6 +73,7 @@ def test_densities_beyond_the_range_of_floats_do_no_harm(scale):
     assert np.abs(share - np.exp(found.log_weights[0])).max() < 5 * np.sqrt(0.25 / 500)
 
 
+@pytest.mark.full
 def test_later_particles_without_origin_share_their_weight_as_the_filter_does():
     model = finite_hmm([0.5, 0.5], [[1.0, 0.0], [0.0, 1.0]]).compile()
     particles = jnp.array([[0.0, 0.0, 0.0], [0.0, 1.0, 1.0]])[..., None]  # state 1 cannot come from state 0
@@ -113,6 +114,7 @@ def test_metropolis_moves_forget_where_they_started(unit):
     assert (found.info.acceptance[:-1] > 0.02).all()
 
 
+@pytest.mark.full
 def test_viterbi_finds_the_best_of_all_paths():
     history, observations, inputs = history_for_conduct(4, 4)
     found = smooth(viterbi_smoother(MODEL, tile=3), history, observations, inputs)
@@ -160,6 +162,7 @@ def test_a_lag_of_all_frames_is_the_genealogy():
     assert two.info.ess[0] < two.info.ess[-1]
 
 
+@pytest.mark.full
 def test_filters_without_genealogy_are_refused():
     history, observations, inputs = history_for_conduct()
     chains = history._replace(ancestors=jnp.zeros((5, 3), jnp.int32))

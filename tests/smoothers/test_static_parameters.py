@@ -95,6 +95,7 @@ def run_pmmh(num_particles=10, num_draws=1200, **settings):
     return jax.jit(run)(jax.random.key(1))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", ["ancestor", "backward"])
 def test_particle_gibbs_has_the_posterior_of_the_grid(method):
     result = run_gibbs(method=method)
@@ -106,6 +107,7 @@ def test_particle_gibbs_has_the_posterior_of_the_grid(method):
     assert (np.asarray(result.smoothed.info.acceptance) > 0.3).all()
 
 
+@pytest.mark.full
 def test_pmmh_has_the_posterior_of_the_grid():
     result = run_pmmh()
     assert np.abs(scores(result.unconstrained)).max() < 5
@@ -120,6 +122,7 @@ def test_a_chart_without_its_determinant_is_noticed(monkeypatch):
     assert np.abs(scores(run_pmmh().unconstrained)).max() > 7
 
 
+@pytest.mark.full
 def test_evidence_that_is_estimated_anew_is_noticed(monkeypatch):
     right = particle_marginal._update
 
@@ -149,6 +152,7 @@ def test_no_key_is_used_twice():
             assert np.isfinite(draws).all()
 
 
+@pytest.mark.full
 def test_the_chart_of_params():
     def program():
         numpyro.sample("noise", dist.LogNormal(0.0, 1.0))
@@ -193,6 +197,7 @@ def test_what_cannot_be_learned_is_told():
             sample(model, jax.random.key(0), {"y": YS}, **options)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sample", ["pmmh", "particle gibbs"])
 def test_constant_inputs_are_repeated_and_others_have_the_frames_of_the_data(sample):
     def moved(params, state, inputs):

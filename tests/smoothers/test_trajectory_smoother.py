@@ -20,6 +20,8 @@ from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
 
+pytestmark = pytest.mark.full
+
 
 def positive_model():
     """A positive state with a heavy-tailed transition: no Gaussian moments anywhere."""

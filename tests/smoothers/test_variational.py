@@ -44,6 +44,7 @@ def test_structure_is_read_from_the_program():
     assert not structure.affine
 
 
+@pytest.mark.full
 def test_one_component_is_the_exact_smoother_after_one_round():
     with jax.enable_x64(True):
         posed = mixture_problem(num_frames=4, num_components=1)
@@ -57,6 +58,7 @@ def test_one_component_is_the_exact_smoother_after_one_round():
         np.testing.assert_allclose(fitted.free_energy[-1], -exact.log_evidence, rtol=1e-9)
 
 
+@pytest.mark.full
 def test_inputs_of_the_wrong_frame_are_noticed():
     with jax.enable_x64(True):
         posed = mixture_problem(num_frames=4, num_components=1)
@@ -65,6 +67,7 @@ def test_inputs_of_the_wrong_frame_are_noticed():
         assert np.abs(fitted.means - exact_smoothing(posed).means).max() > 0.1
 
 
+@pytest.mark.full
 def test_factorised_over_frames_has_the_exact_means_and_conditional_variances():
     """What is known of the best product of Gaussians for a Gaussian: its means, and the inverse blocks of the precision."""
     with jax.enable_x64(True):
@@ -122,6 +125,7 @@ def free_energy_by_hand(posed, fitted, covariances, factorised):
     return energy
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("factorised", [False, True])
 def test_updates_that_overshoot_are_noticed(factorised, monkeypatch):
     """Means that go 2.5 times as far as they should end farther from the best ones than they were."""
@@ -137,6 +141,7 @@ def test_updates_that_overshoot_are_noticed(factorised, monkeypatch):
     assert (np.diff(np.asarray(fitted.free_energy)) > 1e-3).any()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("factorised", [False, True])
 def test_free_energy_never_rises_with_a_curved_transition(factorised):
     """The growth model, likelihoods with two modes a frame, q started on the wrong side."""
@@ -156,6 +161,7 @@ def test_free_energy_never_rises_with_a_curved_transition(factorised):
     np.testing.assert_allclose(np.asarray(fitted.responsibilities).max(1), 1.0, atol=1e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("settings", [{"num_rounds": 0}, {"num_draws": 0}, {"num_components": 0}])
 def test_numbers_out_of_range_are_refused(settings):
     with pytest.raises(ValueError, match="at least 1"):

@@ -42,7 +42,7 @@ class TrackSettings(NamedTuple):
 
     Attributes:
         model: Name of the body's builder, for the record.
-        filter: Name of the filter, one of :data:`poseppl.runs.algorithms.FILTERS`.
+        filter: Name of the filter, one of :data:`poseppl.runs.algorithms.FILTERS`; if None, that of :func:`usual_filter`.
         options: Settings of the filter by the names of its arguments, such as ``num_particles``; absent ones are its defaults.
         sigma_position: Random walk of translations, mm a root of a second; the body's own if None.
         sigma_angle: Random walk of angles, radians a root of a second; the body's own if None.
@@ -62,7 +62,7 @@ class TrackSettings(NamedTuple):
     """
 
     model: str = DEFAULT_MODEL
-    filter: str = "assumed-density"
+    filter: str | None = None
     options: Mapping[str, Any] = {}
     sigma_position: float | None = None
     sigma_angle: float | None = None
@@ -173,20 +173,21 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     Raises:
         InputError: A setting is out of range, or the body's walk cannot be learned.
     """
-    settings = settings._replace(walk=settings.walk or usual_walk(scene, settings))
+    name = settings.filter or usual_filter(scene, settings)
+    settings = settings._replace(walk=settings.walk or usual_walk(scene, settings), filter=name)
     _check(settings)
     params = walk_params(scene.body, settings)
     if settings.markers == "learned":
         scene = learn_markers(scene, params)
     problem = _problem(scene, settings, params)
-    built, options = FILTERS[settings.filter].build(problem.model, settings.options)
+    built, options = FILTERS[name].build(problem.model, settings.options)
     built = on_devices(built, options, settings.devices)
     max_draws = settings.max_draws or affordable_draws(problem, int(options.get("num_chains", 1)))
     obstacle = problem.model.prediction_obstacle(frame_inputs(problem.inputs, 0))
     described = {
         "model": settings.model,
         "model source": source_of_model(settings.model),
-        "filter": settings.filter,
+        "filter": name,
         "settings": {**options, **params, "walk": settings.walk, "markers": settings.markers, "max_draws": max_draws},
         **scene.data.provenance,
         "prior": settings.prior,
@@ -199,6 +200,15 @@ def prepare(scene: Scene[SceneData], settings: TrackSettings) -> Tracking:
     predict = None if obstacle else predictive_checks(problem.model, of_state=of_state, of_points=of_points)
     record = {key: value for key, value in told.items() if value is not None}
     return Tracking(scene, problem, built, problem.collector(max_draws), predict, described, record)
+
+
+def usual_filter(scene: Scene[SceneData], settings: TrackSettings) -> str:
+    """Choose a scene's filter by what was measured (docs/choosing.md, "The default filter").
+
+    Markers have one mode and Gaussian errors. Detections and silhouettes have several modes, which chains find.
+    """
+    several_modes = {"layout", "silhouettes"} & set(scene.data.provenance)
+    return "assumed-density" if several_modes or settings.prior else "kalman"
 
 
 def usual_walk(scene: Scene[SceneData], settings: TrackSettings) -> Walk:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from waiting import PATIENCE, wait_until
 
 from poseppl.experiments.jobs import Job
 from poseppl.files.netcdf_writing import write_netcdf
@@ -55,17 +56,18 @@ def _mishap(job: Draw) -> None:
     if job.mishap == "exit":
         raise SystemExit(3)
     if job.mishap == "sleep":
-        time.sleep(600)
+        time.sleep(PATIENCE)
 
 
 def where(job: Draw) -> dict[str, object]:
-    """The process, the cores it may use, its threads' cores and whether it has JAX."""
+    """The process, the cores of its threads, and whether it has JAX, once two processes have come to `folder`."""
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
     cores = {tuple(sorted(os.sched_getaffinity(int(path.name)))) for path in Path("/proc/self/task").iterdir()}
     done.set()
-    time.sleep(0.2)
+    (Path(job.folder) / str(os.getpid())).touch()
+    wait_until(lambda: len(list(Path(job.folder).iterdir())) >= 2)
     return {"pid": os.getpid(), "cores": sorted(cores), "jax": "jax" in sys.modules, "prepared": os.environ.get("PREPARED", "")}
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import importlib.util
 import socket
 import sys
-import time
 
 import pytest
 from job_samples import Draw, assert_same, draw
+from waiting import PATIENCE, wait_until
 
 from poseppl.errors import InputError, PosepplError
 from poseppl.experiments.jobs import Cluster, JobError, run_jobs
+
+pytestmark = pytest.mark.full
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="Dask is not installed: poseppl[experiments]"
@@ -30,7 +32,7 @@ def cluster():
 def test_a_killed_worker_loses_nothing_and_counts_nothing_twice(cluster, tmp_path):
     (tmp_path / "marks").mkdir()
     jobs = [Draw(run, mishap="die" if run == 8 else "", folder=str(tmp_path / "marks")) for run in range(16)]
-    results = run_jobs(draw, jobs, tmp_path / "cluster", executor=cluster.scheduler_address)
+    results = run_jobs(draw, jobs, tmp_path / "cluster", executor=Cluster(cluster.scheduler_address, PATIENCE))
     assert len(list((tmp_path / "marks").iterdir())) == 1  # the worker did die
     expected = run_jobs(draw, jobs, tmp_path / "inline", executor="inline")
     assert_same(results, expected)
@@ -43,7 +45,7 @@ def test_a_killed_worker_loses_nothing_and_counts_nothing_twice(cluster, tmp_pat
 def test_failures_are_named_and_the_others_are_done(cluster, tmp_path):
     jobs = [Draw(0), Draw(1, mishap="fail"), Draw(2), Draw(3, mishap="die")]
     with pytest.raises(JobError) as caught:
-        run_jobs(draw, jobs, tmp_path, executor=Cluster(cluster.scheduler_address, timeout=30))
+        run_jobs(draw, jobs, tmp_path, executor=Cluster(cluster.scheduler_address, PATIENCE))
     assert caught.value.failures == {
         jobs[1].key: "ArithmeticError: run 1 does not work",
         jobs[3].key: "its process died 4 times (killed, crashed or out of memory)",
@@ -56,22 +58,24 @@ def test_schedulers_that_are_not_there(tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-    for address in (f"tcp://127.0.0.1:{port}", "carrier-pigeon://host:1"):
-        with pytest.raises(InputError, match=f"no Dask scheduler answers at {address}"):
-            run_jobs(draw, [Draw(0)], tmp_path, executor=Cluster(address, timeout=1))
+    address, unknown = f"tcp://127.0.0.1:{port}", "carrier-pigeon://host:1"
+    for name, executor in ((address, Cluster(address, timeout=1)), (unknown, unknown)):
+        with pytest.raises(InputError, match=f"no Dask scheduler answers at {name}"):
+            run_jobs(draw, [Draw(0)], tmp_path, executor=executor)
 
 
 @needs_dask
-def test_a_scheduler_without_workers(tmp_path):
-    from distributed import LocalCluster
+def test_a_scheduler_without_workers(tmp_path, monkeypatch):
+    """It may take long to answer; workers that never come are not waited for."""
+    from distributed import Client, LocalCluster
 
+    wait_for_workers = Client.wait_for_workers
+    monkeypatch.setattr(Client, "wait_for_workers", lambda client, number, timeout: wait_for_workers(client, number, 0.1))
     with LocalCluster(1, processes=False, dashboard_address=":0", silence_logs=50, protocol="tcp://") as cluster:
         cluster.scale(0)
-        deadline = time.monotonic() + 30
-        while cluster.scheduler_info["workers"] and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_until(lambda: not cluster.scheduler_info["workers"])
         with pytest.raises(InputError, match="has no workers"):
-            run_jobs(draw, [Draw(0)], tmp_path, executor=Cluster(cluster.scheduler_address, timeout=1))
+            run_jobs(draw, [Draw(0)], tmp_path, executor=Cluster(cluster.scheduler_address, PATIENCE))
 
 
 @needs_dask
@@ -93,7 +97,7 @@ def test_a_lost_scheduler(tmp_path):
             pass
 
     with pytest.raises(PosepplError, match="was lost; what is done is kept"):
-        run_jobs(draw, jobs, tmp_path, executor=Cluster(address, timeout=1), progress=Closing())
+        run_jobs(draw, jobs, tmp_path, executor=Cluster(address, PATIENCE), progress=Closing())
     assert [path.name for path in tmp_path.iterdir()] == [f"{jobs[3].key}.npz"]
 
 

@@ -96,6 +96,7 @@ def test_what_cannot_be_laid_along_a_circle(pelvis, radius, words):
     assert "--turn" in str(error.value)
 
 
+@pytest.mark.full
 def test_the_built_in_walk_turns_with_its_states():
     plain, found = walking_subject(frames="0:40:3"), walking_subject(frames="0:40:3", turn=-800.0)
     np.testing.assert_allclose(found.body.places(found.states), found.markers, atol=0.01)
@@ -109,6 +110,7 @@ def test_a_body_that_cannot_be_turned_is_told():
         bend_along_circle(straight(), RATE, 900.0).states(tree, np.zeros((300, 5)))
 
 
+@pytest.mark.full
 def test_frames_between_the_chosen_ones_count_for_the_circle(data_dir):
     """A body fitted to a few frames of the circle has the recording's angles in its joints."""
     walk = (data_dir / "cmu_walks" / "07_01.amc", data_dir / "cmu_walks" / "07.asf")

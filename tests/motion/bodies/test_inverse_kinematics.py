@@ -32,6 +32,7 @@ def walker():
     return body, states, np.asarray(markers, np.float64)
 
 
+@pytest.mark.full
 def test_the_bodys_own_markers_come_back(walker):
     """The pulls bias what the markers show by less than a tenth of a millimetre."""
     body, states, markers = walker
@@ -42,6 +43,7 @@ def test_the_bodys_own_markers_come_back(walker):
     np.testing.assert_allclose(found[:, :3], states[:, :3], atol=0.3)
 
 
+@pytest.mark.full
 def test_any_heading_and_no_jumps(walker):
     """A walker turned by any angle keeps his joint angles, and his heading goes on past pi."""
     body, states, markers = walker
@@ -120,6 +122,7 @@ def test_refuses(walker):
         fit_states(body.tree, np.full_like(markers, np.nan))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_recordings(data_dir, name):
     """Every tenth of a second: close to the joints, knees bend backwards and elbows forwards."""

@@ -31,6 +31,7 @@ def state(body, **angles):
     return found
 
 
+@pytest.mark.full
 def test_a_walk_has_the_angles_that_opensim_finds(data_dir: Path) -> None:
     """Marker sets and bodies differ: offsets of some degrees are theirs, signs and shapes of the curves are not."""
     folder = data_dir / "opensim_mocap"

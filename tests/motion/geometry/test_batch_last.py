@@ -38,6 +38,7 @@ def test_pictures_are_not_copied():
     assert memory.temp_size_in_bytes < 60 * 50 * 4 * 100
 
 
+@pytest.mark.full
 def test_second_derivatives():
     """Of both orders of differentiation, over particles, those of the function itself."""
 

@@ -52,6 +52,7 @@ def laboratory_rig(data_dir):
     return records
 
 
+@pytest.mark.full
 def test_equation_18(dtype):
     """(X - Xc) / (Y - Yc) and (Z - Zc) / (Y - Yc)."""
     centre = np.array([100.0, -5000.0, 950.0])
@@ -66,6 +67,7 @@ def test_equation_18(dtype):
     np.testing.assert_allclose(project(along_y, place), found, atol=20 * epsilon(dtype))
 
 
+@pytest.mark.full
 def test_look_at(dtype):
     camera = look_at((3000, -2000, 1800), (100, 200, 900), focal=1.5)
     tolerance = 10 * epsilon(dtype)  # roundings of one normalised cross product; found up to 1.5
@@ -90,6 +92,7 @@ def test_opencv_model(dtype):
     np.testing.assert_allclose(project(camera, jnp.asarray(places))[0], expected, atol=2e4 * epsilon(dtype))
 
 
+@pytest.mark.full
 def test_recorded_rigs(data_dir, dtype):
     """Calibrations of two laboratories: several cameras at once are each one alone, and are the textbook's."""
     balancing = read_cameras(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml")
@@ -111,6 +114,7 @@ def test_recorded_rigs(data_dir, dtype):
             np.testing.assert_allclose(together[i][in_front], alone[in_front], atol=10 * size * epsilon(dtype))
 
 
+@pytest.mark.full
 def test_join(dtype):
     plain, turned = paper_camera((0, -4000, 1000)), look_at((4000, 0, 1000), (0, 0, 1000))
     assert join_cameras([plain, turned]).distortion is None
@@ -122,6 +126,7 @@ def test_join(dtype):
     np.testing.assert_allclose(project(both, places), expected, atol=10 * epsilon(dtype))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("distance", [0.0, -1e-3, -1.0, -3000.0])
 @pytest.mark.parametrize("lens", [False, True])
 def test_behind_the_camera_all_is_finite(dtype, lens, distance):
@@ -136,6 +141,7 @@ def test_behind_the_camera_all_is_finite(dtype, lens, distance):
     assert depth(camera, place)[0] <= NEAREST
 
 
+@pytest.mark.full
 def test_gradients_with_respect_to_cameras(dtype):
     """Every field against central differences in float64; only the direction of rounding is left in float32."""
     camera = look_at((3000, -2000, 1800), (100, 200, 900), focal=1.5)._replace(distortion=jnp.asarray(LENS)[None])
@@ -156,6 +162,7 @@ def test_gradients_with_respect_to_cameras(dtype):
             )
 
 
+@pytest.mark.full
 def test_batches_of_points_and_cameras(dtype):
     camera = join_cameras([paper_camera((0, -4000, 1000)), look_at((4000, 0, 1000), (0, 0, 1000))])
     places = jnp.asarray(points(6))
@@ -167,6 +174,7 @@ def test_batches_of_points_and_cameras(dtype):
     np.testing.assert_allclose(one_each, project(camera, places), atol=5 * epsilon(dtype))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("degrees", [0.0, 1e-4, 1e-2, 1.0, 90.0])
 def test_moved_cameras_turn_about_their_own_axes(degrees: float) -> None:
     camera = look_at((0.0, -4000.0, 1000.0), (0.0, 0.0, 900.0))

@@ -25,6 +25,7 @@ def nearest_by_least_squares(one, other):
     return np.sqrt(2 * lsq_linear(directions, other[0] - one[0], (0, 1), method="bvls").cost)
 
 
+@pytest.mark.full
 def test_clearance_is_the_least_distance():
     """Random, crossing, parallel and collinear segments."""
     rng = np.random.default_rng(0)
@@ -44,6 +45,7 @@ def test_factors():
     assert rejected(clearance).tolist() == [0.0, -np.inf] and rejected(clearance, 3.5).tolist() == [0.0, 0.0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", BODIES)
 def test_published_bodies(name):
     """Degrees of freedom and parts; at ease nothing is violated, and inner capsules lie within the outer ones."""
@@ -61,6 +63,7 @@ def test_published_bodies(name):
     assert np.all(np.asarray(clearances(inside, body.apart)) >= np.asarray(clearances(around, body.apart)) - 1e-2)  # float32 mm
 
 
+@pytest.mark.full
 def test_impossible_poses_are_rejected():
     """A knee bent forwards, and a forearm within the torso; poses of limbs that only come near are not."""
     body = darby_body()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from precision import precision
 from superquadric_views import last
 
@@ -13,6 +14,8 @@ from poseppl.motion.geometry.contour_nodes import contour_nodes
 from poseppl.motion.geometry.kinematics import frames_of
 from poseppl.motion.geometry.occlusion import hidden
 from poseppl.motion.geometry.superquadrics import Superquadric, part_axes, superquadrics_of
+
+pytestmark = pytest.mark.full
 
 TREE = kinematic_tree([Joint("hip", None, (0, 0, 0), "ZYX")], [Marker("hip", "hip")])
 RINGS, MERIDIANS = np.linspace(-1.2, 1.2, 7), 2 * np.pi * np.arange(12) / 12

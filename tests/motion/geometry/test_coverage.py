@@ -18,6 +18,7 @@ BENT = (-0.32, 0.15, 0.0, 0.0, 0.0)
 """Lens distortion of the bodytrack benchmark's cameras."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("distance", [5000.0, 2500.0, 1000.0])
 @pytest.mark.parametrize("name", CONES)
 def test_silhouettes_agree_with_rays(name, distance):
@@ -37,6 +38,7 @@ def test_silhouettes_agree_with_rays(name, distance):
             assert overlap(silhouettes(thin, state, view, window=CONES[name])[0], expected) < 0.99
 
 
+@pytest.mark.full
 def test_silhouettes_through_a_bent_lens():
     """To first order: a lens bends the edges of a part that fills the image. 0.98 at 1.5 m, over 0.99 at 3 m."""
     rng = np.random.default_rng(0)
@@ -47,6 +49,7 @@ def test_silhouettes_through_a_bent_lens():
                 assert overlap(found, expected) > least, (distance, name)
 
 
+@pytest.mark.full
 def test_far_edges_are_those_of_the_short_formula():
     """The benchmark's corners are the exact ones of a far cylinder: their distance falls as 1 / distance, or faster."""
     with precision(np.float64):
@@ -98,6 +101,7 @@ def image_points(rng, count):
     return jnp.asarray(rng.uniform((180, 120), (460, 360), (4, count, 2)))
 
 
+@pytest.mark.full
 def test_soft_coverage_tends_to_the_hard_one():
     """Discretisation: the mean gap is proportional to the softness, the share of points that are so near an edge."""
     rng = np.random.default_rng(2)
@@ -114,6 +118,7 @@ def test_soft_coverage_tends_to_the_hard_one():
     assert 0.85 < rate < 1.15, gaps
 
 
+@pytest.mark.full
 def test_gradients_against_finite_differences():
     """Exact up to central differences: steps of 1e-5 leave some 1e-8 of the gradient in float64."""
     rng = np.random.default_rng(3)
@@ -154,6 +159,7 @@ def test_gradients_are_finite_seen_along_an_axis_and_from_behind(dtype):
             assert np.isfinite(value) and np.all(np.isfinite(gradient)), (distance, place, cone.name)
 
 
+@pytest.mark.full
 def test_a_batch_is_one_at_a_time(dtype):
     """Exact up to rounding; distances of several hundred px in float32 are known to 1e-3 px or so."""
     rng = np.random.default_rng(5)

@@ -52,6 +52,7 @@ def close(a, b, dtype, factor=1000.0):
     np.testing.assert_allclose(a, b, atol=factor * epsilon(dtype) * max(1.0, np.abs(b).max()))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(3))
 def test_equals_elementwise_normals(dtype, seed):
     tree, cameras, (state,), scale, (value,), mask = scene(dtype, seed)
@@ -78,6 +79,7 @@ def test_a_wrong_noise_is_noticed(dtype):
         )
 
 
+@pytest.mark.full
 def test_every_gradient_against_automatic_differentiation(dtype):
     tree, cameras, (state,), scale, (value,), (mask,) = scene(dtype)
     everything = (0, 1, 2, 3, 4)
@@ -95,6 +97,7 @@ def whitened(tree, cameras, state, scale, mask):
     return jnp.where(mask, project(cameras, positions) / scale[..., None], 0.0).ravel()
 
 
+@pytest.mark.full
 def test_whitened_jacobian_against_automatic_differentiation(dtype):
     """One particle, and a batch whose size is no multiple of the vector length; an unseen marker may have any noise."""
     tree, cameras, state, scale, _, (mask, *_) = scene(dtype, count=11)
@@ -110,6 +113,7 @@ def test_whitened_jacobian_against_automatic_differentiation(dtype):
         close(closed(state[0], ~mask), expected[0], dtype)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("filling", [0.0, 1e30, -3e38, np.inf, np.nan])
 def test_masked_entries_count_exactly_zero(dtype, filling):
     """Whatever stands in them: neither value nor gradient changes by a bit."""
@@ -122,6 +126,7 @@ def test_masked_entries_count_exactly_zero(dtype, filling):
     assert np.all(np.asarray(found[1][4])[~np.asarray(mask)] == 0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("filling", [0.1, np.inf])
 def test_an_unseen_frame_is_zero(dtype, filling):
     tree, cameras, (state,), scale, (value,), _ = scene(dtype)
@@ -140,6 +145,7 @@ def test_impossible_data_is_not_hidden(dtype):
     assert summed(tree, cameras, state, scale, value.at[0, 0, 0].set(np.inf), None) == -np.inf
 
 
+@pytest.mark.full
 def test_batches():
     """Particles in any nesting, shared or own observations and cameras, and gradients in and out of vmap."""
     dtype = np.float32
@@ -163,6 +169,7 @@ def test_batches():
     close(total(state), one, dtype, 5000)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("filling", [0.0, np.inf, np.nan])
 def test_many_particles(filling):
     """A large batch may take another way to the same values than the gradient, which is compared elementwise above."""
@@ -177,6 +184,7 @@ def test_many_particles(filling):
     close(found[:1], elementwise(tree, cameras, crowd[0], scale, value, mask), dtype)
 
 
+@pytest.mark.full
 def test_nothing_is_known_of_the_masks_derivative(dtype):
     tree, cameras, (state,), scale, (value,), (mask,) = scene(dtype)
     seen = mask.astype(dtype)

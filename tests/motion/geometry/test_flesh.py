@@ -12,6 +12,8 @@ from precision import epsilon, precision
 from poseppl.motion.geometry import Marker
 from poseppl.motion.geometry.flesh import Cone, flesh_of, part_frames, parts_of, sphere
 
+pytestmark = pytest.mark.full
+
 SIZE = 3000.0  # mm: tolerances in mm are this times the rounding
 PARTS = (
     Cone("trunk", "root", 500.0, (150.0, 120.0), (1.0, 0.7)),

@@ -5,12 +5,15 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from limbs_backwards import backwards
 from precision import precision
 
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.geometry.hinge_sides import bent_as_at_rest
 from poseppl.motion.tracking.subjects import walking_subject
+
+pytestmark = pytest.mark.full
 
 
 def test_a_walk_is_itself_again() -> None:

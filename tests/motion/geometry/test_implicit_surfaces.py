@@ -61,6 +61,7 @@ def test_it_is_no_more_than_the_distance():
     assert np.all(found <= true + 1e-6) and np.all(found >= 0.5 * true - 2.0)  # samples are up to 4 mm apart
 
 
+@pytest.mark.full
 def test_gradients():
     """Central differences in float64, on the axes too, where powers have kinks."""
     part = Superquadric("limb", "hip", (50.0, 40.0, 150.0), (0.6, 0.9), (0.2, -0.1), 0.4, 0.3)
@@ -72,6 +73,7 @@ def test_gradients():
         assert np.isfinite(gradient(jnp.zeros((1, 3)))).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("decay", [1.0, 2.0, 3.0])
 def test_repulsion(decay):
     """One node 59 mm inside of a ball to 40 mm outside: exp(-f |f|^(p - 1)), its tangent beyond e^8; a gradient inside."""

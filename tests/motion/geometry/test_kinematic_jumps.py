@@ -40,6 +40,7 @@ def test_the_limbs_of_the_body_are_its_arms_and_legs():
     assert ends == {"crown", "wrist_l", "wrist_r", "ankle_l", "ankle_r"}
 
 
+@pytest.mark.full
 def test_the_camera_sees_the_same_joints():
     """Of all poses the image of the hinge stays; that of the end, too, where its line of sight meets the sphere."""
     with precision(np.float64):
@@ -71,6 +72,7 @@ def test_only_the_limbs_own_coordinates_change_and_bends_keep_their_side():
             assert (np.sign(poses[..., own[-1]]) == np.sign(np.asarray(states)[:, None, own[-1]])).all()
 
 
+@pytest.mark.full
 def test_a_jump_back_is_the_pose_before():
     """The far bone leans over and back; the near bone too, by the pose that is nearest to the first."""
     with precision(np.float64):
@@ -87,6 +89,7 @@ def test_a_jump_back_is_the_pose_before():
     assert np.isfinite(seen) and (distance < 1e-6).mean() > 0.6
 
 
+@pytest.mark.full
 def test_mirroring_the_near_bone_alone_is_noticed():
     """An end that merely moves with its bone leaves its line of sight."""
     with precision(np.float64):
@@ -100,6 +103,7 @@ def test_mirroring_the_near_bone_alone_is_noticed():
     assert np.median(np.abs(np.asarray(images - truth))[:, limb.marker].max(-1)) > 1e-3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_straight_limbs_and_float32_make_no_nan(bend):
     states = np.tile(np.asarray(BODY.rest), (2, 1))
@@ -111,6 +115,7 @@ def test_straight_limbs_and_float32_make_no_nan(bend):
     assert jumped.shape == (2, 13, 28) and np.isfinite(np.asarray(jumped)).all()
 
 
+@pytest.mark.full
 def test_a_tree_without_limbs_is_refused():
     tree = kinematic_tree([Joint("root", None, (0, 0, 0), "ZYX")], [Marker("tip", "root", (0, 0, 1.0))])
     with pytest.raises(ValueError, match="no limb"):

@@ -43,6 +43,7 @@ def test_positions(dtype):
         np.testing.assert_allclose(scalar_form(tree, jnp.asarray(state)), expected, atol=tolerance(dtype))
 
 
+@pytest.mark.full
 def test_gradient_against_automatic_differentiation(dtype):
     """With respect to the state and to both kinds of offsets."""
     tree = mixed_tree()
@@ -57,6 +58,7 @@ def test_gradient_against_automatic_differentiation(dtype):
             np.testing.assert_allclose(np.where(pattern, a, 0), b, atol=tolerance(dtype))
 
 
+@pytest.mark.full
 def test_gradient_against_finite_differences():
     with precision(np.float64):
         tree = mixed_tree()
@@ -81,6 +83,7 @@ def test_gradient_against_finite_differences():
                 np.testing.assert_allclose((sides[0] - sides[1]) / 2e-4, gradient[index], atol=1e-4)
 
 
+@pytest.mark.full
 def test_a_wrong_lever_is_noticed(dtype):
     """The comparison above is sharp enough: the gradient of a body with one joint displaced by 1 mm is refused."""
     tree = mixed_tree()
@@ -90,6 +93,7 @@ def test_a_wrong_lever_is_noticed(dtype):
     assert np.max(np.abs(right - wrong)) > tolerance(dtype)
 
 
+@pytest.mark.full
 def test_batches_of_every_kind(dtype):
     tree = mixed_tree()
     batch = jnp.asarray(states(tree, 6))
@@ -104,6 +108,7 @@ def test_batches_of_every_kind(dtype):
     np.testing.assert_allclose(crossed.reshape(single.shape), single, atol=tolerance(dtype))
 
 
+@pytest.mark.full
 def test_gradients_of_batches(dtype):
     tree = mixed_tree()
     batch = jnp.asarray(states(tree, 6))
@@ -122,6 +127,7 @@ def test_gradients_of_batches(dtype):
     np.testing.assert_allclose(jacobian, automatic, atol=tolerance(dtype))
 
 
+@pytest.mark.full
 def test_batched_trees(dtype):
     """Limb lengths that differ by particle, with shared and with batched states, and the gradient of a shared tree."""
     tree = mixed_tree()
@@ -146,6 +152,7 @@ def test_batched_trees(dtype):
     np.testing.assert_allclose(summed.marker_offsets, sum(one.marker_offsets for one in apart), atol=tolerance(dtype))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [0, 1])
 def test_degenerate_batches(count):
     tree = mixed_tree()

@@ -62,6 +62,7 @@ def test_rays_are_those_of_the_projection(name: str) -> None:
     np.testing.assert_allclose(rays, expected, atol=2e-6)  # the camera is kept in single precision
 
 
+@pytest.mark.full
 def test_a_rig_of_all_kinds_is_each_camera_alone(dtype) -> None:
     rig = cameras_of_records([record(name) for name in LENSES])
     assert rig.distortion.shape == (4, 9)
@@ -70,6 +71,7 @@ def test_a_rig_of_all_kinds_is_each_camera_alone(dtype) -> None:
         np.testing.assert_allclose(together[index], by_opencv(name, places()), atol=5e4 * epsilon(dtype))
 
 
+@pytest.mark.full
 def test_gradients_are_finite_on_the_axis(dtype) -> None:
     for name in LENSES:
         lens = np.asarray(cameras_of_records([record("fisheye"), record(name)]).distortion[1], dtype)
@@ -92,6 +94,7 @@ def test_where_a_lens_puts_nothing_there_is_no_ray() -> None:
     np.testing.assert_allclose(fisheye[0, 0], np.tan(1.5))
 
 
+@pytest.mark.full
 def test_long_lenses_of_a_recording(data_dir) -> None:
     """Focal lengths of 20,000 to 136,000 px with k1 down to -6469: to the picture's corners and back."""
     for camera in read_cameras(data_dir / "fly_legs" / "calibration.toml"):

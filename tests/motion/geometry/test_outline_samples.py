@@ -64,6 +64,7 @@ def by_the_loop(corners, edge, inside, spacing):
     return total
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("inset", [12.0, -10.0])
 def test_every_sample_is_taken_once(inset):
     """Exact: with half of the parts beyond the image's rim, too, whose samples leave sums and numbers alike."""
@@ -86,6 +87,7 @@ def test_padded_maps_end_in_a_row_of_zeros():
     assert padded.shape == (2, SIZE[0] + 1, SIZE[1]) and not padded[:, -1].any() and padded[:, :-1].all()
 
 
+@pytest.mark.full
 def test_parts_outside_the_image_leave_no_trace():
     corners = jnp.asarray(quadrilaterals(np.random.default_rng(1), 5)) + 1000.0
     ones = pad_maps(jnp.ones((2, *SIZE)))
@@ -94,6 +96,7 @@ def test_parts_outside_the_image_leave_no_trace():
         assert not any(np.any(value) for value in summed(sums, -corners, ones, ones, Spacing(), ROOMS))
 
 
+@pytest.mark.full
 def test_fixed_samples_count_as_much_as_all():
     """Of a constant map the sums are exact; of a smooth one they differ by the discretisation of a few px."""
     rng = np.random.default_rng(2)
@@ -118,6 +121,7 @@ def test_a_room_for_each_part():
         spaced_sums(corners, ones, ones, Spacing(), ROOMS[:2])
 
 
+@pytest.mark.full
 def test_batches_in_pieces_are_the_same(dtype):
     """Exact up to the order of sums: 11 particles at once, in pieces of 4, and one at a time."""
     rng = np.random.default_rng(4)

@@ -15,6 +15,8 @@ from poseppl.motion.geometry import join_cameras, look_at
 from poseppl.motion.likelihoods import DetectedPoints
 from poseppl.program.closed_forms import WhitenedJacobian
 
+pytestmark = pytest.mark.full
+
 BODY = full_body()
 CAMERAS = join_cameras(
     [look_at(centre, (0.0, 0.0, 900.0), 1500.0) for centre in ((0.0, -4000.0, 1000.0), (3000.0, 2000.0, 500.0))]

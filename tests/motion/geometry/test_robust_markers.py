@@ -7,12 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+import pytest
 from poseppl_models.choo_fleet import full_body
 
 from poseppl.motion.geometry import marker_positions
 from poseppl.motion.geometry.cameras import look_at, project
 from poseppl.motion.likelihoods import ProjectedMarkers
 from poseppl.program import Lorentzian, StateSpaceModel
+
+pytestmark = pytest.mark.full
 
 BODY, CAMERA, NOISE = full_body(), look_at((0.0, -4000.0, 1000.0), (0.0, 0.0, 900.0)), 0.003
 

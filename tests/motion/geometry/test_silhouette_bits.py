@@ -17,6 +17,8 @@ from poseppl.motion.geometry.part_samples import bilinear, nearest, pad_maps, we
 from poseppl.motion.geometry.silhouette_bits import body_bits, count_ones, grid_points, pack_mask, unpack_bits
 from poseppl.motion.vision import fourier_descriptors, outer_contour
 
+pytestmark = pytest.mark.full
+
 HEIGHT, WIDTH = 120, 160
 
 

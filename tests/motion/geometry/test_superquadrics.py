@@ -34,6 +34,7 @@ def nodes_in_place(part, latitudes, longitudes):
     return (np.asarray(leaf)[0, ..., 0] for leaf in nodes)
 
 
+@pytest.mark.full
 def test_surfaces_solve_the_inequality():
     """Half a millimetre out along the normal is outside, as much in is inside; with 2 mm of 50 too much taper, not."""
     rng = np.random.default_rng(0)
@@ -62,6 +63,7 @@ def test_normals_stand_on_the_surface():
             np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-12)
 
 
+@pytest.mark.full
 def test_bending_makes_arcs_and_nothing_of_no_angle():
     with precision(np.float64):
         rod = Superquadric("rod", "hip", (20.0, 20.0, 300.0), bend=1.0, bend_towards=np.pi / 2)
@@ -83,6 +85,7 @@ def test_ellipsoids_are_by_the_book():
         np.testing.assert_allclose(points, np.stack(expected, -1), atol=1e-9)
 
 
+@pytest.mark.full
 def test_parts_are_where_markers_of_the_same_offsets_are(dtype):
     tree = mixed_tree()
     part = Superquadric("slant", "wheel", (50.0, 40.0, 90.0), centre=(10.0, -20.0, 30.0), axis=(1, 2, 3), across=(0, 0, 1))
@@ -98,6 +101,7 @@ def test_parts_are_where_markers_of_the_same_offsets_are(dtype):
         np.testing.assert_allclose(found.normals[0, :, 0], [-outwards, outwards], atol=50 * epsilon(dtype))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("distance", [5000.0, 1500.0])
 def test_silhouettes_agree_with_rays(distance):
     """Discretisation: over 0.99 of the union. A part without its taper, or its bend, must be told where it has much of them."""
@@ -114,6 +118,7 @@ def test_silhouettes_agree_with_rays(distance):
                 assert overlap(silhouettes(part, state, view, wrong=straight)[0], expected) < 0.99
 
 
+@pytest.mark.full
 def test_silhouettes_of_bent_parts_are_hollow():
     """A quarter of a circle seen from the side: with one convex piece in the place of many the hollow would be filled."""
     with precision(np.float64):
@@ -124,6 +129,7 @@ def test_silhouettes_of_bent_parts_are_hollow():
         assert overlap(silhouettes(part, state, view, pieces=1)[0], expected) < 0.8
 
 
+@pytest.mark.full
 def test_silhouettes_through_a_bent_lens():
     """All nodes are seen through the lens, so that it costs nothing."""
     rng = np.random.default_rng(2)
@@ -133,6 +139,7 @@ def test_silhouettes_through_a_bent_lens():
             assert overlap(found, expected) > 0.99
 
 
+@pytest.mark.full
 def test_contours_of_ellipsoids_lie_in_planes():
     """An eye e sees an ellipsoid's contour in the plane (p - c)' A (e - c) = 1; crossings come nearer as the squared step."""
     with precision(np.float64):
@@ -153,6 +160,7 @@ def test_contours_of_ellipsoids_lie_in_planes():
         assert errors[1] < errors[0] / 6, errors
 
 
+@pytest.mark.full
 def test_contours_lie_on_silhouettes():
     """In the image their distance from the silhouette is within a hundredth of the part; other nodes are inside or on it."""
     with precision(np.float64):
@@ -179,6 +187,7 @@ def image_points(rng, count):
     return jnp.asarray(rng.uniform((260, 180), (380, 300), (4, count, 2)))
 
 
+@pytest.mark.full
 def test_soft_coverage_tends_to_the_hard_one():
     """Discretisation: the mean gap is proportional to the softness, the share of points that are so near an edge."""
     rng = np.random.default_rng(5)
@@ -195,6 +204,7 @@ def test_soft_coverage_tends_to_the_hard_one():
     assert 0.85 < rate < 1.15, gaps
 
 
+@pytest.mark.full
 def test_gradients_of_the_smooth_coverage_against_finite_differences():
     """Exact up to central differences: steps of 1e-6 leave some 1e-8 of the gradient; corners rarely move within one.
 
@@ -216,6 +226,7 @@ def test_gradients_of_the_smooth_coverage_against_finite_differences():
         np.testing.assert_allclose(moved(states), [alone(state) for state in states], rtol=1e-9)
 
 
+@pytest.mark.full
 def test_gradients_of_points_by_state_and_shape_against_finite_differences():
     """Exact up to central differences: nine parameters of each shape, and six of the pose."""
     rng = np.random.default_rng(7)
@@ -240,6 +251,8 @@ def test_gradients_of_points_by_state_and_shape_against_finite_differences():
                 np.testing.assert_allclose(found[number][place], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-4)
 
 
+@pytest.mark.full
+@pytest.mark.usefixtures("optimised")
 def test_gradients_are_finite_seen_along_an_axis_and_from_behind():
     """The eye on the axis, inside a part, and the part behind the camera; in float32, where they fail first."""
     points = image_points(np.random.default_rng(8), 20)[:1]
@@ -280,6 +293,7 @@ def test_what_is_no_part(change, words):
         superquadrics_of(TREE, PARTS, pieces=0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("change", [{"rings": 1}, {"meridians": 7}, {"sides": 3}])
 def test_what_is_too_coarse(change):
     with pytest.raises(ValueError, match=next(iter(change))):

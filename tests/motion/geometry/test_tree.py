@@ -36,6 +36,7 @@ def test_refuses(joints, markers, message):
         kinematic_tree(joints, markers)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("axes", AXES)
 def test_axes_in_any_order(axes):
     """Joints are split into links of rotations about Z, Y, X; the products stay as declared."""

@@ -18,6 +18,7 @@ def cameras() -> Cameras:
     return two._replace(distortion=jnp.array([[-0.2, 0.05, 0.001, -0.002, 0.01], [0.1, 0.0, 0.0, 0.001, 0.0]]))
 
 
+@pytest.mark.full
 def test_rays_pass_by_what_was_projected(cameras: Cameras) -> None:
     image = np.asarray(project(cameras, jnp.asarray(POINTS)), np.float64)
     for camera in range(2):
@@ -43,6 +44,7 @@ def test_places_are_where_rays_meet(cameras: Cameras) -> None:
     np.testing.assert_allclose(np.delete(places, 3, 0), np.delete(POINTS, 3, 0), atol=0.1)
 
 
+@pytest.mark.full
 def test_a_place_between_rays_is_pulled_to_the_heavier_ones() -> None:
     centres = np.array([[0.0, 0, 0], [0, 0, 10], [0, 100, 0]])
     rays = np.array([[[1.0, 0, 0]], [[1.0, 0, 0]], [[0, -1.0, 0]]])

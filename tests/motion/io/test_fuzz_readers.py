@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from recording_samples import (
     YAML,
     c3d_bytes,
 )
+from waiting import PATIENCE
 
 from poseppl.errors import PosepplError
 from poseppl.motion.io.bvh import read_bvh
@@ -60,10 +62,14 @@ TOKENS = [
 TOKENS += ["\n", "#", "\x0c", "\u0663", "\ud7ff", "\x85", "begin", "end", "root", "JOINT", "End Site", "MOTION", "=", ",", "\0"]
 
 
+BOUND = timedelta(seconds=PATIENCE)
+"""For one example: no reader hangs."""
+
+
 def fuzz(examples):
     def decorate(test):
         checks = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
-        bounds = settings(max_examples=examples, derandomize=True, deadline=20_000, database=None, suppress_health_check=checks)
+        bounds = settings(max_examples=examples, derandomize=True, deadline=BOUND, database=None, suppress_health_check=checks)
         return bounds(test)
 
     return decorate

@@ -13,13 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import PATIENCE
 
 from poseppl.errors import InputError
 from poseppl.motion.io.growing_folders import GrowingFolders, KeypointFrame
 
-WAIT = 1.0
 NOW = time.monotonic
-LATER = 60.0
+STEP, WAIT, LATER = 1e4, 1e5, 1e6
+"""Seconds from one listing to another, that a camera is waited for, and after which it is not: of a clock that the tests turn.
+
+They are so long that what really passes in a test, which also counts, is nothing to them.
+"""
 
 
 def text(frame: int, camera: int, people: int = 1) -> str:
@@ -57,7 +61,7 @@ def growing(folders: dict[str, Path], notes: list[str]) -> GrowingFolders:
 
 def taken(growing: GrowingFolders, now: float) -> Iterator[tuple[int, list[bool]]]:
     """Frames that can be taken at a time, and which cameras are in them."""
-    for seconds in (0.0, 0.2):  # two listings
+    for seconds in (0.0, STEP):  # two listings
         while (frame := growing.take(now + seconds)) is not None:
             check(frame)
             yield frame.number, [people is not None for people in frame.people]
@@ -119,7 +123,7 @@ def test_a_third_camera_that_is_gone_holds_nobody_up(tmp_path: Path) -> None:
     assert list(taken(growing, now)) == [(0, [True] * 3)]
     for camera in (0, 1):
         write(tmp_path, camera, 1)
-    assert not list(taken(growing, now + 0.5))
+    assert not list(taken(growing, now + 2 * STEP))
     assert list(taken(growing, now + LATER)) == [(1, [True, True, False])]
 
 
@@ -138,7 +142,7 @@ def test_files_bit_by_bit_in_any_order_of_the_cameras(tmp_path: Path, folders: d
 
     writer = threading.Thread(target=detect)
     writer.start()
-    for frame in GrowingFolders(folders, wait=LATER, idle=LATER, note=notes.append).frames(stop):
+    for frame in GrowingFolders(folders, wait=PATIENCE, idle=PATIENCE, note=notes.append).frames(stop):
         check(frame)
         seen.append(frame)
         if len(seen) == frames:
@@ -201,7 +205,7 @@ def test_files_named_otherwise_are_found_by_listings(tmp_path: Path, growing: Gr
     assert [number for number, _ in taken(growing, now)] == [0, 1, 2]
     for frame in (3, 4, 5):
         (tmp_path / "cam1" / f"after_{frame}.json").write_text(text(frame, 1))
-    assert [number for number, _ in taken(growing, now + 0.5)] == [3, 4, 5]
+    assert [number for number, _ in taken(growing, now + 2 * STEP)] == [3, 4, 5]
 
 
 @pytest.mark.parametrize(("gone", "expected"), [(True, "cam1: .*cam1 is gone"), (False, "cam1: no file from frame 1 on")])

@@ -67,6 +67,7 @@ def test_a_phase_is_entered_where_the_walk_is_in_it(degrees):
             np.testing.assert_allclose(spread, inside, rtol=0.02)
 
 
+@pytest.mark.full
 def test_who_walks_by_the_tables_stays_with_the_walk():
     """The mean of the next angle is that of the recording's next frame, and drawn walks stay within three spreads of it."""
     tables, walk = trained(), a_walk()[:, 4:]
@@ -81,6 +82,7 @@ def test_who_walks_by_the_tables_stays_with_the_walk():
     assert np.degrees(np.sqrt(np.mean(apart**2))) < 12.0 and np.degrees(apart.max()) < 40.0
 
 
+@pytest.mark.full
 def test_a_file_gives_back_the_tables(tmp_path):
     tables = trained(num_phases=3, num_bins=24)
     write_factored_tables(tables, tmp_path / "walk.nc")

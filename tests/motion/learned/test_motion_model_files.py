@@ -37,6 +37,7 @@ def test_a_file_holds_the_model(written):
     assert "hmmlearn" in again.provenance["versions"] and again.provenance["settings"]["num_states"] == 5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
@@ -56,6 +57,7 @@ def test_what_is_no_model_is_refused(written, tmp_path, name, change, words):
         read_motion_model(path)
 
 
+@pytest.mark.full
 def test_other_files_are_refused(written, tmp_path):
     path = tmp_path / "walk.nc"
     path.write_bytes(written.path.read_bytes()[:-200])

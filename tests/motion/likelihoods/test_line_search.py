@@ -5,8 +5,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from poseppl.motion.likelihoods.line_search import edges_along_normals
+
+pytestmark = pytest.mark.full
 
 LINES = {24.3: 0.5, 31.0: 0.9, 33.6: 0.3, 20.0: 0.1, 45.0: 1.0}
 """Columns and strengths of upright edges."""

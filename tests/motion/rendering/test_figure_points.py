@@ -85,6 +85,7 @@ def test_a_long_walk_has_a_longer_room() -> None:
     assert room_around(np.array([[0.0, 0.0], [0.0, 1000.0]]), 0.0).size.tolist() == [6000.0, 7000.0]
 
 
+@pytest.mark.full
 def test_recordings_bring_their_toes(data_dir: Path) -> None:
     folder = data_dir / "cmu_amc"
     amc, asf = folder / "02_01.amc", folder / "02.asf"

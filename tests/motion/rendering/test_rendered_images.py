@@ -14,6 +14,8 @@ from poseppl.motion.rendering.furniture import CLEARANCE
 from poseppl.motion.rendering.points import JOINTS
 from poseppl.motion.tracking.placing import cameras_of_records
 
+pytestmark = pytest.mark.full
+
 Build = Callable[..., Setting]
 
 

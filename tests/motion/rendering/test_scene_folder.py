@@ -32,6 +32,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.full
 def test_everything_is_there_and_reads_back(drawable: Build, tmp_path: Path) -> None:
     cv2 = opencv()
     setting, counted = drawable(cameras=2), []
@@ -70,6 +71,7 @@ def test_everything_is_there_and_reads_back(drawable: Build, tmp_path: Path) -> 
         assert np.all(occluder[(whole & ~visible).any(0)] == 255)
 
 
+@pytest.mark.full
 def test_the_seed_makes_the_scene(drawable: Build, tmp_path: Path) -> None:
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         setting = drawable(cameras=1, seed=seed)

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.usefixtures("here")
 SMALL = ["simulate", "--video", "--size", "96", "72"]
 
 
+@pytest.mark.full
 def test_a_recording_becomes_a_scene(
     drawable: Callable[..., Setting], data_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -41,6 +42,7 @@ def test_a_recording_becomes_a_scene(
         assert read_masks(scene / f"camera_{camera}_visible.npz").any(axis=(1, 2)).all()
 
 
+@pytest.mark.full
 def test_a_recording_is_filmed_along_a_circle(drawable: Callable[..., Setting], data_dir: Path) -> None:
     folder = data_dir / "cmu_amc"
     recording = [str(folder / "02_01.amc"), "--skeleton", str(folder / "02.asf"), "--frames", "0:300:60", "--no-clutter"]
@@ -53,6 +55,7 @@ def test_a_recording_is_filmed_along_a_circle(drawable: Callable[..., Setting], 
     assert read_masks("circle/camera_1_visible.npz").any(axis=(1, 2)).all()
 
 
+@pytest.mark.full
 def test_the_built_in_walk_without_clutter(drawable: Callable[..., Setting]) -> None:
     assert main([*SMALL, "--frames", "0:2", "--no-clutter", "--cameras", "1", "-o", "walk", "-q"]) == 0
     assert sorted(path.name for path in Path().iterdir()) == ["walk"]
@@ -91,6 +94,7 @@ def test_a_missing_package_says_how_to_install_it(capsys: pytest.CaptureFixture[
     assert not list(Path().iterdir())
 
 
+@pytest.mark.full
 def test_a_missing_opengl_says_which_packages_are_wanted() -> None:
     """Told to load another platform's OpenGL, MuJoCo has none to draw with."""
     code = "import sys; from poseppl.cli import main; sys.exit(main())"

@@ -64,6 +64,7 @@ def told_of_one_camera(tree: xr.DataTree) -> list[str]:
     return [verdict.text for verdict in verdicts(tree) if verdict.text.startswith("One camera: ")]
 
 
+@pytest.mark.full
 def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
     found: KeypointScene, filtered: xr.DataTree, smoothed: xr.DataTree
 ) -> None:
@@ -75,6 +76,7 @@ def test_the_user_is_told_where_one_camera_is_not_to_be_trusted(
     assert len(told_of_one_camera(smooth(usual, SmoothSettings("laplace")))) == 1
 
 
+@pytest.mark.full
 def test_noise_that_lasts_is_not_called_too_wide(data_dir: Path) -> None:
     """It is wider than frames differ by, as results of several cameras would be told."""
     tree = track(_scene(data_dir, "0:100").scene, TrackSettings(filter="kalman", max_draws=100))
@@ -154,6 +156,7 @@ def test_moments_are_those_of_a_mixture_of_statures(filtered: xr.DataTree, smoot
     np.testing.assert_allclose((high - low) / 3.29, spread[:, :3], rtol=0.2)  # 5 errors of 500 draws
 
 
+@pytest.mark.full
 def test_a_stature_that_is_given_is_exact(found: KeypointScene, smoothed: xr.DataTree) -> None:
     assert found.record()[ATTRIBUTE] == list(POPULATION) and "1.69 +- 0.09 m tall" in " ".join(found.notes())
     data = found.scene.data._replace(found={})
@@ -167,6 +170,7 @@ def test_a_stature_that_is_given_is_exact(found: KeypointScene, smoothed: xr.Dat
     assert np.median(wide**2 - narrow**2) == pytest.approx(np.median(farther) ** 2, rel=0.2)
 
 
+@pytest.mark.full
 def test_draws_of_the_mean_stature_come_back(found: KeypointScene, filtered: xr.DataTree) -> None:
     data = found.scene.data._replace(found={})
     known = track(found.scene._replace(data=data), TrackSettings(filter="kalman", walk="fixed", max_draws=500))

@@ -40,6 +40,7 @@ def test_a_world_that_lies_on_its_side_is_told(axis: int, sign: int, name: str) 
     assert f"trunk points along {name} of the calibration" in told
 
 
+@pytest.mark.full
 def test_a_world_of_the_first_cameras_axes_is_told(data_dir: Path) -> None:
     """As anipose has it: its y points down in the room."""
     folder = data_dir / "pose2sim_balancing"

@@ -13,6 +13,8 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.calibration_units import infer_unit
 
+pytestmark = pytest.mark.full
+
 MARKERS = markers_of_names(LAYOUTS["body25b"])
 
 

@@ -10,6 +10,8 @@ from scipy.stats import norm, t
 from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.tracking.clock_offsets import fine_offsets
 
+pytestmark = pytest.mark.full
+
 NUM_FRAMES, NUM_POINTS, RATE = 80, 14, 30.0
 NOISE = 4.0
 """Standard deviation of a coordinate, px."""

@@ -62,6 +62,7 @@ def test_an_offset_is_recovered(cameras: Cameras, people: list[DetectedPeople], 
     assert np.all(np.abs(off) < 2 * found.deviation + 1e-9) and np.all(found.deviation < 0.2)
 
 
+@pytest.mark.full
 def test_an_offset_is_told_and_mended(cameras: Cameras, people: list[DetectedPeople]) -> None:
     aligned, notes = common_frames(NAMES, cameras, late(people, 0, 0, 6.0, 0), Clocks(60.0), None)
     assert [note.split(":")[0] for note in notes if "its clock is" in note] == ["cam_03"]
@@ -73,6 +74,7 @@ def test_an_offset_is_told_and_mended(cameras: Cameras, people: list[DetectedPeo
     assert (chosen[0] == chosen[1]).mean() > 0.95
 
 
+@pytest.mark.full
 def test_the_cameras_as_they_are_have_no_offset(cameras: Cameras, people: list[DetectedPeople]) -> None:
     aligned, notes = common_frames(NAMES, cameras, people, Clocks(60.0), None)
     assert notes == [] and aligned.frames.tolist() == list(range(100))
@@ -110,6 +112,7 @@ def test_a_given_offset_is_taken(cameras: Cameras, people: list[DetectedPeople])
         common_frames(NAMES, cameras, moved, Clocks(60.0, offsets={"left": 5.0}), None)
 
 
+@pytest.mark.full
 def test_cameras_of_different_rates(cameras: Cameras, people: list[DetectedPeople]) -> None:
     """Every second frame of one camera: between them its points are within 3 px of what it saw, in the median."""
     half = people[1]
@@ -124,6 +127,7 @@ def test_cameras_of_different_rates(cameras: Cameras, people: list[DetectedPeopl
     assert np.isnan(chosen[0][99]).all()
 
 
+@pytest.mark.full
 def test_times_are_those_of_the_file(cameras: Cameras, people: list[DetectedPeople]) -> None:
     """Cameras that started at different times and tell so; the numbers of their frames say nothing."""
     shifted = []
@@ -198,6 +202,7 @@ def test_what_is_far_outside_is_named_and_not_seen(people: list[DetectedPeople])
     assert without_strays(people[0], (1088, 1920), "cam_01")[1] == []
 
 
+@pytest.mark.full
 def test_the_interval_holds_errors_of_calibration(cameras: Cameras, people: list[DetectedPeople]) -> None:
     """By pairs of cameras, which are synchronised: 6 offsets within three standard deviations, none sure to be half a frame."""
     import jax

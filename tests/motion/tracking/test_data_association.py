@@ -20,6 +20,8 @@ from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
+pytestmark = pytest.mark.full
+
 CAMERAS = (2, 4)
 """Those that see the person at the narrowest angle."""
 

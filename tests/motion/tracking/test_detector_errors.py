@@ -62,6 +62,7 @@ def found(seen: SeenPoints) -> Floats:
     return np.array([*np.log(scale), errors.slope, odds, errors.clutter_slope])
 
 
+@pytest.mark.full
 def test_errors_are_recovered() -> None:
     """Means of five drawings lie within five standard errors, and these are small enough to tell."""
     rng = np.random.default_rng(0)
@@ -86,6 +87,7 @@ def test_intervals_of_held_out_cameras_hold(num_cameras: int) -> None:
     assert small.levels[4] < right.levels[4] - 0.05
 
 
+@pytest.mark.full
 def test_what_three_cameras_do_not_see_tells_nothing() -> None:
     with pytest.raises(InputError, match="three cameras see 0 points"):
         fit_detector(drawn(np.random.default_rng(0), 2, 100), MARKERS, "")

@@ -101,12 +101,14 @@ def test_other_levels(tree: xr.DataTree, tmp_path: Path) -> None:
         export(tree, tmp_path, "half", ("osim",))
 
 
+@pytest.mark.full
 def test_clamped_joints_have_no_width(tmp_path: Path) -> None:
     coordinates, angles = angle_estimates(result("arm"))
     width = dict(zip([each.name for each in coordinates], (angles.upper - angles.lower).max(0), strict=True))
     assert width["elbow_flex_r"] > 5.0 and width["knee_angle_r"] < 1e-3 and width["elbow_flex_l"] < 1e-3
 
 
+@pytest.mark.full
 def test_a_rate_that_nobody_said(tree: xr.DataTree) -> None:
     unknown = clock_of(result(rate=None))
     assert unknown.assumed and unknown.rate == 30.0
@@ -122,6 +124,7 @@ def test_a_model_that_is_not_installed_is_not_run(tree: xr.DataTree, tmp_path: P
     assert len(export(other, tmp_path, "walk", ("trc",))) == 3
 
 
+@pytest.mark.full
 def test_a_result_without_joints(tmp_path: Path) -> None:
     bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
     with pytest.raises(InputError, match="no joints in space"):

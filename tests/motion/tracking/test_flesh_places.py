@@ -22,6 +22,7 @@ def _problem(flesh: Any = THIGH, pose: Any = None) -> Any:
     return SimpleNamespace(body=SimpleNamespace(tree=TREE, flesh=flesh), pose=pose)
 
 
+@pytest.mark.full
 def test_parts_turn_with_the_mean_state() -> None:
     angles = np.array([0.0, 0.3, 1.2])
     states = np.zeros((1, 2, 3, TREE.dimension)) + np.array([5.0, 6.0, 7.0, 0.0])
@@ -41,6 +42,7 @@ def test_other_results_stay_as_they_are(problem: Any) -> None:
     assert "flesh" not in with_flesh(result, problem).children
 
 
+@pytest.mark.full
 def test_joints_that_were_clamped_leave_no_flesh() -> None:
     result = build_result(state=np.zeros((1, 2, 3, 1)), names=Names(TREE.coordinate_names[3:]))
     assert "flesh" not in with_flesh(result, _problem()).children

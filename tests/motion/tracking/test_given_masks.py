@@ -61,6 +61,7 @@ def test_a_scene_names_no_file_outside_of_its_folder(tmp_path, name):
         sources_of_scene(tmp_path)
 
 
+@pytest.mark.full
 def test_fewer_masks_than_frames_end_the_run_or_stop_it():
     short = truth() | {"right": truth()["right"][:2]}
     with pytest.warns(VideoWarning, match=r"right \(masks\).*2 frames, 3 are wanted"):

@@ -54,6 +54,7 @@ def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, 
         choose_person(cameras, people, 60.0, 200)
 
 
+@pytest.mark.full
 def test_points_somewhere_else_in_the_picture_are_not_seen(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     """One point in fifty, at least a fifth of the picture's diagonal away; nothing else is taken away."""
     rng = np.random.default_rng(0)
@@ -96,6 +97,7 @@ def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[Cam
     assert np.nanmax(off[chosen >= 0]) < 0.01
 
 
+@pytest.mark.full
 def test_a_stature_that_one_camera_takes_for_granted_is_told(
     records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
@@ -105,6 +107,7 @@ def test_a_stature_that_one_camera_takes_for_granted_is_told(
     assert "tall" not in " ".join(scene_of_keypoints(folders, records, rate=60, refine=False).notes())
 
 
+@pytest.mark.full
 def test_the_person_and_the_cameras_errors_are_found(
     data_dir: Path, records: tuple[CameraRecord, ...], folders: dict[str, Path]
 ) -> None:
@@ -127,6 +130,7 @@ def test_the_person_and_the_cameras_errors_are_found(
     assert np.array_equal(mended.scene.data.points, kept.scene.data.points, equal_nan=True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("camera", [0, *(pytest.param(other, marks=pytest.mark.slow) for other in (1, 2, 3))])
 def test_a_turned_camera_is_the_first_one_named(
     records: tuple[CameraRecord, ...], folders: dict[str, Path], camera: int
@@ -140,6 +144,7 @@ def test_a_turned_camera_is_the_first_one_named(
     assert (found.errors.scale < 11).all()
 
 
+@pytest.mark.full
 def test_exchanged_cameras_are_named(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     first, second, third, fourth = records
     wrong = (third._replace(name="cam_01"), second, first._replace(name="cam_03"), fourth)
@@ -173,6 +178,7 @@ def test_errors_drawn_from_the_prior_lie_in_the_posterior(records: tuple[CameraR
     assert np.median(left) < 10 < 15 < np.median(before)
 
 
+@pytest.mark.full
 def test_a_person_who_leaves_and_frames_without_detections_are_told(
     tmp_path: Path, data_dir: Path, records: tuple[CameraRecord, ...]
 ) -> None:
@@ -196,6 +202,7 @@ def test_a_person_who_leaves_and_frames_without_detections_are_told(
     assert seen[:70:3, 1].mean() > 0.9 and (found.agreement > 0.9).all()
 
 
+@pytest.mark.full
 def test_what_does_not_fit_is_told(records: tuple[CameraRecord, ...], folders: dict[str, Path]) -> None:
     with pytest.raises(InputError, match=r"no camera 'cam1' in the calibration \(expected cam_01, cam_02"):
         scene_of_keypoints({"cam1": folders["cam_01"]}, records)

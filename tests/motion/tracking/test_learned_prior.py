@@ -18,6 +18,8 @@ from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.problem import problem_of_result
 from poseppl.runs.results import load_result, provenance
 
+pytestmark = pytest.mark.full
+
 BODY = "poseppl_models.darby:full_body"
 VIDEO_BODY = "poseppl_models.choo_fleet:full_body"
 

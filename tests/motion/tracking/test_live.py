@@ -56,6 +56,7 @@ def same(one: Any, other: Any) -> None:
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [4, 1])
 def test_first_frames_alone_are_what_the_filter_gives(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame], count: int
@@ -71,6 +72,7 @@ def test_first_frames_alone_are_what_the_filter_gives(
     assert (live.estimate.lower <= live.estimate.upper).all()
 
 
+@pytest.mark.full
 def test_frames_one_by_one_are_what_a_run_of_them_gives_and_nothing_is_traced(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -129,6 +131,7 @@ def seen(people: Sequence[DetectedPeople], part: slice) -> list[DetectedPeople]:
     return [found._replace(points=found.points[part], confidence=found.confidence[part]) for found in people]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("person", [1, 2])
 def test_a_person_is_followed_among_others(data_dir: Path, person: int) -> None:
     records = read_cameras(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml")
@@ -140,6 +143,7 @@ def test_a_person_is_followed_among_others(data_dir: Path, person: int) -> None:
     assert (found == chosen[10:]).mean() > 0.98
 
 
+@pytest.mark.full
 def test_nobody_is_told(folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]) -> None:
     empty = [frame._replace(people=([], None, [], [])) for frame in frames]
     assert [sees_someone(frame) for frame in (frames[0], empty[0])] == [True, False]

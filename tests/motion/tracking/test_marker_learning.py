@@ -15,6 +15,8 @@ from poseppl.motion.tracking.marker_learning import SPREAD, learn_markers
 from poseppl.motion.tracking.placing import camera_names, cameras_around
 from poseppl.motion.tracking.point_data import PointData
 
+pytestmark = pytest.mark.full
+
 ARM = "poseppl_models.choo_fleet:arm"
 FULL = "poseppl_models.choo_fleet:full_body"
 

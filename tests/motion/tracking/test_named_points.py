@@ -40,6 +40,7 @@ def recording(num_frames: int = 4) -> PointRecording:
     return PointRecording(("a", "b"), ("one", "two"), cameras, sizes, points, sure, frames, frames / 30.0, None, "")
 
 
+@pytest.mark.full
 def test_the_problem_starts_where_the_points_are() -> None:
     seen = recording()
     problem = make_point_problem(seen)
@@ -53,6 +54,7 @@ def test_the_problem_starts_where_the_points_are() -> None:
         make_point_problem(seen._replace(points=np.where(np.arange(2)[:, None, None] == 1, np.nan, seen.points)))
 
 
+@pytest.mark.full
 def test_moments_of_the_prior_are_those_of_its_program() -> None:
     whole = make_point_problem(recording()).whole
     names = parameter_bijector(whole)
@@ -154,6 +156,7 @@ def test_animals_without_names_are_refused(data_dir: Path) -> None:
         read_point_recording(files, records)
 
 
+@pytest.mark.full
 def test_one_file_for_two_cameras_is_refused(tmp_path: Path) -> None:
     camera = CameraRecord("", np.diag([500.0, 500.0, 1.0]), np.zeros(5), np.eye(3), np.zeros(3), (640, 480))
     files = dict.fromkeys(("one", "other"), several(tmp_path, one=["a"])["one"])

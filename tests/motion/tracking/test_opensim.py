@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from drawn_bodies import drawn_result
 from poseppl_models.choo_fleet import full_body
+from waiting import PATIENCE
 
 from poseppl.motion.io.mot import read_mot
 from poseppl.motion.tracking.export import export
@@ -49,7 +50,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def read(folder: Path) -> dict[str, Any]:
     arguments = ["walk", "lengths.json", "read.json"]
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), *arguments], cwd=folder, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, str(SCRIPT), *arguments], cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     found: dict[str, Any] = json.loads((folder / "read.json").read_text())

@@ -27,5 +27,6 @@ def test_another_size_is_refused(size: tuple[int, int]) -> None:
         fit_size(RECORD, size)
 
 
+@pytest.mark.full
 def test_the_same_size_is_the_same_record() -> None:
     assert fit_size(RECORD, (1920, 1087)) is RECORD

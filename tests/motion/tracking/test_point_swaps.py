@@ -62,6 +62,7 @@ def test_nothing_is_done_where_nothing_is_wrong(legs: tuple[SeenPoints, Floats, 
     assert np.array_equal(exchanged(right, probability, PAIRS), right, equal_nan=True)
 
 
+@pytest.mark.full
 def test_where_limbs_coincide_the_data_tell_nothing(legs: tuple[SeenPoints, Floats, Floats]) -> None:
     seen, points, _ = legs
     images = seen.images.copy()

@@ -60,6 +60,7 @@ def saying(result: Any, **attrs: Any) -> Any:
     return other
 
 
+@pytest.mark.full
 def test_the_tree_of_a_result_keeps_what_it_knows_to_be_zero(result: Any) -> None:
     body = recorded_model(result).body
     rounded = recorded_model(saying(result, lengths={name: value + 1e-4 for name, value in body.lengths.items()})).body
@@ -68,6 +69,7 @@ def test_the_tree_of_a_result_keeps_what_it_knows_to_be_zero(result: Any) -> Non
     assert moved.tree.marker_pattern != body.tree.marker_pattern
 
 
+@pytest.mark.full
 def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -102,6 +104,7 @@ def test_no_function_that_a_file_names_is_called(result: Any, tmp_path: Path, mo
     assert called == ["it would notice"]
 
 
+@pytest.mark.full
 def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(OWN.format(mark=str(tmp_path / "ran")))
@@ -134,6 +137,7 @@ def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, m
         recorded_model(result)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("field", ["lengths", "settings"])
 @pytest.mark.parametrize("value", ["text", None, [1.0], float("nan"), float("inf"), True, 1e300, {"a": 1}])
 def test_numbers_that_are_none_are_refused(result: Any, field: str, value: Any) -> None:
@@ -183,6 +187,7 @@ def test_a_function_that_builds_no_body_is_told_in_one_message(builder: str, tol
     assert re.search(f"^poseppl: --model: .*{told}", message) and "unexpected" not in message and message.count("\n") == 1
 
 
+@pytest.mark.full
 def test_a_program_that_fails_is_told_as_the_models(capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(FAILING)

@@ -30,6 +30,7 @@ def silhouettes_of(body):
     return BodyInputs(camera, np.ones(1), body.rest, size, size, body.tree, seen=seen, flesh=body.flesh)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "build, inputs_of",
     [(choo_fleet.full_body, points_of), (silhouettes.full_body, silhouettes_of)],
@@ -51,6 +52,7 @@ def test_programs_of_two_people_are_the_same_text(build, inputs_of):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.full
 def test_recordings_of_two_people_share_model_filter_and_collector():
     problems = []
     for lengths in (None, OTHER):

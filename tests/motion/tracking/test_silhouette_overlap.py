@@ -11,6 +11,8 @@ from silhouette_rooms import RECORDS, SIZE, body, masks_of, pose
 from poseppl.motion.tracking.silhouette_overlap import overlap, silhouette_record
 from poseppl.motion.tracking.silhouette_scene import silhouette_scene
 
+pytestmark = pytest.mark.full
+
 
 def scene_of(states, **options):
     drawn = [masks_of(state) for state in states]

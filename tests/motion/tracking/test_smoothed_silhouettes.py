@@ -17,6 +17,8 @@ from poseppl.particles.stacks import rows_of
 from poseppl.runs.contents import flat_draws
 from poseppl.runs.frame_sequence import stacked_inputs
 
+pytestmark = pytest.mark.full
+
 FRAMES = 3
 FEW = TrackSettings(DEFAULT_MODEL, "annealed", {"num_particles": 40, "num_layers": 2})
 

@@ -49,6 +49,7 @@ def test_uniformity_counts_replicates() -> None:
     assert benchmark.uniformity(rng.beta(0.7, 0.7, (100, 40)))[1] < 1e-6
 
 
+@pytest.mark.full
 def test_calibration_error_is_the_distance_of_coverage_from_its_level() -> None:
     middle = 0.25 + np.random.default_rng(0).random((50, 200)) / 2  # coverage of level a is 2 a, at most 1
     assert benchmark.calibration_error(middle) == pytest.approx(

@@ -35,6 +35,7 @@ def test_cameras_stand_where_they_should() -> None:
     np.testing.assert_allclose(standing.centre[0], [-1000, 0, 0], atol=1.0)
 
 
+@pytest.mark.full
 def test_placed_cameras_are_written_and_read_back(tmp_path: Path) -> None:
     placed = place_cameras(PATH, 0.0, count=2)
     records = records_of_cameras(placed, 1500.0, (1920, 1080))
@@ -65,6 +66,7 @@ def test_noise_has_its_size_and_missing_points_are_missing() -> None:
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_start_is_found_from_the_image_alone(count: int) -> None:
     cameras = place_cameras(PATH, 0.0, count=count)
@@ -76,6 +78,7 @@ def test_a_start_is_found_from_the_image_alone(count: int) -> None:
     assert error.mean() < (300 if count == 1 else 40)
 
 
+@pytest.mark.full
 def test_observations_without_truth_are_tracked(tmp_path: Path) -> None:
     placed = place_cameras(PATH, 0.0)
     records = records_of_cameras(placed, 1500.0, (1920, 1080))

@@ -59,6 +59,7 @@ def variance_of_a_second(problem) -> np.ndarray:
     return np.asarray(jnp.diagonal(moments(jnp.zeros(problem.model.dimension), stacked)[1].sum(0)))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("rate", "frames"), [(30.0, "0:31"), (60.0, "0:61"), (120.0, "0:121"), (120.0, "0:121:8")])
 def test_the_motion_of_a_second_has_one_variance_at_any_rate(rate: float, frames: str) -> None:
     scene = scene_of(rate, frames)
@@ -246,6 +247,7 @@ def test_a_mean_reverting_walk_is_that_of_an_ornstein_uhlenbeck_process(rate: fl
     assert known.sum() == 21 and not known[:6].any()
 
 
+@pytest.mark.full
 def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
     scene = scene_of(60.0, "0:20")
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="mean-reverting")
@@ -262,6 +264,7 @@ def test_a_mean_reverting_walk_is_recorded_and_smoothed_with() -> None:
         make_problem(scene._replace(body=body), mean_reverting=True)
 
 
+@pytest.mark.full
 def test_a_transition_that_is_no_random_walk_is_refused() -> None:
     scene = scene_of(30.0, "0:3", "poseppl_models.choo_fleet:full_body")
 
@@ -286,6 +289,7 @@ def test_the_rate_of_observations_is_that_of_the_frames_that_are_taken(tmp_path)
         np.testing.assert_allclose(time_steps(again.frames, again.rate), seconds)
 
 
+@pytest.mark.full
 def test_a_few_frames_of_a_circle_are_those_of_a_longer_one():
     few, more = (walking_subject(frames=f"0:{count}", rate=60.0, turn=1200.0) for count in (5, 120))
     np.testing.assert_allclose(few.states, more.states[:5], atol=1e-6)

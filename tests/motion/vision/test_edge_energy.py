@@ -39,6 +39,7 @@ def test_motion_boundaries_are_smoothed_outliers():
     assert found[20, 20] > 0.95 and found[20, 10] == pytest.approx(0.5, abs=0.1) and found[2, 2] < 0.01
 
 
+@pytest.mark.full
 def test_settings_out_of_range():
     with pytest.raises(ValueError, match="window"):
         edge_energy(steps(30), EnergySettings(window=0.0))

@@ -140,6 +140,7 @@ def test_features_are_kept(tmp_path, monkeypatch):
     equal(first[4], next(video_features(video, SETTINGS, plate=PLATE, start=4)))
 
 
+@pytest.mark.full
 def test_features_damaged_anywhere_are_taken_again(tmp_path):
     kept = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS, previous=frame(4))
     store, name = Store(tmp_path, "features", print, compressed=True), "a"

@@ -63,6 +63,7 @@ def test_flow_that_does_not_return_is_not_believed():
     assert flow_weights(image, image, forth, flow_outliers(forth, back)).max() == 0.0
 
 
+@pytest.mark.full
 def test_settings_out_of_range():
     with pytest.raises(ValueError, match="noise"):
         flow_weights(stripes(0.0), stripes(0.0), STILL, NONE, WeightSettings(noise=0.0))

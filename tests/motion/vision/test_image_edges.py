@@ -93,6 +93,7 @@ def test_the_benchmark_threshold():
         assert benchmark_edge_map(image).any() == edge
 
 
+@pytest.mark.full
 def test_recorded_edges(data_dir):
     folder = data_dir / "parsec_bodytrack" / "sequenceB_1"
     for number in (1, 2, 3, 4):

@@ -80,6 +80,7 @@ def test_bad_input():
             FlowSettings(**wrong).check()
 
 
+@pytest.mark.full
 def test_a_recorded_person_moves_and_the_room_does_not(data_dir):
     folder = data_dir / "pose2sim_balancing"
     video = open_video(folder / "videos" / "cam04.mp4", "cam04")

@@ -15,6 +15,8 @@ import pytest
 from poseppl.motion.io import open_video, read_image
 from poseppl.motion.vision import Background, background_from_plate, learn_background, scale_image
 
+pytestmark = pytest.mark.full
+
 FRAMES = range(4, 100, 10)
 PLATE_IOU = {1: 0.851, 2: 0.892, 3: 0.971, 4: 0.959}
 CLIP_IOU = {1: 0.323, 2: 0.319, 3: 0.558, 4: 0.430}
