@@ -26,6 +26,7 @@ def test_counts_are_whole_numbers(value):
         check_at_least(1, chunk="8")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("interval", "refused"), [("[0, 1]", ()), ("[0, 1)", (1,)), ("(0, 1)", (0, 1))])
 def test_fractions_are_refused_outside_their_interval(interval, refused):
     for value in (0, 0.5, 1):

@@ -82,6 +82,7 @@ def test_smoothers_of_more_than_a_thousand_keep_the_emitters_and_formulas_are_ha
     assert lowered.options == options
 
 
+@pytest.mark.full
 def test_a_gpu_compiles_as_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     lowered = Lowered(EMITTERS, LEVEL)

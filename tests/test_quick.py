@@ -62,10 +62,12 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.full
 def test_every_module_is_imported_by_a_base_install() -> None:
     run_python(BASE, *MODULES)
 
 
+@pytest.mark.full
 def test_a_base_install_names_the_extra_that_a_file_needs() -> None:
     code = """
 from poseppl.errors import PosepplError
@@ -217,6 +219,7 @@ def test_kinematics_derivatives_are_those_of_differences() -> None:
         np.testing.assert_allclose(jacobian, jnp.moveaxis(jnp.stack(difference), 0, -1), rtol=1e-6, atol=1e-4)
 
 
+@pytest.mark.full
 def test_help_loads_no_numerical_library() -> None:
     code = """
 import sys

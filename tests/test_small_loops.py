@@ -23,6 +23,7 @@ print("calls", loop.lower(jnp.ones(1000)).compile().as_text().count("xla_cpu_sma
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("given", "found"),
     [

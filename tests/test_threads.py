@@ -34,6 +34,7 @@ def threads(environment, code="import poseppl, os; print(os.environ['NPROC'])"):
     ).stdout.strip()
 
 
+@pytest.mark.full
 def test_the_environment_is_kept_where_it_says_how_many():
     cores = os.cpu_count() or 1
     assert threads({}) == str(cores + 16)

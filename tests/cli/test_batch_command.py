@@ -47,6 +47,7 @@ def test_a_folder_of_tables(folder, capsys):  # noqa: F811
         assert load_result(folder / f"out/{name}.nc")["posterior"].sizes["frame"] == 6
 
 
+@pytest.mark.full
 def test_a_module_that_has_changed_is_another_model(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "module_of_mine.py").write_text("model = 1")

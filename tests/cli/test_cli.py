@@ -263,6 +263,7 @@ print("loaded:", *sorted({"jax", "numpy", "scipy", "matplotlib", "rich", "xarray
 """
 
 
+@pytest.mark.full
 def test_help_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED_FOR_HELP], check=True, capture_output=True, text=True)
     assert done.stdout.count("Usage: poseppl") == 6 and done.stdout.splitlines()[-1] == "loaded:"

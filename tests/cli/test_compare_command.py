@@ -83,6 +83,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
     assert sorted(Path().rglob("*")) == before
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arguments", [[], ["slow.nc"], ["slow.nc", "quick.nc", "--unknown"]])
 def test_wrong_usage(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     assert main(["compare", *arguments]) == 2

@@ -89,6 +89,7 @@ def test_a_picture_that_fails_costs_nothing(tree: Any, monkeypatch: pytest.Monke
     assert len(notes) == 1 and "a.png: not drawn, but the result is written: no such colour" in notes[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("view", ["nan", "inf", "361"])
 def test_no_camera_stands_at_an_angle_that_is_none(view: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["track", *SMALL, "--view", view]) == 1

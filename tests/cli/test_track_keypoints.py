@@ -102,6 +102,7 @@ def test_all_frames_of_four_cameras_are_smoothed(data_dir: Path) -> None:
     assert read_trc("out-laplace.trc").positions.shape == (100, 17, 3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

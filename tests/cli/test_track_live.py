@@ -129,6 +129,7 @@ def test_what_does_not_go_with_it_is_told(
     assert expected in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_folders_are_followed_and_files_are_not(data_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calibration = str(data_dir / "pose2sim_balancing" / "calibration" / "Calib_qualisys.toml")
     Path("points.csv").write_text("scorer,a,a,a\n")

@@ -54,6 +54,7 @@ def test_linked_points_are_smoothed(data_dir: Path, capsys: pytest.CaptureFixtur
     assert "named points have no joint angles" in capsys.readouterr().err
 
 
+@pytest.mark.full
 def test_lengths_have_the_unit_that_is_given(
     data_dir: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

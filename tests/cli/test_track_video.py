@@ -106,6 +106,7 @@ def test_a_smoother_that_fails_costs_no_result(room, tmp_path, capsys):
     assert load_result(tmp_path / "seen.nc")["posterior"].sizes["frame"] == 3
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "change, words",
     [
@@ -149,6 +150,7 @@ def test_what_does_not_fit_is_told(room, tmp_path, capsys, change, words):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.full
 def test_masks_are_never_written_over(room, tmp_path, capsys):
     mask = tmp_path / "seen-left.mp4"  # the name of an overlay
     mask.write_bytes((room / "left.mp4").read_bytes())

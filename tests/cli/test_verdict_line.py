@@ -17,6 +17,7 @@ def printed(capsys: pytest.CaptureFixture[str], *, quiet: bool, **arguments: obj
     return tuple(capsys.readouterr())  # type: ignore[return-value]
 
 
+@pytest.mark.full
 def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     failed, acceptance = np.zeros(60, bool), np.full(60, 0.85)
     failed[2], acceptance[20] = True, 0.3

@@ -50,6 +50,7 @@ def test_perfect_coverage_has_an_error_and_no_trial_is_nan() -> None:
     assert np.isnan(nothing.estimate)
 
 
+@pytest.mark.full
 def test_joint_error_absolute_and_relative() -> None:
     truth = RNG(1).normal(0, 500, (7, 4, 3))
     mean = truth + [30.0, 40.0, 0.0]

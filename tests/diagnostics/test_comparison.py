@@ -92,6 +92,7 @@ def test_summaries_are_means_over_frames(comparison: xr.DataTree) -> None:
     assert (np.abs(summary["coverage"] - summary["level"]) < 5 * summary["coverage_se"]).all()
 
 
+@pytest.mark.full
 def test_the_quicker_run_wins_by_the_known_factor() -> None:
     """The chains' inefficiencies are (1 + rho) / (1 - rho) = 3 and 1, and the times 2 to 1."""
     long = {
@@ -170,6 +171,7 @@ def test_a_wrong_posterior_is_left_out_of_comparisons_of_ess() -> None:
     assert not result["winner"]["not_worse"].sel(quantity="error", run="wrong")
 
 
+@pytest.mark.full
 def test_variance_between_seeds_is_that_of_the_mean() -> None:
     """Independent draws of unit variance: the mean of 200 of them has the variance 1 / 200, within and between runs."""
     trees = {f"seed {seed}": run_on(DATA, seed=seed) for seed in range(8)}
@@ -271,6 +273,7 @@ def seen_by(count: int, what: str = "") -> xr.DataTree:
     return tree
 
 
+@pytest.mark.full
 def test_other_cameras_on_the_same_truth_are_compared() -> None:
     comparison = compare({"one": seen_by(1), "two": seen_by(2), "again": seen_by(1)})
     assert json.loads(comparison.attrs["other_cameras"]) == ["two"]
@@ -294,6 +297,7 @@ def test_fewer_than_two_runs_and_reserved_names_are_refused() -> None:
         compare({"a": run_on(DATA), TIE: run_on(DATA)})
 
 
+@pytest.mark.full
 def test_without_truth_time_or_statistics_the_rest_is_there() -> None:
     bare = run_on(DATA, with_truth=False)
     del bare["sample_stats"]

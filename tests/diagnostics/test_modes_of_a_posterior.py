@@ -86,6 +86,7 @@ def test_halves_of_one_mode_are_not_two(mirror, monkeypatch) -> None:
     assert (modes_over_time(mirror[1]).masses[:3] > 0).sum(1).max() > 1
 
 
+@pytest.mark.full
 def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
     """Of chains that mix slowly, of tails that are heavy, of few draws, and of draws that are not finite."""
     rng = np.random.default_rng(1)

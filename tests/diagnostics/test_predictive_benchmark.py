@@ -53,6 +53,7 @@ def test_runs_that_are_kept_are_not_made_again(tmp_path: Path, monkeypatch: pyte
     assert np.mean(spread < 1.645) == pytest.approx(float(rows[0]["coverage"]), abs=0.1)
 
 
+@pytest.mark.full
 def test_kept_runs_are_judged_again(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     one, shape = np.ones(100), np.ones((100, 2))

@@ -162,6 +162,7 @@ def test_a_result_is_judged_by_its_predictions() -> None:
     assert "Predictive checks are not available: a factor." in [found.text for found in verdicts(unpredictable)]
 
 
+@pytest.mark.full
 def test_coverage_that_an_inflation_implies() -> None:
     assert implied_coverage(1.0) == pytest.approx(0.9)
     assert implied_coverage(4.0) == pytest.approx(2 * norm.cdf(1.6449 / 2) - 1, abs=1e-4)

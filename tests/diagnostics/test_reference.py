@@ -23,6 +23,7 @@ def test_the_share_is_that_of_the_reference_in_the_intervals():
     assert abs(reference_coverage(result(0.5), result(1.0, seed=1)).estimate - 0.589) < 0.01
 
 
+@pytest.mark.full
 def test_other_frames_are_refused():
     with pytest.raises(InputError, match="reference"):
         reference_coverage(result(1.0), result(1.0, frames=50))

@@ -66,6 +66,7 @@ def test_chance_is_uniform_where_ranks_are():
     assert np.mean(np.array(pooled) < 0.1) > 0.5
 
 
+@pytest.mark.full
 def test_ties_are_broken_at_random():
     ranks = randomised_ranks(np.zeros((9, 4)), np.zeros(4), np.array([0.0, 0.25, 0.5, 0.99]))
     np.testing.assert_allclose(ranks, [0.0, 0.25, 0.5, 0.99])

@@ -106,6 +106,7 @@ def test_a_wrong_model_is_an_error_of_its_filter_and_of_its_smoother() -> None:
     assert errors(tree)
 
 
+@pytest.mark.full
 def test_a_smoother_that_fits_is_not_to_blame_for_its_filter(runs: list[Smoothing]) -> None:
     tree = checked(runs[0].smoothed)
     predictive = tree["predictive"].to_dataset()
@@ -116,6 +117,7 @@ def test_a_smoother_that_fits_is_not_to_blame_for_its_filter(runs: list[Smoothin
     assert any(text.startswith("Of the filter that was smoothed") for text in errors(tree))
 
 
+@pytest.mark.full
 def test_what_cannot_be_checked(runs: list[Smoothing]) -> None:
     with pytest.raises(InputError, match="not smoothed"):
         check_posterior(runs[0].filtered, MODEL, jax.random.key(0))

@@ -141,6 +141,7 @@ def test_a_displacement_in_one_stretch_is_let_be() -> None:
     assert check_updates(run.prediction, mean, *run[2:4]) == []
 
 
+@pytest.mark.full
 def test_frames_of_few_effective_draws_tell_nothing() -> None:
     run = filtered(0, shift=0.3)
     few = run.prediction._replace(weighted_ess=np.full(FRAMES, LEAST_DRAWS - 1))

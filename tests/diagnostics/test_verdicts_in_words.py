@@ -138,6 +138,7 @@ def test_diagnose_adds_one_group_and_survives_the_disk(tmp_path) -> None:  # typ
     assert load_result(tmp_path / "result.nc").identical(whole)
 
 
+@pytest.mark.full
 def test_weighted_particles_take_tau_from_the_effective_number() -> None:
     data = diagnose(synthetic_result(weighted=True))["diagnostics"].dataset
     assert (data["tau"] == 1000 / 800).all()

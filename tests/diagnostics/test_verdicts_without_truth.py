@@ -201,6 +201,7 @@ def test_silhouettes_that_leap_or_swell(factor):
     )
 
 
+@pytest.mark.full
 def test_frames_of_silhouettes_are_missing_where_nobody_is_seen():
     area = np.full((12, 2), 40_000.0)
     assert "Nothing was observed" not in texts(silhouettes_tree(area=area))

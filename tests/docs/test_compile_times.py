@@ -7,6 +7,8 @@ from verdicts.compile_times import compile_times
 
 from poseppl.experiments.tables import Table
 
+pytestmark = pytest.mark.full
+
 COLUMNS = ("kind", "name", "settings", "compilation", "run", "memory")
 
 

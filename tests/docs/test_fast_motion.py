@@ -36,6 +36,7 @@ def test_errors_and_differences_are_those_of_the_runs() -> None:
     assert found[-4] == "| Learned scales less published ones | **-39 ± 4** |"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("errors", "verdict"),
     [

@@ -69,6 +69,7 @@ def test_the_interval_of_a_difference_is_students():
 ERRORS = {"second": [10.0, 20.0, 30.0], "learned": [9.0, 18.0, 24.0]}
 
 
+@pytest.mark.full
 def test_coverage_and_errors_are_told_by_recording():
     columns = ("recording", "rate", "cameras", "walk", "frames", "seed", "error", "coverage")
     rows = [("02_01", 120, 2, walk, 100, 0, error, 0.7) for walk, error in (("frame", 57), ("second", 39), ("learned", 29))]

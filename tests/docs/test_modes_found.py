@@ -27,6 +27,7 @@ def told(scaled: int, noise: int) -> list[str]:
     return modes.modes_found({"modes_found": Table("modes_found", COLUMNS, rows)}).splitlines()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("scaled", "noise", "verdict"), [(11, 5, "holds"), (5, 11, "does not hold")])
 def test_the_better_of_each_kind_decides(scaled, noise, verdict):
     lines = told(scaled, noise)

@@ -34,6 +34,7 @@ def test_the_page_counts_the_smallest_errors():
     assert told and int(told[1]) == smallest(TABLE)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("factor", "number"), [(0.1, 12), (10.0, 0)])
 def test_smaller_and_larger_errors_would_be_told(factor, number):
     places = [TABLE.columns.index(name) for name in motion_peers.MEASURES]

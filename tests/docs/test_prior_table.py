@@ -30,6 +30,7 @@ def test_goals_are_judged_on_walks_alone() -> None:
     assert "asked for: does not hold" in told(0.8, 0.8)[-2]
 
 
+@pytest.mark.full
 def test_other_motion_is_noticed_or_mistaken() -> None:
     assert told(0.9, 0.8)[-1].endswith("on 1 of 1 recordings that are no walks, and on 0 of 2 walks.")
     assert told(0.9, 0.3, run=0.7)[-1].endswith("on 0 of 1 recordings that are no walks, and on 1 of 2 walks (07_08).")

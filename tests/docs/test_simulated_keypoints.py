@@ -60,6 +60,7 @@ def test_ranks_are_judged_by_their_chance(smoother, chance, ece, told):
     assert found.endswith(f"- joints, 4 cameras, {smoother}: {told}")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("mended", "lost", "verdict"), [(0, 0, "holds"), (1, 0, "does not hold"), (0, 1, "does not hold")])
 def test_clocks_that_are_right_are_not_to_be_mended(mended, lost, verdict):
     columns = ("recording", "clutter", "calibration", "offset", "deviation", "held", "mended", "lost")

@@ -47,6 +47,7 @@ def test_goals_that_are_not():
     assert "undecided; above 100 mm with the default alone 1, with lesser modes kept alone 0 (sign test, p = 1)" in difference
 
 
+@pytest.mark.full
 def test_a_goal_that_the_posterior_itself_misses():
     last = told(ERRORS, ERRORS + 20)[-1]
     assert last.endswith("does not hold (61.0 (60.7 to 61.2), and its 90 % intervals hold 90.1 (90.1 to 90.1) %).")

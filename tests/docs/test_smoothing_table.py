@@ -25,6 +25,7 @@ def test_a_gain_has_an_interval() -> None:
     assert found[-1] == "- Points, 2 cameras, 3 runs: smoothing pays: holds: window by 20 % (15 to 25)."
 
 
+@pytest.mark.full
 def test_no_gain_is_said_so() -> None:
     assert told([80.0, 130.0, 100.0])[-1].endswith("undecided: window by -3 % (-66 to 59).")
     assert told([128.0, 132.0, 130.0])[-1].endswith("does not hold: window by -30 % (-35 to -25).")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from verdicts.toolkit_speed import beside_rivals, first_results
 
 from poseppl.experiments.tables import Table
@@ -19,6 +20,7 @@ def test_ratios_are_held_against_their_goals() -> None:
     assert found[-1] == "bootstrap, at most 1.5 times: does not hold; Viterbi, at most 2 times: holds."
 
 
+@pytest.mark.full
 def test_first_results_are_held_against_their_goals() -> None:
     columns = ("first", "second", "first_result", "second_filter", "again")
     rows = [("particle", "kalman", 1.5, 0.5, 0.02), ("kalman", "particle", 0.5, 1.5, 0.02)]

@@ -110,6 +110,7 @@ def test_the_goal_of_draws_a_second_needs_both_ratios():
     assert "25 frames: reached; 100 frames: not reached" in sampling.trajectory({"trajectory": Table("", columns, rows)})
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("worst", "told"), [(1200.0, "reached (6; 1 times)"), (800.0, "not reached (4; 1 times)")])
 def test_the_goal_of_particle_mgrad_is_in_the_worst_coordinate(worst, told):
     columns = ("method", "draws", "cpu_seconds", "ess_worst", "ess_median")

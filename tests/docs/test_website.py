@@ -82,6 +82,7 @@ def test_links_of_the_repository_hold_on_the_site() -> None:
         assert relinked(page, link, there) == expected
 
 
+@pytest.mark.full
 def test_formulae_of_docstrings_are_no_marks() -> None:
     assert plain("|x| and 2*y_ of `a|b*` and :func:`f_`") == r"\|x\| and 2\*y\_ of `a|b*` and :func:`f_`"
     lines = ["Text:", "", "    a_t = |b|", "", "more", "", "Args:", "    x: An x.", "", "Example:", "", "    >>> f(2 * 3)"]

@@ -41,6 +41,7 @@ def test_methods_are_what_their_names_say():
     assert dict(method_of(CROSSED).settings) == {"num_layers": 20, "num_particles": 250, "crossover": "limbs"}
 
 
+@pytest.mark.full
 def test_a_folder_is_known_by_all_of_its_files(tmp_path):
     (tmp_path / "CAM1").mkdir()
     (tmp_path / "CAM1" / "image.bmp").write_bytes(b"a")

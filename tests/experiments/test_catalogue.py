@@ -19,6 +19,7 @@ def test_it_is_called_as_the_catalogue_calls_it(experiment):
     assert all(part.about and part.runs(experiment.full) >= part.runs(experiment.quick) for part in experiment.parts.values())
 
 
+@pytest.mark.full
 def test_its_page_of_nothing_makes_no_claim(experiment, tmp_path):
     page = page_of(experiment, tmp_path)
     assert page.startswith(f"# {experiment.title}") and "## Claims" not in page and experiment.departures in page

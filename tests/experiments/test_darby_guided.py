@@ -55,6 +55,7 @@ def test_no_walk_is_tracked_with_what_was_learned_from_it():
     ]
 
 
+@pytest.mark.full
 def test_states_of_the_guided_system_are_phase_features_and_free_coordinates():
     model = train_motion_model(walks(), "walks", TrainingSettings(num_components=2, num_states=6, num_rounds=2))
     pose = np.random.default_rng(0).normal(size=len(model.coordinates))
@@ -90,6 +91,7 @@ def test_half_the_error_is_judged_over_walks_against_more_particles(guided, verd
     assert "APF, 5 x 200" in found[0].ours and "3 walks" in found[0].ours
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("tight", "verdict"), [([50.0, 52, 54], "holds"), ([80.0, 82, 84], "does not hold"), ([50.0, 62, 74], "undecided")]
 )

@@ -51,6 +51,7 @@ def test_a_sequence_is_followed_that_is_closer_than_its_first_pose(error, verdic
     assert "200 and 100" in sequences({"sequences": table})
 
 
+@pytest.mark.full
 def test_scales_are_told_by_their_cue():
     rows = [row(METHOD, 100.0, 5.0), row(METHOD, 120.0, 5.0, "colour_scale 0.9")]
     told = scales({"scales": Table("scales", COLUMNS, rows)}).splitlines()

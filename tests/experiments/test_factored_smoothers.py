@@ -189,6 +189,7 @@ def test_gibbs_comes_to_the_enumeration(seed):
     assert np.max(np.abs(means[1] - bins) / errors[1]) > 10
 
 
+@pytest.mark.full
 def test_the_mixture_stands_where_the_weights_are():
     """Particles around two poses of unequal weight: components share the weight as the particles do."""
     rng = np.random.default_rng(0)

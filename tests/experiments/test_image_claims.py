@@ -106,6 +106,7 @@ def test_shares_of_basins_may_be_off_by_a_fifth(found, reach, verdict):
     assert trapped.verdict == "holds" and "93 +- 1 %" in trapped.ours
 
 
+@pytest.mark.full
 def test_errors_of_means_and_differences():
     measured = over_runs([1.0, 2.0, 3.0, 6.0])
     assert measured.mean == 3.0 and measured.spread == pytest.approx((14 / 3) ** 0.5) and measured.runs == 4

@@ -100,6 +100,7 @@ def test_names_that_python_reads_as_numbers_stay_names(tmp_path):
     assert read_folder(tmp_path)["walks"].table == table
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("damage", ["{", '{"gone": {"about": ""}}', "[]"])
 def test_a_damaged_record_is_told(tmp_path, damage):
     (tmp_path / RECORD).write_text(damage)

@@ -32,6 +32,7 @@ def test_one_particle_has_its_own_distance_without_the_hips():
     assert posture_error(TREE, REST[None], [1.0], truth) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.full
 def test_hips_do_not_count():
     truth = markers(REST)
     other = truth.copy()
@@ -41,6 +42,7 @@ def test_hips_do_not_count():
     assert posture_error(TREE, REST[None], [1.0], other) == pytest.approx(10.0, abs=1e-3)
 
 
+@pytest.mark.full
 def test_angles_are_averaged_on_the_circle():
     states = np.repeat(REST[None], 2, 0)
     states[:, 3] = np.radians([179.0, -179.0])

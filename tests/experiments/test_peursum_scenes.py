@@ -39,6 +39,7 @@ def test_scenes_as_recorded_are_found_where_they_were():
     assert Blind(circle, SYSTEM, 5).key != Blind(scene, SYSTEM, 5).key
 
 
+@pytest.mark.full
 def test_the_papers_scenes():
     recordings = [replace(WALK, name=name, digest=name) for name in "abcd"]
     circles, cluttered = circle_scenes(recordings), clutter_scenes(recordings, num_frames=50)

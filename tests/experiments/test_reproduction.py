@@ -93,6 +93,7 @@ def test_blocks_of_particles_are_one_large_filter():
     assert list(found.num_likelihood) == [320, 640]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("number", "expected"), [(320, (320, 1)), (27_000, (13_500, 2)), (108_000, (13_500, 8))])
 def test_blocks_are_equal(number, expected):
     assert block_size(number) == expected

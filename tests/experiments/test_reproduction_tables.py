@@ -157,6 +157,7 @@ def test_seconds_are_held_to_the_shorter_time_of_the_published_settings():
     assert held.verdict == "not reached" and "15 times fewer than theirs in the contest, 7.5 times" in held.ours
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("lead", "verdict"), [(5.0, "holds"), (0.0, "does not hold"), (-5.0, "does not hold")])
 def test_a_filter_has_to_be_higher_in_most_frames(lead, verdict):
     columns = ("tracker", "method", "frame", *(c for n in ("log_likelihood", "log_prior") for c in (n, f"{n}_standard_error")))

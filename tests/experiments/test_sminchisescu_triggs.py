@@ -145,6 +145,7 @@ def test_an_arm_is_lost_by_a_gaussian_tracker_and_kept_by_the_published_one():
     assert (found[PUBLISHED]["ratio"] > 10).all()
 
 
+@pytest.mark.full
 def test_the_committed_page_says_what_its_tables_say():
     assert page_of(EXPERIMENT, FOLDER) == (FOLDER / "page.md").read_text(encoding="utf-8")
     kept = read_folder(FOLDER)

@@ -144,6 +144,7 @@ def test_verdicts_follow_the_ancestors(share, expected):
     assert next(verdict for what, verdict in found.items() if "descendants" in what) == expected
 
 
+@pytest.mark.full
 def test_the_page_tells_gains():
     told = walks({"walks": table(10.0, noise=0.0)})
     assert "| FSHHMM-PF, 1,000 | FBS | 70 | 10 (10 to 10) | 70 | 10 (10 to 10) | 0.1 |" in told

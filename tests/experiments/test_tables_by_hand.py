@@ -97,6 +97,7 @@ def test_effective_draws_are_counted_per_second_and_per_evaluation():
     assert row["bias"] == 0.0
 
 
+@pytest.mark.full
 def test_summaries_of_sequences_keep_their_columns_apart():
     job = SequenceRuns(BUILT_IN, "arm", "ours", "particle", (), 2, RUNS)
     found = {

@@ -101,6 +101,7 @@ def test_texts(tmp_path):
             read_text(missing)
 
 
+@pytest.mark.full
 def test_what_killed_writers_left_is_removed_and_nothing_else(tmp_path):
     kill = "import os, sys; from poseppl.files.atomic_writing import atomic_path\n"
     kill += "with atomic_path(sys.argv[1]): os.kill(os.getpid(), 9)"

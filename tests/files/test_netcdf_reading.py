@@ -125,6 +125,7 @@ def test_what_a_file_declares_is_bounded(
         assert word in message
 
 
+@pytest.mark.full
 def test_the_limit_is_stated_and_can_be_raised(tmp_path: Path, small: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "long.nc").write_bytes(small)
     with h5py.File(tmp_path / "long.nc", "r+") as file:

@@ -103,6 +103,7 @@ def test_malformed_pickles_end_in_one_error(data: bytes) -> None:
         plain_of_pickle(data, AT)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("protocol", [2, 4, 5])
 def test_damaged_pickles_end_in_a_value_or_one_error(protocol: int) -> None:
     refused = 0

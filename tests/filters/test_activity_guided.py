@@ -54,6 +54,7 @@ def test_the_chain_is_read_off_the_program():
         np.testing.assert_allclose(leaf, exact, atol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("temperature", [0.0, 1e-3, 0.2, 0.36, 0.6, 0.9, 0.999])
 def test_so_many_transitions_leave_a_state(temperature):
     staying = np.array([0.0, 0.1, 0.4, 0.8, 0.97, 1.0])

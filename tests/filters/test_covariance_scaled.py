@@ -184,6 +184,7 @@ def test_a_robust_single_mode_ignores_what_leads_a_gaussian_astray():
     assert errors[0] < 0.25 < 1.0 < errors[1]
 
 
+@pytest.mark.full
 def test_settings_out_of_range_are_refused():
     model = mirror().compile()
     for settings, words in (

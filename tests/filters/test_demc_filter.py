@@ -73,6 +73,7 @@ def test_weights_are_likelihoods_and_the_best_has_the_largest(frames):
         assert 0.1 < info.acceptance < 1
 
 
+@pytest.mark.full
 def test_velocity_is_what_the_estimate_moved(frames):
     _, found = frames
     assert (np.asarray(found[0][0].velocity) == 0).all()
@@ -87,6 +88,7 @@ def test_without_data_particles_move_by_the_velocity(frames):
     np.testing.assert_allclose(after.particles, expected, atol=1e-6)
 
 
+@pytest.mark.full
 def test_noise_follows_the_survival_diagnostic():
     values = jnp.log(jnp.array([0.5, 0.5, 0.0, 0.0]))
     assert abs(float(_noise_factor(values, "survival")) - 0.5) < 1e-6

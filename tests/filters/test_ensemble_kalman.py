@@ -189,6 +189,7 @@ def test_settings_are_checked(settings, message):
         ensemble_kalman_filter(problem().model, **settings)
 
 
+@pytest.mark.full
 def test_positions_are_checked():
     model = problem().model
     with pytest.raises(ValueError, match="positions lacks the site 'y'"):

@@ -35,6 +35,7 @@ def test_equal_to_forward_filtering(matrices):
     np.testing.assert_allclose(run.info.log_evidence, increments, atol=1e-5)
 
 
+@pytest.mark.full
 def test_values_of_several_sites():
     def start(params, inputs):
         numpyro.sample("gait", dist.Categorical(probs=np.full(3, 1 / 3)))

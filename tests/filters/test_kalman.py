@@ -167,6 +167,7 @@ def test_nonlinear_programs_run(linearisation):
     assert not np.asarray(infos.failed).any()
 
 
+@pytest.mark.full
 def test_a_likelihood_without_moments_is_refused():
     def heavy(params, state, inputs):
         numpyro.sample("y", dist.StudentT(3.0, state["x"], 1.0))

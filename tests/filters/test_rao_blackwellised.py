@@ -75,6 +75,7 @@ def test_matched_moments_are_noticed(found):
     assert (np.abs(matched - problem.exact.means[:, 1]) / errors).max() > 5
 
 
+@pytest.mark.full
 def test_a_finite_site_that_depends_on_a_real_one_is_refused():
     def start(params, inputs):
         numpyro.sample("k", dist.Bernoulli(0.5))

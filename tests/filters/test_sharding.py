@@ -63,6 +63,7 @@ def test_four_devices_give_what_one_gives(name, group):
     assert bound < 1e-8 and max(found["particles"], found["log_weights"], found["evidence"]) < bound
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "group"), names_of({row.name for row in FILTERS}))
 def test_each_device_has_its_quarter_of_the_particles_and_of_the_work(name, group):
     found = report(group)[name]
@@ -74,6 +75,7 @@ def test_each_device_has_its_quarter_of_the_particles_and_of_the_work(name, grou
         assert found["work"] < 0.26
 
 
+@pytest.mark.full
 def test_the_driver_compiles_once_and_resumes_to_the_last_bit():
     found = report(QUICK)["driver"]
     assert found["distance"] < ROUNDING and found["resumed"] == 0.0 and found["compiled"] == 1
@@ -83,6 +85,7 @@ def test_particles_that_cannot_be_shared_evenly_are_refused():
     assert report(QUICK)["driver"]["refused"] == "10 particles or chains cannot be shared evenly among 4 devices"
 
 
+@pytest.mark.full
 def test_one_device_is_allowed():
     posed = problem()
     built = sharded(particle_filter(posed.model, 10), jax.devices()[:1])
@@ -91,6 +94,7 @@ def test_one_device_is_allowed():
     assert state.particles.devices() == set(jax.devices()[:1])
 
 
+@pytest.mark.full
 def test_what_is_refused():
     posed = problem()
     built = particle_filter(posed.model, 10)

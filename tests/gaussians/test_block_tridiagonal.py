@@ -84,6 +84,7 @@ def test_dense_form_holds_every_block(shape):
     np.testing.assert_allclose(to_dense(matrix), dense, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_scales_far_apart_cost_float32_no_digits():
     """As millimetres beside radians do: the error is that of the matrix with a unit diagonal."""
     matrix, dense = random_matrix(5, 3, scales=[1e-4, 1.0, 1e3])
@@ -104,6 +105,7 @@ def test_one_solve_is_the_transpose_of_the_other():
     np.testing.assert_allclose(*both(z, b), rtol=1e-5)
 
 
+@pytest.mark.full
 def test_a_ridge_makes_a_singular_matrix_definite():
     matrix = BlockTridiagonal(jnp.ones((3, 2, 2)), jnp.zeros((2, 2, 2)))
     factorise = jax.jit(block_cholesky)

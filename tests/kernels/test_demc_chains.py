@@ -94,6 +94,7 @@ def test_past_states_converge_with_few_members():
     assert np.abs(z_scores(draws.reshape(30, -1, 2))).max() < 5
 
 
+@pytest.mark.full
 def test_members_find_the_scale_and_the_correlation():
     """From a population a hundred times too narrow, with the noise that this allows, to the density's own spread."""
     settings = DEMCSettings(num_updates=400, num_warmup=300)

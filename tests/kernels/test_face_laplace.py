@@ -49,6 +49,7 @@ def test_a_cut_gaussian_is_integrated_however_steep(dtype):
         assert variances[index] == pytest.approx(variance, rel=10 * rtol)
 
 
+@pytest.mark.full
 def test_draws_of_a_cut_gaussian():
     slopes, curvatures = (jnp.asarray(values) for values in zip(*CUTS, strict=True))
     draws = np.asarray(jax.jit(lambda key: truncation.draw(key, slopes, curvatures, 20_000))(jax.random.key(0)), float)

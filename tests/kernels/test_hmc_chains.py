@@ -20,10 +20,12 @@ def run(log_density, settings=SETTINGS, num_chains=40, seed=0):
     return jax.jit(lambda k: hmc_chains(k, starts, log_density, jnp.log(settings.step_size), settings))(jax.random.key(seed))
 
 
+@pytest.mark.full
 def test_moments_of_a_banana():
     assert np.abs(z_scores(run(banana).draws)).max() < 5
 
 
+@pytest.mark.full
 def test_a_fixed_step_and_length():
     fixed = SETTINGS._replace(target_acceptance=None, jitter=0.0, num_leapfrog=7)
     assert np.abs(z_scores(run(banana, fixed).draws)).max() < 5
@@ -36,6 +38,7 @@ NUTS = OwnKernel(
 )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("own", "acceptance"), [(MALA, 0.6), pytest.param(NUTS, 0.8, marks=pytest.mark.slow)])
 def test_kernels_of_ones_own_match_quadrature(own, acceptance):
     chains = run(banana, SETTINGS._replace(own=own, target_acceptance=acceptance, step_size=0.1))
@@ -50,6 +53,7 @@ def test_a_kernel_without_acceptance_keeps_its_step_size():
     assert float(chains.acceptance) == 1.0 and int(chains.num_gradient) == 2 * (1 + 3)
 
 
+@pytest.mark.full
 def test_a_wider_density_is_noticed():
     assert np.abs(z_scores(run(lambda x: 0.8 * banana(x)).draws)).max() > 10
 
@@ -91,6 +95,7 @@ def test_nan_density_is_never_accepted():
     assert (np.asarray(draws)[..., 0] > 0).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "wrong",
     [

@@ -34,6 +34,7 @@ def test_a_regular_pattern_lies_on_the_axes():
     np.testing.assert_allclose(along[:, 2:], 0.0, atol=1e-2)
 
 
+@pytest.mark.full
 def test_random_starts_have_the_stretched_covariance_of_the_subspace():
     propose = covariance_scaled(20_000, jnp.asarray(UNITS), num_directions=2, stretch=9.0, pattern="random")
     along = (np.asarray(propose(jax.random.key(1), MODE, COVARIANCE), float) - np.asarray(MODE)) / UNITS @ TURN

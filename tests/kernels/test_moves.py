@@ -42,6 +42,7 @@ def test_gradients_show_the_covariance_given_the_context(population):
     np.testing.assert_allclose(transform.scale @ transform.scale.T, COVARIANCE, rtol=0.1)
 
 
+@pytest.mark.full
 def test_spread_lies_between_the_covariance_and_its_half(population):
     positions, contexts = population
     wide = whitening_from_spread(positions, jnp.asarray(COVARIANCE, jnp.float32))

@@ -154,6 +154,7 @@ def test_the_cost_never_rises():
     assert (np.asarray(-jax.vmap(rippled)(newton)) > costs[0] + 0.1).any()
 
 
+@pytest.mark.full
 def test_a_climb_ends_in_a_minimum_and_not_in_a_saddle():
     """With the Hessian itself, indefinite at most starts."""
     starts = jax.random.normal(jax.random.key(1), (60, 2)) * jnp.array([6.0, 600.0])
@@ -183,6 +184,7 @@ def test_a_start_on_a_constraint_leaves_it_when_the_cost_falls_inward():
     )
 
 
+@pytest.mark.full
 def test_holding_every_touched_bound_is_noticed(monkeypatch):
     """A start in a corner would stay there."""
     right = trust_region._on_face

@@ -40,6 +40,7 @@ def test_what_jax_traces_is_built_anew(row):
     assert row.build(model) is not built[0]
 
 
+@pytest.mark.full
 def test_twenty_equal_filters_and_collectors_compile_once():
     builders = [
         lambda: particle_filter(POSED.model, 37),

@@ -55,6 +55,7 @@ def precisions(function, *arguments):
     return {str(precision) for precision in products(jax.make_jaxpr(function)(*arguments).jaxpr)}
 
 
+@pytest.mark.full
 @rows(FILTERS, is_first)
 def test_filters_multiply_exactly(row, on_gpu):
     posed = problem()
@@ -64,6 +65,7 @@ def test_filters_multiply_exactly(row, on_gpu):
     assert "None" not in found and "DEFAULT" not in " ".join(found)
 
 
+@pytest.mark.full
 @rows(SMOOTHERS, is_first)
 def test_smoothers_multiply_exactly(row, on_gpu):
     posed = problem()

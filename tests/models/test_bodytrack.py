@@ -190,6 +190,7 @@ def copy_of(folder, place):
     return place
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

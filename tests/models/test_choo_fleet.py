@@ -119,6 +119,7 @@ def test_measured_lengths_round_trip():
         np.testing.assert_allclose(found[name], value, atol=0.01, err_msg=name)
 
 
+@pytest.mark.full
 def test_measuring_what_was_not_seen():
     """What no marker tells is that of the standard subject, as large as the limbs that were seen."""
     size = {name: 1.1 * length for name, length in LENGTHS.items()}

@@ -107,6 +107,7 @@ def test_fit_refuses(states, rate, harmonics, message):
         fit_gait(states, rate, harmonics)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("rate", "frames"), [(0.0, 5), (-1.0, 5), (60.0, 0), (float("nan"), 5)])
 def test_walk_refuses(rate, frames):
     with pytest.raises(ValueError, match="positive"):

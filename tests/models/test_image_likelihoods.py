@@ -241,6 +241,7 @@ def test_cameras_multiply_and_drop_out(catalogue, name):
     np.testing.assert_array_equal(two, evaluate(states, inputs(body, evidence, (1.0, 1.0, 0.0))))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["peursum", "monocular", "du_guan"])
 def test_what_is_hidden_is_no_evidence(catalogue, name):
     """Masks that differ only behind the occluder give the same value; maps mark it already."""

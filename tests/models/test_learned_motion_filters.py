@@ -178,6 +178,7 @@ def test_an_annealed_filter_leaves_phases_as_they_are_drawn():
     assert np.isfinite(states.particles).all() and not infos.failed.any()
 
 
+@pytest.mark.full
 def test_an_auxiliary_filter_is_refused():
     with pytest.raises(UnsuitableModelError, match="'phase' takes integers"):
         guided_filter(posed(True).model, 10, auxiliary=True)

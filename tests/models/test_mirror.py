@@ -50,6 +50,7 @@ def test_a_filter_keeps_both_sides_unless_it_is_told(told):
         assert ((shares > 0.1) & (shares < 0.9)).mean() > 0.8
 
 
+@pytest.mark.full
 def test_mean_keeps_the_side():
     x = np.array([-4.0, -0.2, 0.2, 4.0])
     np.testing.assert_array_equal(np.sign(mirror_mean(x)), np.sign(x))

@@ -35,6 +35,7 @@ def inputs_of(body, scale=0.05):
     return BodyInputs(camera, noise, jnp.asarray(body.rest, float), steps, steps, body.tree)
 
 
+@pytest.mark.full
 def test_limited_normal_against_scipy():
     """Exact; a normal that is only cut off, not normalised, integrates to less than 1."""
     values = np.linspace(-3, 2, 41)
@@ -52,6 +53,7 @@ def test_limited_normal_against_scipy():
     assert cut < 0.7
 
 
+@pytest.mark.full
 def test_limited_normal_draws():
     """Means of 20,000 draws within 5 standard errors, none beyond a limit; those of the normal itself lie beyond it."""
     limited = LimitedNormal(LOC, SCALE, LOW, HIGH)
@@ -129,6 +131,7 @@ def test_stabilisers_are_the_stationary_distribution():
     assert np.all(spread**2 + steps**2 > 1.02 * spread**2)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", BUILDERS)
 def test_sizes_are_arrays_of_the_same_body(kind):
     """Tree and flesh of other sizes, from arrays, are those that are built of them (float32 mm), not the standard's."""
@@ -158,6 +161,7 @@ def test_measured_bodies():
         measure_arm({"elbow_r": np.zeros((1, 3))})
 
 
+@pytest.mark.full
 def test_anthropometric_prior():
     """Sizes vary with the stature: two limbs are correlated by a shared factor of 3.9 % beside 3.5 % of their own."""
     mean, covariance = anthropometric_prior(("thigh", "shank", *INTERNAL, "thigh_width"))

@@ -112,6 +112,7 @@ def test_growth_filter_against_a_grid():
     assert abs(ratio.mean() - 1) < 5 * ratio.std(ddof=1) / np.sqrt(40)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dimension", [4, 5, 40])
 def test_lorenz96_derivative_against_a_loop_over_the_circle(dimension):
     x = np.random.default_rng(dimension).normal(2, 4, dimension)
@@ -151,6 +152,7 @@ def test_lorenz96_refuses_a_circle_that_is_too_small():
         lorenz96(4, stride=0)
 
 
+@pytest.mark.full
 def test_finite_hmm_evidence_is_the_sum_over_paths():
     initial, transition = [0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]]
     emission = [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]
@@ -186,6 +188,7 @@ def test_finite_hmm_refuses_what_are_no_probabilities():
         finite_hmm(transition=[[1.0]])
 
 
+@pytest.mark.full
 def test_banana_bends():
     """By quadrature: a is symmetric about 0, b lies below y by the mean of a^2."""
     model = banana().compile()

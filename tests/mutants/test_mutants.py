@@ -48,6 +48,7 @@ def test_the_named_tests_exist() -> None:
             assert name.partition("[")[0] in functions_of(path), f"{mutant.name}: {test}"
 
 
+@pytest.mark.full
 def test_every_mutant_applies() -> None:
     for mutant in MUTANTS:
         path, changed = mutated(mutant, ROOT)
@@ -63,6 +64,7 @@ def test_a_function_is_found_where_it_has_moved_to(folder: Path) -> None:
     assert path.name == "kalman.py" and changed == SOURCE.replace("return 1", "return a - b")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("function", "replace"), [("gain", "b"), ("gain", "a - b"), ("other", "a + b")])
 def test_what_is_not_there_once_is_refused(folder: Path, function: str, replace: str) -> None:
     with pytest.raises(ValueError, match="stands [0-9] times in"):

@@ -53,6 +53,7 @@ def test_loops_inside_a_program_draw_independently():
     assert correlation(*values.T) < 5 / np.sqrt(SIZE)
 
 
+@pytest.mark.full
 def test_a_key_used_twice_is_noticed():
     def careless(key):
         return jax.random.normal(key) + jax.random.normal(key)

@@ -39,6 +39,7 @@ def test_unbiased(name, num=7):
     assert np.abs(z_scores(counts, expected)).max() < 5
 
 
+@pytest.mark.full
 def test_bias_is_noticed():
     """Rounding the expected numbers is what an unbiased scheme must not do."""
     log_weights = 1.5 * jax.random.normal(jax.random.key(0), (20,))
@@ -103,6 +104,7 @@ def test_one_particle_with_all_the_weight(name):
     assert (compiled(jax.random.key(0), log_weights, 64, name) == 37).all()
 
 
+@pytest.mark.full
 @every_scheme
 @pytest.mark.parametrize("bad", [-jnp.inf, jnp.nan])
 def test_without_any_weight_all_count_alike(name, bad):

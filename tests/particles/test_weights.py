@@ -61,6 +61,7 @@ def test_particles_without_weight_are_not_read():
     assert weighted_covariance(particles, log_weights) == 1.0
 
 
+@pytest.mark.full
 def test_gradients_are_finite_with_weights_of_zero():
     gradient = jax.grad(lambda w: normalise(w).log_mean)(jnp.array([0.0, -jnp.inf, -1.0]))
     assert np.isfinite(gradient).all()
@@ -74,6 +75,7 @@ def test_particles_are_weighed_by_their_likelihoods():
     assert not weighed.failed
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("impossible", [-jnp.inf, jnp.nan])
 def test_impossible_data_leave_the_weights_before_them(impossible):
     prior = np.array([0.5, 0.3, 0.2])

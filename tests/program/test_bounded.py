@@ -35,6 +35,7 @@ def observation(params, state, inputs):
 MODEL = StateSpaceModel(initial, transition, observation).compile()
 
 
+@pytest.mark.full
 def test_bounds_are_those_of_the_supports():
     found = bounded(MODEL)
     np.testing.assert_array_equal(found.lower, [-0.5, -2.0, -np.inf, 0.0, -np.inf, -np.inf])

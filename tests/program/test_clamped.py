@@ -106,6 +106,7 @@ def test_summaries_of_the_data_are_blocks(full, inputs):
     np.testing.assert_allclose(information, expected, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_gradient_is_that_of_the_free(full, inputs):
     clamped = full.clamp(FREE)
     data = full.observe({"y": np.arange(4.0)})
@@ -156,6 +157,7 @@ def test_other_params():
     assert clamped.params == clamped.full.params == 2.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("free", [[], [0, 0], [5], [-1], ["x[7]"], ["b[0]"], ["a", 0]])
 def test_refused(full, free):
     with pytest.raises(ValueError, match="free"):

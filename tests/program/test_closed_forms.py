@@ -46,6 +46,7 @@ def test_right_ones_pass():
     check_closed_forms(Summed, STATE, VALUE)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [

@@ -26,6 +26,7 @@ def chart_model():
     return model(constrained, constrained, lambda p, s, i: numpyro.sample("y", dist.Normal(s["rate"], 1.0))).compile()
 
 
+@pytest.mark.full
 def test_names_and_layout():
     names = ("rate", "share[0]", "share[1]", "box[0]", "box[1]", "angle", "count")
     names += ("matrix[0,0]", "matrix[0,1]", "matrix[1,0]", "matrix[1,1]")
@@ -57,6 +58,7 @@ def test_angles_are_unwrapped():
     assert density(turned)[1][5] != 0
 
 
+@pytest.mark.full
 def test_discrete_sites_are_rounded():
     compiled = chart_model()
     x = jax.jit(compiled.sample_initial)(jax.random.key(0), None).at[6].set(3.4)
@@ -134,6 +136,7 @@ def test_mask_over_events():
     )
 
 
+@pytest.mark.full
 def test_factors_scales_masks_and_plates_count():
     def program(params, state, inputs):
         numpyro.factor("heuristic", -3.0 * state["level"])
@@ -233,6 +236,7 @@ def test_params_and_their_program():
     assert np.isfinite(jax.grad(density)(2.0))
 
 
+@pytest.mark.full
 def test_nothing_leaks_into_a_program_around_it():
     compiled = model(observation=observation).compile()
     data = compiled.observe({"height": 0.5})

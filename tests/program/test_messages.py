@@ -152,6 +152,7 @@ def with_own_key(params, state, inputs):
     numpyro.sample("slope", dist.Normal(state["slope"], 0.5))
 
 
+@pytest.mark.full
 def test_draws_without_a_density_and_densities_without_draws():
     with pytest.raises(ValueError, match="initial program samples 'level' from ImproperUniform.*wide Normal"):
         StateSpaceModel(improper, transition, observation).compile()

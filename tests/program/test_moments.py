@@ -52,6 +52,7 @@ def test_gauss_newton_leaves_out_the_residual():
     np.testing.assert_allclose(found, JACOBIAN.T @ np.diag([4.0, 0.25]) @ JACOBIAN, rtol=1e-5)
 
 
+@pytest.mark.full
 def test_masks_scales_and_wrappers():
     def program(params, state, inputs):
         numpyro.sample("batch", dist.Normal(curved(state), 1.0))
@@ -205,6 +206,7 @@ def test_independence_is_seen_through_calls():
     np.testing.assert_allclose(moments_of(transition)[0], X)
 
 
+@pytest.mark.full
 def test_sites_without_gaussian_moments_are_refused():
     def positive(params, state, inputs):
         numpyro.sample("level", dist.Gamma(2.0, 1.0))

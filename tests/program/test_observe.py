@@ -134,6 +134,7 @@ def test_missing_among_objects(missing):
     assert np.isfinite(found.values["y"]).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("given", "match"),
     [

@@ -62,6 +62,7 @@ def test_leclercs_window_makes_it_a_density(strength):
     assert density[0] < gaussian  # some of the mass is the outliers'
 
 
+@pytest.mark.full
 def test_leclercs_without_a_window_is_a_factor():
     """The posterior is the same, up to a constant; predictive checks are told that nothing is predicted."""
     gaussian = dist.Normal(jnp.zeros(2), 0.7).to_event(1)

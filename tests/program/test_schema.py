@@ -68,6 +68,7 @@ def test_other_support():
     refused("'level' has support Positive.* in the transition program and Real", transition=program)
 
 
+@pytest.mark.full
 def test_same_support_said_differently():
     first = states(("a", dist.HalfNormal(1.0)), ("b", dist.Uniform(0.0, 1.0).expand([2])), ("c", dist.VonMises(0.0, 1.0)))
     one = ("a", dist.TruncatedNormal(0.0, 1.0, low=0.0))
@@ -208,6 +209,7 @@ def test_compiles_inside_jit():
     assert np.isfinite(density(1.0))
 
 
+@pytest.mark.full
 def test_the_programs_of_these_tests_compile():
     compiled = model(initial, transition, observation).compile()
     assert compiled.coordinate_names == ("level", "slope[0]", "slope[1]")

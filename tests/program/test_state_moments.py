@@ -42,6 +42,7 @@ def test_a_chain_has_the_moments_of_its_joint_gaussian():
     np.testing.assert_allclose(slope, X[0], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_second_moments_of_a_chain_need_no_normal():
     """The law of total variance holds for any distribution."""
 

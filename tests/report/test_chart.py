@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from page_reading import decoded
 from synthetic import synthetic_result, two_sided_result
 
@@ -78,6 +79,7 @@ def test_ticks_of_logarithmic_axes() -> None:
     assert axis["ticktext"] == ["0.01", "0.03", "0.1", "0.3", "1", "3"]
 
 
+@pytest.mark.full
 def test_modes_are_shown_where_a_result_has_several() -> None:
     single = modes_over_time(synthetic_result(num_frames=8))
     assert mode_chart(single) is None and ghosts(single, single.frames) is None and ambiguity_table(single) == []

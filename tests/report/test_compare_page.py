@@ -51,6 +51,7 @@ def test_one_file_without_a_network_and_escaped(tmp_path: Path, comparison: xr.D
         assert f"<h2>{heading}</h2>" in page
 
 
+@pytest.mark.full
 def test_figures_without_a_value_are_dashes_and_win_nothing(comparison: xr.DataTree) -> None:
     page = comparison_html(comparison)
     assert [cell for cell in _row(page, "kalman") if cell == "–"] == ["–"] * 8
@@ -162,6 +163,7 @@ def test_size_is_bounded_on_long_sequences(comparison: xr.DataTree) -> None:
     assert len(to_json(heat)) < 4_000_000
 
 
+@pytest.mark.full
 def test_numbers_and_names_in_words() -> None:
     given = (9032.065, 35.4, 2.008, 0.00641, 0.00011, 1.2e12, np.nan, 0.0)
     assert [shown(value) for value in given] == ["9,030", "35", "2", "0.0064", "1.1e-4", "1.2e12", "–", "0"]

@@ -79,6 +79,7 @@ def test_images_grow_down_where_the_focal_length_does() -> None:
     assert [image_grows_down(TREE, camera) for camera in (0, 1)] == [False, True]
 
 
+@pytest.mark.full
 def test_errors_are_relative_to_the_named_root() -> None:
     """The posterior's mean is off by 5, 12 and 7 mm; beside the pelvis by the difference of two of these."""
     assert root_index(TREE) == 2

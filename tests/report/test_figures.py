@@ -25,6 +25,7 @@ def test_the_summary_picture_of_every_kind_of_result(tmp_path: Path, arguments: 
     assert 0.01 < (pixels < 200).mean() < 0.5
 
 
+@pytest.mark.full
 def test_a_result_without_a_body_has_a_picture() -> None:
     tree = build_result(state=np.random.default_rng(0).standard_normal((4, 20, 6, 1)), names=Names(("level",)))
     assert len(report.plot_track(tree)._repr_png_()) > 5000  # type: ignore[attr-defined]
@@ -74,6 +75,7 @@ def test_overlay_shows_observations_where_they_are() -> None:
     np.testing.assert_allclose(np.array(lines[-1].get_data()).T, tree["observed_data/points"].values[1, 0])
 
 
+@pytest.mark.full
 def test_expected_error_matches_the_truth_of_a_calibrated_posterior() -> None:
     """The truth is one more draw: its error lies in the 90 % band as often, within 5 binomial standard errors."""
     tree = synthetic_result(num_frames=400, rho=0.0)
@@ -87,6 +89,7 @@ def test_expected_error_matches_the_truth_of_a_calibrated_posterior() -> None:
     assert ((band[0] <= error) & (error <= band[2])).mean() < 0.9 - 5 * np.sqrt(0.09 / 400)
 
 
+@pytest.mark.full
 def test_evenly_and_segments() -> None:
     assert list(evenly(5, 9)) == [0, 1, 2, 3, 4]
     assert list(evenly(101, 3)) == [0, 50, 100]

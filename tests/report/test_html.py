@@ -82,6 +82,7 @@ def test_values_that_are_not_finite_become_null() -> None:
     report_html(tree)
 
 
+@pytest.mark.full
 def test_size_is_bounded_on_long_sequences() -> None:
     poses = pose_data(synthetic_result(num_frames=1000, num_draws=8))
     assert poses is not None

@@ -52,6 +52,7 @@ def test_a_picture_that_is_not_the_value_of_its_cell_is_noticed():
         assert len(hidden(f"# %%\n{cell}")[1]) == 1
 
 
+@pytest.mark.full
 def test_a_picture_shows_itself():
     picture = new_picture(2, 1)
     picture.add_subplot().plot([0, 1])

@@ -44,6 +44,7 @@ def test_colors_differ(sight: str) -> None:
         assert least_distance([*colors, ground], sight) > DISTINCT
 
 
+@pytest.mark.full
 def test_colors_that_some_confuse_are_noticed() -> None:
     assert (
         least_distance(["#1f6f8b", "#7a5195"], "deuteranopia") < DISTINCT < least_distance(["#1f6f8b", "#7a5195"], "all cones")

@@ -18,6 +18,7 @@ def test_shares_and_what_was_not_seen() -> None:
     assert np.isfinite(error).all() and error[3] == 0
 
 
+@pytest.mark.full
 def test_errors_are_those_of_batches_of_frames() -> None:
     """Data of a frame that fall together count as one."""
     rng = np.random.default_rng(0)

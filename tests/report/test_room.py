@@ -73,6 +73,7 @@ def test_fewer_draws_are_shown_where_there_is_much_to_show(monkeypatch: pytest.M
     assert poses["image"]["draws"].shape[2:] == (2, 15, 2)
 
 
+@pytest.mark.full
 def test_a_draw_that_is_far_away_leaves_the_others_as_fine() -> None:
     tree = room_result(6)
     tree["posterior/markers"].values[0, 0, 3, :3] = 1e9

@@ -64,6 +64,7 @@ def test_data_stand_on_what_is_predicted_of_them(tank: xr.DataTree) -> None:
     np.testing.assert_allclose(_lines(charts["pair[1]"])["predicted, median"], np.median(pair, axis=0), rtol=1e-5)
 
 
+@pytest.mark.full
 def test_sites_are_drawn_in_their_own_values(tank: xr.DataTree) -> None:
     charts = site_charts(tank)
     assert set(charts) == {"busy", "level", "rate"}

@@ -49,6 +49,7 @@ def test_what_is_listed_is_told_by_a_sentence_and_may_be_left_out(algorithm: Alg
         assert setting.read(str(setting.default)) == setting.default
 
 
+@pytest.mark.full
 @every_algorithm
 def test_no_number_below_zero_and_no_other_type_is_taken(algorithm: Algorithm):
     for name, setting in algorithm.settings.items():
@@ -151,6 +152,7 @@ def test_settings_come_to_the_algorithm(monkeypatch: pytest.MonkeyPatch):
     assert seen == {"num_particles": 9, "settings": SMALL_STEPS._replace(num_updates=40, jitter=0.25)}
 
 
+@pytest.mark.full
 def test_the_lists_tell_every_algorithm_and_every_setting(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setenv("COLUMNS", "200")
     for kind, algorithms in (("filters", FILTERS), ("smoothers", SMOOTHERS)):

@@ -120,6 +120,7 @@ def test_arviz_takes_a_result(result, name):
     plt.close("all")
 
 
+@pytest.mark.full
 def test_what_is_missing_is_left_out_for_arviz_alone(result):
     converted = poseppl.to_arviz(result)
     observed = converted["observed_data"]["y"]

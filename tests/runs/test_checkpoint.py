@@ -87,6 +87,7 @@ def assert_same(first: Run, second: Run) -> None:
         jax.tree.map(np.testing.assert_array_equal, getattr(first, name), getattr(second, name))
 
 
+@pytest.mark.full
 def test_a_part_that_stops_the_run_is_not_kept(tmp_path: Path) -> None:
     wild = VALUES.copy()
     wild[6:8] = 3e38  # times a noise of some units: infinite
@@ -144,6 +145,7 @@ def test_ctrl_c_leaves_a_valid_checkpoint(tmp_path: Path) -> None:
     assert_same(resumed, go(None))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "other shapes", "unbalanced", "deflated"])
 def test_a_damaged_part_is_computed_anew(tmp_path: Path, damage: str) -> None:
     go(tmp_path / "run")
@@ -263,6 +265,7 @@ def test_a_disk_that_is_full_for_a_while(tmp_path: Path, monkeypatch: pytest.Mon
     assert go(tmp_path / "run", resume=True).resumed == FRAMES
 
 
+@pytest.mark.full
 def test_nothing_is_pickled(tmp_path: Path) -> None:
     go(tmp_path / "run")
     for part in (tmp_path / "run").glob("part-*.npz"):

@@ -55,6 +55,7 @@ def test_chains_of_unequal_weights_are_kept_by_them() -> None:
     np.testing.assert_allclose(kept.summary["state_mean"], draws.mean(1).T @ np.array([0.5, 0.25, 0.25, 0.0]), rtol=1e-5)
 
 
+@pytest.mark.full
 def test_weighted_particles() -> None:
     rng = np.random.default_rng(1)
     number, shift = 20_000, 0.7
@@ -76,6 +77,7 @@ def test_weighted_particles() -> None:
     assert abs(particles[:, 0].mean() - shift) > 5 / np.sqrt(effective)
 
 
+@pytest.mark.full
 def test_weightless_particles_are_not_read() -> None:
     particles = jnp.array([[1.0, 2.0], [jnp.nan, jnp.inf], [3.0, 4.0]])
     log_weights = jnp.log(jnp.array([0.5, 0.0, 0.5]))
@@ -89,6 +91,7 @@ def test_max_draws_is_checked() -> None:
         collect_draws(MODEL, max_draws=0)
 
 
+@pytest.mark.full
 def test_no_key_is_used_twice() -> None:
     """Draws that are kept and those for the quantiles are resampled apart."""
     particles = jax.random.normal(jax.random.key(1), (50, 2))

@@ -87,6 +87,7 @@ def test_a_smoothed_result_goes_on_from_its_last_frame_alone(result):
         poseppl.forecast(smoothed, POSED.model, 4, jax.random.key(1), LATER, start=2)
 
 
+@pytest.mark.full
 def test_what_does_not_fit_is_said(result):
     with pytest.raises(InputError, match="no frame 17 .*one of 0 to 4"):
         poseppl.forecast(result, POSED.model, 4, jax.random.key(1), LATER, start=17)

@@ -91,6 +91,7 @@ def test_keys_of_both_kinds_are_taken():
     check_key(jax.random.PRNGKey(0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("options", "match"),
     [

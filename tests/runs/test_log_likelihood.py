@@ -74,6 +74,7 @@ def test_kalmans_value_and_gradient_are_exact(linearisation):
     np.testing.assert_allclose([gradient[name] for name in wanted], list(wanted.values()), rtol=1e-6)
 
 
+@pytest.mark.full
 def test_many_params_at_once():
     many = {name: value * jnp.linspace(0.8, 1.2, 5) for name, value in PARAMS.items()}
     build = lambda model: kalman_filter(model, 1)  # noqa: E731

@@ -53,6 +53,7 @@ def test_a_state_that_is_not_finite_is_refused_and_the_one_before_it_kept(at: in
     assert online.state is state and np.isfinite(online.state.particles).all()
 
 
+@pytest.mark.full
 def test_data_and_inputs_of_other_shapes_are_refused() -> None:
     """A sequence in place of a frame would broadcast in silence."""
     online = Online(particle_filter(MODEL, 8), KEY)

@@ -43,6 +43,7 @@ def test_parts_give_what_the_sequence_gives(ends: tuple[int, ...]) -> None:
     jax.tree.map(np.testing.assert_array_equal, parts, run.outputs)
 
 
+@pytest.mark.full
 def test_a_state_that_is_not_finite_ends_it_and_what_was_done_is_kept() -> None:
     model, filter = failing(2, broken=True)
     data = model.observe({"y": np.zeros((1, 2))})

@@ -51,6 +51,7 @@ def test_a_simulation_uses_each_frame_s_own_inputs(length: int) -> None:
         simulate(model, jax.random.key(0), 0, inputs)
 
 
+@pytest.mark.full
 def test_simulations_have_the_model_s_moments() -> None:
     """x_1 of the linear Gaussian model is N(A m, A P A' + Q), within five standard errors of 4000 draws."""
     model = linear_gaussian(2, m=[1.0, -1.0]).compile()

@@ -237,6 +237,7 @@ def test_heuristic_likelihoods_predict_nothing() -> None:
         check(particle_filter(model, 10), model, {"y": np.zeros((2, 2))})
 
 
+@pytest.mark.full
 def test_more_coordinates_than_draws():
     """What the data take away is told of each of 30 coordinates from 20 states, by the formula on their covariance."""
     rng = np.random.default_rng(1)

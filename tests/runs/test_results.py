@@ -62,6 +62,7 @@ def test_results_are_compressed(tmp_path: Path) -> None:
     assert (tmp_path / "result.nc").stat().st_size < tree["unconstrained_posterior/state"].nbytes / 10
 
 
+@pytest.mark.full
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "result.nc"
     save_result(synthetic_result(num_frames=2), path)
@@ -124,6 +125,7 @@ def test_wrong_shapes_are_refused(arguments: dict[str, object], message: str) ->
         build_result(names=Names(("level",)), **arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.full
 def test_extras_of_any_shape_get_dimensions() -> None:
     tree = build_result(state=np.zeros((1, 2, 3, 1)), names=Names(("level",)), extras={"speed": np.zeros((1, 2, 3, 5))})
     assert tree["posterior/speed"].dims == ("chain", "draw", "frame", "speed_dim_0")

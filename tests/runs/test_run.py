@@ -256,6 +256,7 @@ def test_a_failed_frame_is_told_by_its_number_and_the_run_goes_on(caplog: pytest
     assert len(run.outputs.state) == 7
 
 
+@pytest.mark.full
 def test_a_failed_frame_stops_the_run_where_asked() -> None:
     with pytest.raises(RunError, match="frame 5.*impossible") as caught:
         run_failing(5, on_failure="stop")
@@ -276,6 +277,7 @@ def test_a_state_that_is_not_finite_is_never_passed_over_and_the_frames_before_i
     np.testing.assert_array_equal(done.state.particles, at - 1)  # the state after the last good frame
 
 
+@pytest.mark.full
 def test_a_run_that_breaks_down_at_once_has_nothing_to_keep() -> None:
     model, filter = failing(100)
 
@@ -343,6 +345,7 @@ class Told:
         self.notes.append(message)
 
 
+@pytest.mark.full
 def test_progress_is_told_every_frame() -> None:
     told = Told()
     run_failing(100, progress=told)

@@ -74,6 +74,7 @@ def test_summaries_are_of_the_sites_own_values(result):
     assert "regime_mean" not in summary and "regime_quantile" not in summary
 
 
+@pytest.mark.full
 def test_a_saved_result_keeps_sites_and_values(result, tmp_path):
     save_result(result, tmp_path / "result.nc")
     again = load_result(tmp_path / "result.nc")

@@ -133,6 +133,7 @@ def test_constant_inputs_are_every_frames():
     np.testing.assert_array_equal(one.outputs.state, other.outputs.state)
 
 
+@pytest.mark.full
 def test_states_that_are_not_finite_are_never_passed_over():
     def broken(rng_key, history, observations, inputs=None):
         info = smoothing_info(5, jnp.asarray(1.0))
@@ -192,6 +193,7 @@ def test_smoothers_that_follow_ancestors_take_all_particles_of_the_same_run():
     )
 
 
+@pytest.mark.full
 def test_results_without_a_genealogy_or_its_settings_are_refused():
     tree = small_result()
     settings = json.loads(tree.attrs["settings"])

@@ -90,6 +90,7 @@ def test_what_does_not_change_keeps_its_prior_and_the_rest_follows(smoothed: tup
     assert np.all(np.abs(np.cov(flat.T) - whole) < 5 * error)
 
 
+@pytest.mark.full
 def test_numbers_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match="num_static"):
         cut_laplace_smoother(StateSpaceModel(initial, transition, observation).compile(), 0)

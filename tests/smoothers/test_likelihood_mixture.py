@@ -47,6 +47,7 @@ def test_components_of_a_known_mixture():
     np.testing.assert_allclose(log_components(mixture, jnp.asarray(x)), expected, rtol=1e-4)
 
 
+@pytest.mark.full
 def test_seeds_are_at_or_above_the_average():
     weights = jnp.asarray([0.05, 0.3, 0.15, 0.25, 0.25])
     index, alive = choose_seeds(jax.random.key(0), jnp.log(weights), 4)
@@ -156,6 +157,7 @@ def test_weights_over_density_stand_for_the_likelihood():
     assert np.abs((paper.mean(0) - expected) / (paper.std(0, ddof=1) / np.sqrt(len(paper)))).max() > 10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("correction", ["none", "moments", "weights"])
 def test_frame_without_data_is_flat(correction):
     fitted = mixtures(correction)

@@ -172,6 +172,7 @@ def test_the_chart_of_params():
     )
 
 
+@pytest.mark.full
 def test_what_cannot_be_learned_is_told():
     def counts():
         numpyro.sample("noise", dist.Poisson(3.0))
@@ -230,6 +231,7 @@ def test_constant_inputs_are_repeated_and_others_have_the_frames_of_the_data(sam
             run(inputs, data)
 
 
+@pytest.mark.full
 def test_a_start_that_is_no_value_of_the_params_is_refused():
     """Chains of NaN would neither move nor be noticed."""
     model, observations = posed()

@@ -36,6 +36,7 @@ def fit(posed, num_rounds, factorised=False, centre=0.0):
     return fitted, np.asarray(marginal_covariances(fitted.factor).own)
 
 
+@pytest.mark.full
 def test_structure_is_read_from_the_program():
     posed = mixture_problem()
     assert transition_structure(posed.model, posed.inputs).linear

@@ -98,6 +98,7 @@ def test_what_certificates_are_made_with_is_needed(tmp_path, monkeypatch):
         run_jobs(draw, [Draw(0)], tmp_path)
 
 
+@pytest.mark.full
 def test_no_workers_are_refused(tmp_path):
     with pytest.raises(ValueError, match="max_workers is 0"):
         run_jobs(draw, [Draw(0)], tmp_path, executor=Processes(0))

@@ -104,6 +104,7 @@ def test_files_of_other_jobs_are_left_alone(tmp_path):
     assert path.exists()
 
 
+@pytest.mark.full
 def test_a_result_damaged_anywhere_is_computed_anew(tmp_path):
     wanted, _ = run(JOBS[:1], tmp_path)
     path = tmp_path / f"{JOBS[0].key}.npz"
@@ -231,6 +232,7 @@ def test_lines_where_there_is_no_terminal(capsys):
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.full
 def test_the_bar(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "150")

@@ -104,6 +104,7 @@ def test_the_built_in_walk_turns_with_its_states():
     assert found.states[-1, 3] - plain.states[-1, 3] < -1.5
 
 
+@pytest.mark.full
 def test_a_body_that_cannot_be_turned_is_told():
     tree = kinematic_tree([Joint("trunk", None, (0, 0, 0), "XZ")], [Marker("top", "trunk", (0, 0, 500))])
     with pytest.raises(InputError, match=r"trunk\.X"):

@@ -72,6 +72,7 @@ def swung(walker, angles, leaps):
     return path[:, shoulder], found[:, shoulder], residual
 
 
+@pytest.mark.full
 def test_no_other_angles_for_the_same_rotation_after_a_leap(walker):
     """An arm that swings past the pole of its angles, on a body that leaps: no angle jumps by pi."""
     _, found, residual = swung(walker, np.linspace([1.8, -1.0, -1.0], [1.6, -2.4, -0.8], 8), np.arange(8))
@@ -90,6 +91,7 @@ def test_the_angles_of_an_arm_go_on_through_leaps(walker):
     np.testing.assert_allclose(found[12:], path[12:], atol=0.02)
 
 
+@pytest.mark.full
 def test_missing_markers(walker):
     """A marker, a limb, a whole frame: what is left decides, and what nothing shows stays as it was."""
     body, _, markers = walker
@@ -139,6 +141,7 @@ def test_recordings(data_dir, name):
     assert np.abs(np.diff(subject.states[:, 3:], axis=0)).max() < 1.5
 
 
+@pytest.mark.full
 def test_skin_markers_stand_for_joints(data_dir):
     motion = slice_frames(read_motion(data_dir / "btk_c3d" / "PiG_Motion-FlatFoot-Full.c3d"), "0:300:10")
     subject = fit_subject(motion, full_body)
@@ -161,6 +164,7 @@ def test_too_few_points_are_refused(data_dir):
         fit_subject(motion, full_body)
 
 
+@pytest.mark.full
 def test_legs_alone_are_a_body_in_proportion(data_dir):
     """The upper body is at rest, as large as the legs say."""
     motion = slice_frames(read_motion(data_dir / "btk_c3d" / "PiG_Motion3_FF.c3d"), "0:290:29")
@@ -188,6 +192,7 @@ def test_names_are_compared_without_case_and_punctuation_where_none_fits():
     np.testing.assert_array_equal(np.isfinite(found[0]).all(-1), [True, False])  # one point, one marker
 
 
+@pytest.mark.full
 def test_given_names_come_first():
     places = np.arange(4 * 3.0).reshape(1, 4, 3)
     motion = Motion(("Hips", "LeftLeg", "X1", "X2"), places, (), 100.0, "rig.bvh")

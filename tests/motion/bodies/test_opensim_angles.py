@@ -103,6 +103,7 @@ def test_a_body_without_segments_keeps_its_names() -> None:
     np.testing.assert_allclose([found["spine.tx"][0], found["knee_r.X"][0]], [1.5, np.rad2deg(-0.5)], rtol=1e-5)
 
 
+@pytest.mark.full
 def test_angles_that_pass_half_a_turn() -> None:
     rng = np.random.default_rng(2)
     truth = np.linspace(150.0, 230.0, 9)

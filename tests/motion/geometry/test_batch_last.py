@@ -29,6 +29,7 @@ def test_frames_of_pictures(chunk):
     np.testing.assert_allclose(particles_of_frames, expected, rtol=1e-6)
 
 
+@pytest.mark.full
 def test_pictures_are_not_copied():
     """One for each frame in the program, however many particles look at it."""
     look_up = batch_last(_look_up)

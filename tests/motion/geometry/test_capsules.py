@@ -40,6 +40,7 @@ def test_clearance_is_the_least_distance():
     np.testing.assert_allclose(found, expected, atol=1e-3)  # ours adds 3e-5 mm where segments meet, for a gradient there
 
 
+@pytest.mark.full
 def test_factors():
     clearance = jnp.array([[5.0, -3.0], [1.0, 8.0]])
     assert rejected(clearance).tolist() == [0.0, -np.inf] and rejected(clearance, 3.5).tolist() == [0.0, 0.0]

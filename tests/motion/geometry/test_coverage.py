@@ -63,6 +63,7 @@ def test_far_edges_are_those_of_the_short_formula():
         assert errors[0] > 0.5 and errors[1] < errors[0] / 8
 
 
+@pytest.mark.full
 def test_spheres():
     """The image of a sphere: points whose rays pass within its radius, however near it is."""
     rng = np.random.default_rng(1)

@@ -69,6 +69,7 @@ def test_equals_elementwise_normals(dtype, seed):
     close(scalar, elementwise(tree, cameras, state, jnp.full(SHAPE, 0.03, dtype), value, everything), dtype)
 
 
+@pytest.mark.full
 def test_a_wrong_noise_is_noticed(dtype):
     tree, cameras, (state,), scale, (value,), mask = scene(dtype)
     with pytest.raises(AssertionError):
@@ -139,6 +140,7 @@ def test_an_unseen_frame_is_zero(dtype, filling):
         np.testing.assert_array_equal(leaf, 0)
 
 
+@pytest.mark.full
 def test_impossible_data_is_not_hidden(dtype):
     tree, cameras, (state,), scale, (value,), _ = scene(dtype)
     assert np.isnan(summed(tree, cameras, state, scale, value.at[0, 0, 0].set(np.nan), None))

@@ -21,6 +21,7 @@ def distances(part, points):
     return np.asarray(_DISTANCES(last(superquadrics_of(TREE, [part], pieces=1)), jnp.asarray(points)[None, ..., None])[0, :, 0])
 
 
+@pytest.mark.full
 def test_sampled_surfaces_are_where_it_is_zero():
     """Exact in float64 for 20 random shapes; 2 mm off with a wrong taper."""
     rng = np.random.default_rng(0)
@@ -48,6 +49,7 @@ def test_its_sign_solves_the_inequality():
             assert np.array_equal(found[sure] < 0, inside[sure])
 
 
+@pytest.mark.full
 def test_it_is_no_more_than_the_distance():
     """Of an ellipsoid, from 4,000 points of its surface: |f| is at most the distance, and half of it at least near by."""
     rng = np.random.default_rng(2)

@@ -33,6 +33,7 @@ def posed(seed, number=20):
     return tree, jax.tree.map(lambda a: jnp.asarray(a, float), camera), jnp.asarray(states)
 
 
+@pytest.mark.full
 def test_the_limbs_of_the_body_are_its_arms_and_legs():
     names = [BODY.tree.joint_names[BODY.tree.link_joint[limb.ball]] for limb in (HEAD, *LIMBS)]
     assert sorted(names) == ["head", "hip_l", "hip_r", "shoulder_l", "shoulder_r"]

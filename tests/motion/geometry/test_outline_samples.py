@@ -115,6 +115,7 @@ def test_fixed_samples_count_as_much_as_all():
         np.testing.assert_allclose(fixed.inside / fixed.num_inside, spaced.inside / spaced.num_inside, rtol=0.03)
 
 
+@pytest.mark.full
 def test_a_room_for_each_part():
     corners, ones = jnp.asarray(quadrilaterals(np.random.default_rng(3), 2)), pad_maps(jnp.ones((2, *SIZE)))
     with pytest.raises(ValueError, match="room for 2 parts; expected one for each of 3"):

@@ -269,6 +269,7 @@ def test_gradients_are_finite_seen_along_an_axis_and_from_behind():
         assert np.isfinite(value) and np.all(np.isfinite(gradient)), (distance, place)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -64,6 +64,7 @@ def test_layout():
     assert used == list(range(3, tree.dimension))
 
 
+@pytest.mark.full
 def test_root_alone():
     tree = kinematic_tree([Joint("a", None, (0, 0, 0), "")], [Marker("m", "a", (1, 2, 3))])
     np.testing.assert_array_equal(marker_positions(tree, jnp.array([10.0, 20.0, 30.0])), [[11, 22, 33]])

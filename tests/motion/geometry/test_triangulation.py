@@ -29,6 +29,7 @@ def test_rays_pass_by_what_was_projected(cameras: Cameras) -> None:
         assert np.linalg.norm(np.cross(offset, bent), axis=-1).max() > 1.0
 
 
+@pytest.mark.full
 def test_places_are_where_rays_meet(cameras: Cameras) -> None:
     image = np.asarray(project(cameras, jnp.asarray(POINTS)), np.float64)
     image[0, 3] = np.nan

@@ -52,6 +52,7 @@ def test_strides_are_ahead_whatever_the_heading(heading):
     np.testing.assert_allclose(tables.strides, np.broadcast_to([20.0, 0.0, 0.0], (8, 3)), atol=1e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("degrees", [2.0, 6.0])
 def test_a_phase_is_entered_where_the_walk_is_in_it(degrees):
     tables, walk = trained(num_phases=5, spread=np.radians(degrees)), a_walk()[:, 4:]

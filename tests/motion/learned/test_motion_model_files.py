@@ -27,6 +27,7 @@ def written(tmp_path_factory):
     return Written(model, path)
 
 
+@pytest.mark.full
 def test_a_file_holds_the_model(written):
     again = read_motion_model(written.path)
     for name, value in written.model._asdict().items():

@@ -95,6 +95,7 @@ def test_a_missing_package_is_told(monkeypatch):
         train_motion_model(walks(), "walks", SMALL)
 
 
+@pytest.mark.full
 def test_rates_have_a_common_one():
     assert common_rate([120.0, 60.0, 120.0]) == 60.0
     assert common_rate([100.0, 60.0]) == 20.0

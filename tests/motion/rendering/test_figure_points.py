@@ -79,6 +79,7 @@ def test_what_cannot_be_rendered_is_told(walker: Build) -> None:
             corner_cameras(room, count, size, focal)
 
 
+@pytest.mark.full
 def test_a_long_walk_has_a_longer_room() -> None:
     room = room_around(np.array([[0.0, 0.0], [9000.0, 1000.0]]), 0.0)
     assert room.size.tolist() == [11400.0, 6000.0] and room.centre.tolist() == [4500.0, 500.0]

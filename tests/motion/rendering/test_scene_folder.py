@@ -82,6 +82,7 @@ def test_the_seed_makes_the_scene(drawable: Build, tmp_path: Path) -> None:
         assert one[name] != other[name]
 
 
+@pytest.mark.full
 def test_a_failure_leaves_nothing(drawable: Build, tmp_path: Path) -> None:
     setting = drawable(cameras=1)
 
@@ -149,6 +150,7 @@ def test_places_that_cannot_be_read(tmp_path: Path, text: str, words: str) -> No
         read_places(tmp_path / "truth.csv", ["a"])
 
 
+@pytest.mark.full
 def test_masks_that_cannot_be_read(tmp_path: Path) -> None:
     np.savez(tmp_path / "masks.npz", masks=np.zeros((2, 3, 1), np.uint8))
     for name, told in (("masks.npz", "packed bits"), ("absent.npz", "absent.npz: no such file")):

@@ -62,6 +62,7 @@ def test_the_built_in_walk_without_clutter(drawable: Callable[..., Setting]) -> 
     assert np.array_equal(read_masks("walk/camera_1_visible.npz"), read_masks("walk/camera_1_whole.npz"))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -107,6 +108,7 @@ def test_a_missing_opengl_says_which_packages_are_wanted() -> None:
     assert "Traceback" not in done.stderr and not list(Path().iterdir())
 
 
+@pytest.mark.full
 def test_rendering_without_a_screen_is_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packages.importlib, "import_module", lambda name: name)
     monkeypatch.setattr(packages.sys, "platform", "linux")

@@ -95,6 +95,7 @@ def test_the_walk_of_one_camera_is_mean_reverting_where_nobody_says_otherwise(fo
     assert usual_walk(found.scene, TrackSettings(sigma_angle=0.5)) == usual_walk(others, TrackSettings()) == "fixed"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["filtered", "smoothed"])
 def test_bodies_of_all_statures_are_seen_where_one_is(name: str, request: pytest.FixtureRequest) -> None:
     """Draws are poses of bodies of their own statures, and no camera sees that they differ."""
@@ -113,6 +114,7 @@ def test_bodies_of_all_statures_are_seen_where_one_is(name: str, request: pytest
     np.testing.assert_array_equal(sites[..., :3], flat_draws(tree).values[..., at])
 
 
+@pytest.mark.full
 def test_moments_are_those_of_a_mixture_of_statures(filtered: xr.DataTree, smoothed: xr.DataTree) -> None:
     """Gauss and Hermite's three nodes are exact for two moments of what is linear in the stature."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)

@@ -33,6 +33,7 @@ def test_a_wrong_unit_is_told(factor: float, height: str) -> None:
     assert f"about {height} tall" in told and "--unit" in told
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("axis", "sign", "name"), [(1, -1, "-y"), (1, 1, "+y"), (0, 1, "+x"), (2, -1, "-z")])
 def test_a_world_that_lies_on_its_side_is_told(axis: int, sign: int, name: str) -> None:
     places = np.roll(STANDING, axis - 2, axis=-1) * sign

@@ -188,6 +188,7 @@ def test_a_file_that_ends_early_takes_nothing_from_the_others(cameras: Cameras, 
         align([people[0], people[1]._replace(frames=people[1].frames + 200)], [Clock(), Clock()])
 
 
+@pytest.mark.full
 def test_what_is_far_outside_is_named_and_not_seen(people: list[DetectedPeople]) -> None:
     points = people[0].points.copy()
     t, p, k = np.argwhere(np.isfinite(points).all(-1))[50]

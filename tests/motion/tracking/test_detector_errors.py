@@ -141,6 +141,7 @@ def test_damaged_files_are_named(tmp_path: Path, change: dict[str, Any], expecte
     assert str(path) in str(raised.value) and expected in str(raised.value)
 
 
+@pytest.mark.full
 def test_files_that_lack_a_field_or_an_end(tmp_path: Path) -> None:
     write_detector_errors(TRUE, path := tmp_path / "errors.json")
     whole = path.read_text()

@@ -116,6 +116,7 @@ def test_a_rate_that_nobody_said(tree: xr.DataTree) -> None:
     assert not clock_of(tree).assumed
 
 
+@pytest.mark.full
 def test_a_model_that_is_not_installed_is_not_run(tree: xr.DataTree, tmp_path: Path) -> None:
     other = tree.copy()
     other.attrs = {**tree.attrs, "model": json.dumps("somebody.elses:body")}

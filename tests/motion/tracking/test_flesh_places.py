@@ -36,6 +36,7 @@ def test_parts_turn_with_the_mean_state() -> None:
     np.testing.assert_allclose(flesh["scales"], [[1.2, 0.9]], rtol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("problem", [_problem(flesh=None), _problem(pose=jnp.sin)], ids=["no flesh", "the state is no pose"])
 def test_other_results_stay_as_they_are(problem: Any) -> None:
     result = build_result(state=np.zeros((1, 2, 3, TREE.dimension)), names=Names(TREE.coordinate_names))

@@ -54,6 +54,7 @@ def test_masks_that_do_not_fit_are_told():
         see_silhouettes(sources(truth() | square))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["../left", "a/b"])
 def test_a_scene_names_no_file_outside_of_its_folder(tmp_path, name):
     write_cameras(tmp_path / "Calib.toml", [RECORDS[0]._replace(name=name)])

@@ -39,6 +39,7 @@ def turned(record: CameraRecord, degrees: Sequence[float]) -> CameraRecord:
     return record._replace(rotation=turn @ record.rotation, translation=turn @ record.translation)
 
 
+@pytest.mark.full
 def test_two_people_are_told_apart(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     """The second person of the recording is an exact projection of confidence 1; the first one is real."""
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in (1, 2, 3, 4)]
@@ -88,6 +89,7 @@ def test_a_camera_that_is_off_keeps_the_only_person(records: tuple[CameraRecord,
         choose_person(cameras, [people[0], twice], 60.0)
 
 
+@pytest.mark.full
 def test_one_camera_follows_one_of_its_people(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     found = read_openpose(data_dir / "pose2sim_balancing" / "pose" / "cam01_json")
     published = np.load(data_dir / "pose2sim_balancing" / "reference" / "balancing_keypoints.npz")["kp"][:, 0, :, :2]

@@ -99,6 +99,7 @@ def test_frames_one_by_one_are_what_a_run_of_them_gives_and_nothing_is_traced(
     assert np.nanmedian(np.linalg.norm(seen - expected, axis=-1)) < 20
 
 
+@pytest.mark.full
 def test_one_cameras_intervals_have_the_stature_in_them(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
@@ -113,6 +114,7 @@ def test_one_cameras_intervals_have_the_stature_in_them(
     assert np.linalg.norm(last.upper - last.lower, axis=-1).max() > 300  # 0.18 of 3.3 m
 
 
+@pytest.mark.full
 def test_the_points_of_later_frames_are_those_of_a_recording(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:

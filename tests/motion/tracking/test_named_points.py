@@ -146,6 +146,7 @@ def test_an_animal_goes_by_its_name_in_all_cameras(tmp_path: Path) -> None:
         read_point_recording(several(tmp_path, one=["a", "b"], other=["a", "c"]), records, person=2)
 
 
+@pytest.mark.full
 def test_animals_without_names_are_refused(data_dir: Path) -> None:
     pose, records = (
         data_dir / "pose2sim_two_people",

@@ -21,6 +21,7 @@ def test_a_few_pixels_more_or_less_are_told(size: tuple[int, int], how: str) -> 
         assert fit_size(RECORD, size).size == size
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size", [(1920, 1103), (1936, 1087), (960, 544), (1920, 1060)])
 def test_another_size_is_refused(size: tuple[int, int]) -> None:
     with pytest.raises(InputError, match="camera front: the pictures have .*the calibration 1920 x 1087"):

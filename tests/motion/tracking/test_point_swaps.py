@@ -53,6 +53,7 @@ def test_exchanges_are_found_and_undone(legs: tuple[SeenPoints, Floats, Floats])
     assert np.nanquantile(off[:, 1, :, 0], 0.97) < 10 < np.nanquantile(np.abs(points - seen.images)[:, 1, :, 0], 0.93)
 
 
+@pytest.mark.full
 def test_nothing_is_done_where_nothing_is_wrong(legs: tuple[SeenPoints, Floats, Floats]) -> None:
     seen, points, wrong = legs
     right = exchanged(points, wrong, PAIRS)

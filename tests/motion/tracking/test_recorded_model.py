@@ -125,6 +125,7 @@ def test_a_body_of_ones_own_is_named_by_its_user(result: Any, tmp_path: Path, mo
         recorded_model(result, "poseppl_models.choo_fleet:full_body")
 
 
+@pytest.mark.full
 def test_bodies_of_other_packages_are_found_by_their_entry_points(result: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     entry = EntryPoint("arm-of-theirs", ARM, "poseppl.models")
     monkeypatch.setattr(poseppl.motion.bodies.body, "entry_points", lambda group: [entry] if group == entry.group else [])
@@ -169,6 +170,7 @@ def test_every_body_of_the_models_is_listed() -> None:
     assert found == set(poseppl_models.BODIES)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("builder", "told"),
     [

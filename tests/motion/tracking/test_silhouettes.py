@@ -186,6 +186,7 @@ def larger(record, times):
     return record._replace(matrix=matrix, size=tuple(times * side for side in record.size))
 
 
+@pytest.mark.full
 def test_hidden_pixels_are_no_evidence():
     truth = pose()
     masks = {name: mask[None].copy() for name, mask in masks_of(truth).items()}

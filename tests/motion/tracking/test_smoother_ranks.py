@@ -39,6 +39,7 @@ def test_a_wrong_smoother_is_noticed(study: benchmark.Study, case: str) -> None:
     assert found.excess[0] > 5 * found.excess_error[0], found
 
 
+@pytest.mark.full
 def test_uniformity_counts_replicates() -> None:
     """Equal ranks within a replicate are one number, not many; narrow intervals are noticed."""
     rng = np.random.default_rng(0)

@@ -69,6 +69,7 @@ def test_the_motion_of_a_second_has_one_variance_at_any_rate(rate: float, frames
     assert (len(scene.frames) == 31) == np.allclose(wrong, SIGMA_ANGLE**2, rtol=1e-4)
 
 
+@pytest.mark.full
 def test_at_30_hz_the_steps_are_the_published_ones() -> None:
     scene = scene_of(30.0, "0:4", "poseppl_models.choo_fleet:full_body")
     steps = make_problem(scene).record()["step_scale"]

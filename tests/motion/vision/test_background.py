@@ -108,6 +108,7 @@ def test_cleaning():
     assert not clean_mask(np.zeros_like(mask), **settings).any() and clean_mask(np.ones_like(mask), **settings).all()
 
 
+@pytest.mark.full
 def test_large_pictures_are_cleaned_alike():
     """In a picture of three times the width a person is cracked and specked by three times as many pixels."""
     scene, damaged = (np.full((480, 640, 3), level, np.uint8) for level in (90, 90))
@@ -211,5 +212,6 @@ def test_an_arm_of_nearly_the_colour_of_the_wall_is_found_by_that_of_the_rest():
     np.testing.assert_array_equal(found[1], found[2])
 
 
+@pytest.mark.full
 def test_refining_leaves_an_empty_mask_empty():
     assert not background_from_plate(SCENE, PLAIN._replace(refine=True)).subtract(noisy(SCENE, 1)).foreground.any()

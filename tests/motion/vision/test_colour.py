@@ -53,6 +53,7 @@ def test_distances():
     assert bhattacharyya_distance(p, np.zeros(3)) == 1
 
 
+@pytest.mark.full
 def test_a_recorded_person_keeps_his_colours(data_dir):
     """The same man in two cameras is nearer to himself than to the room."""
     folder = data_dir / "pose2sim_balancing" / "silhouettes"

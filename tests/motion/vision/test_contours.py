@@ -74,6 +74,7 @@ def test_contours_without_area():
         fourier_descriptors(person(), 0)
 
 
+@pytest.mark.full
 def test_recorded_silhouettes(data_dir):
     with np.load(data_dir / "pose2sim_balancing" / "silhouettes" / "cam03_masks_half.npz") as stored:
         masks = np.unpackbits(stored["masks"], axis=-1)[..., : stored["shape"][-1]]

@@ -35,6 +35,7 @@ def test_a_silhouette_at_the_rim():
     np.testing.assert_allclose(silhouette_distance(mask, 50)[15, :15], np.maximum(-np.arange(14.5, 0, -1), -4.5))
 
 
+@pytest.mark.full
 def test_nothing_and_everything():
     empty, full = np.zeros((20, 30), np.uint8), np.ones((20, 30), np.uint8)
     np.testing.assert_array_equal(edge_distance(empty, 7.0), 7.0)

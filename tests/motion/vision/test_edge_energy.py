@@ -32,6 +32,7 @@ def test_a_floor_keeps_noise_down():
     assert np.median(edge_energy(noisy)) < 0.15 < np.median(edge_energy(noisy, EnergySettings(floor=0.01)))
 
 
+@pytest.mark.full
 def test_motion_boundaries_are_smoothed_outliers():
     outliers = np.zeros((40, 40), np.uint8)
     outliers[10:30, 10:30] = 1

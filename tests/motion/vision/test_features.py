@@ -220,6 +220,7 @@ def test_the_picture(tmp_path):
     assert features_picture(frame(5), extract(frame(5), background, SETTINGS)).shape == picture.shape
 
 
+@pytest.mark.full
 def test_files_of_another_time(tmp_path):
     features = extract(frame(5), background_from_plate(PLATE, SETTINGS.background), SETTINGS)
     equal(restored_features(features._asdict(), SETTINGS), features)

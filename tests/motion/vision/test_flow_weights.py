@@ -57,6 +57,7 @@ def test_what_does_not_look_alike_is_not_believed():
     assert weights[0, 28, 16] < 0.05 < 0.5 < weights[0, 8, 40]
 
 
+@pytest.mark.full
 def test_flow_that_does_not_return_is_not_believed():
     image = stripes(0.3)
     forth, back = dense_flow(image, image), dense_flow(image, image) + np.float32(5.0)

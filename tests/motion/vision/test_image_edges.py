@@ -86,6 +86,7 @@ def test_the_benchmark_edge_map():
     assert not benchmark_edge_map(np.full((20, 20), 77, np.uint8)).any()
 
 
+@pytest.mark.full
 def test_the_benchmark_threshold():
     image = np.zeros((20, 20), np.uint8)
     for step, edge in ((7, False), (8, True)):  # a step of 8 gray levels has a squared magnitude of exactly 16

@@ -70,6 +70,7 @@ def test_flow_around_the_foreground():
     assert not nothing[0].any() and nothing[1].all()
 
 
+@pytest.mark.full
 def test_bad_input():
     with pytest.raises(InputError, match="expected two of one size"):
         dense_flow(texture(0), texture(0)[:-1])
