@@ -4,22 +4,20 @@
         [--recordings NAMES] [--frames 100] [--seeds 1] [--output default-filter]
 
 The built-in walk and the recordings of random_walk.py, their markers seen by one simulated camera and by two, with default
-settings. Errors are mean distances of joints from the truth, mm; coverage is that of the joints' 90 % intervals. Recordings are the
-units of the means, their standard errors and the paired differences; seeds, of the noise and of the filter, are averaged first.
-Frames a second are of a run without its compilation. Runs that OUTPUT/default_filter.csv has are not made again.
+settings. Errors are mean distances of joints from the truth, mm. Coverage is that of the joints' 90 % intervals. Frames a
+second are of a run without its compilation; filters run in turns. Runs that OUTPUT/default_filter.csv has are not made again.
+The table in docs/choosing.md is made from docs/tables/default_filter.csv.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Any
 
 import jax
-import numpy as np
 from kept_runs import keep_run, read_runs
 from random_walk import RECORDINGS, shared_problem, watch
-from timing import DATA, arguments, show, write_table
+from timing import DATA, arguments, write_table
 
 from poseppl.cli.console import start_jax
 from poseppl.diagnostics import diagnose
@@ -54,8 +52,11 @@ class Contest:
         if filter not in self._built:
             self._built[filter] = FILTERS[filter].build(problem.model, {})[0], problem.collector(50)
         built, collect = self._built[filter]
-        run = run_filter(built, jax.random.key(seed), problem.observations, problem.inputs, num_frames=len(scene.frames), collect=collect)
-        tree = _result(scene, problem, run, {"filter": filter, "settings": walk_params(scene.body, TrackSettings())})
+        run = run_filter(
+            built, jax.random.key(seed), problem.observations, problem.inputs, num_frames=len(scene.frames), collect=collect
+        )
+        known = {"filter": filter, "settings": walk_params(scene.body, TrackSettings())}
+        tree = _result(scene, problem, run, known)
         numbers = measure_run(diagnose(tree))
         assert numbers.joint_error is not None and numbers.coverage is not None
         return numbers.joint_error, numbers.coverage, len(scene.frames) / run.wall_seconds, numbers.failed
@@ -68,41 +69,8 @@ class Contest:
         return observe_motion(walk, cameras, camera_names(self.cameras), seed=seed)
 
 
-def by_recording(rows: Sequence[Sequence[str]], filter: str, cameras: str, column: str) -> dict[str, float]:
-    """A column's mean over seeds for each recording."""
-    index, found = _COLUMNS.index(column), {}
-    for name in dict.fromkeys(row[2] for row in rows):
-        values = [float(row[index]) for row in rows if (row[0], row[1], row[2]) == (filter, cameras, name)]
-        if values:
-            found[name] = float(np.mean(values))
-    return found
-
-
-def summary(rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """One row for each filter and number of cameras; the differences are from the first filter."""
-    first, lines = rows[0][0], []
-    for cameras, filter in itertools.product(dict.fromkeys(row[1] for row in rows), dict.fromkeys(row[0] for row in rows)):
-        error, coverage, speed = (
-            by_recording(rows, filter, cameras, column) for column in ("error", "coverage", "frames_per_second")
-        )
-        base = by_recording(rows, first, cameras, "error")
-        apart = np.array([error[name] - base[name] for name in error if name in base])
-        inside = np.array(list(coverage.values()))
-        lines.append([
-            filter, cameras, str(len(error)), f"{np.median(list(error.values())):.1f}", _mean(np.array(list(error.values()))),
-            _mean(apart), f"{int((apart > 0).sum())}", _mean(100 * inside), f"{int((inside < 0.8).sum())}",
-            f"{np.median(list(speed.values())):.0f}",
-        ])  # fmt: skip
-    return lines
-
-
-def _mean(values: Any) -> str:
-    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
-    return f"{np.mean(values):.1f} ± {error:.1f}"
-
-
 def main() -> None:
-    """Print the table and write it to OUTPUT."""
+    """Print the runs and write them to OUTPUT."""
     names = ",".join([BUILT_IN, *RECORDINGS])
     options = arguments(
         __doc__, filters="kalman,assumed-density", cameras="1,2", recordings=names, frames=100, seeds=1, output="default-filter"
@@ -113,14 +81,11 @@ def main() -> None:
     table = Table(NAME, _COLUMNS, read_runs(options.output / f"{NAME}.csv"), _ABOUT)
     for cameras in map(int, options.cameras.split(",")):
         contest = Contest(cameras)
-        for filter, recording, seed in itertools.product(options.filters.split(","), recordings, range(seeds)):
+        for recording, seed, filter in itertools.product(recordings, range(seeds), options.filters.split(",")):
             key = (filter, str(cameras), recording, str(seed), str(frames))
             if key not in {tuple(row[:_KEY]) for row in table.rows}:
                 numbers = contest.run(filter, recording, seed, frames)
                 keep_run(table, (*key, *(f"{number:.5g}" for number in numbers)), options.output)
-    columns = ["filter", "cameras", "recordings", "median error", "mean error ± SE", "from the first ± SE", "larger in",
-               "coverage, % ± SE", "below 80 %", "frames a second"]  # fmt: skip
-    show("", columns, summary(table.rows))
     write_table(table, options.output, f"{seeds} a recording", f"{len(recordings)}")
 
 

@@ -41,7 +41,7 @@ class Case(NamedTuple):
 
     right: bool
     scene: Callable[[], Any]
-    settings: TrackSettings = TrackSettings()
+    settings: TrackSettings = TrackSettings(filter="assumed-density")
     markers: Callable[[], Any] | None = None
 
 

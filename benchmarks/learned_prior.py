@@ -59,7 +59,7 @@ LEARNED_FROM = {
 CASES: dict[str, dict[str, Any]] = {
     "alone": {"filter": "switching", "other_motion": False},
     "mixture": {"filter": "switching"},
-    "default": {},
+    "default": {"filter": "assumed-density"},
 }
 _COLUMNS = ("recording", "case", "seed", "error", "coverage_50", "coverage_90", "probability", "frames_per_second")
 

@@ -83,7 +83,7 @@ def runs_of(data: Path, key: tuple[str, str, str, str], methods: list[str], num_
     name, seen, cameras, seed = key
     other: dict[str, Any] = {"sigma_position": 40.0 * 30.0**0.5, "model": DEFAULT_MODEL} if seen == SILHOUETTES else {}
     scene = watch(data, name, seen, int(cameras), num_frames, int(seed))
-    filtered = track(scene, TrackSettings(seed=int(seed), **other))
+    filtered = track(scene, TrackSettings(filter="assumed-density", seed=int(seed), **other))
     rows = [(*key, FILTER, *judge(filtered), float(filtered.attrs["wall_seconds"]) / num_frames)]
     for method in methods:
         began = time.perf_counter()

@@ -136,9 +136,8 @@ picture
 #
 # ## The whole body, walking
 #
-# Now all 28 angles and positions over 24 frames. `track` runs the default filter, whose chains start in the modes of each
-# frame, and whose prior is the frame before, carried on. It starts near the truth, so at first every limb leans the right
-# way.
+# Now all 28 angles and positions over 24 frames. The assumed-density filter starts its chains in the modes of each frame.
+# Its prior is the frame before, carried on. It starts near the truth, so at first every limb leans the right way.
 #
 # One thing has to be told. The body's random walk expects 15 mm a frame at 30 Hz, and this person comes 40 mm nearer in
 # every frame, along the very direction that the camera does not see. Left at 15 mm, the tracker believes its prior, lags
@@ -146,7 +145,7 @@ picture
 # prior. Scales are told a root of a second, so that they do not depend on the rate.
 
 # %%
-settings = TrackSettings(sigma_position=40.0 * 30**0.5, max_draws=20)
+settings = TrackSettings(filter="assumed-density", sigma_position=40.0 * 30**0.5, max_draws=20)
 seen_by_one = track(one_eye, settings)
 numbers = measure_run(seen_by_one)
 print(f"mean joint error {numbers.joint_error:.0f} mm; 90 % intervals hold {numbers.coverage:.0%} of the joints' coordinates")

@@ -110,5 +110,6 @@ def _compiled(lowered: Any, options: dict[str, Any]) -> Any:
 
 def _admitted(options: dict[str, Any]) -> dict[str, Any]:
     """The options without a level of optimisation where JAX is configured to use the lowest."""
-    lowest = jax.config.read("jax_disable_most_optimizations")
+    config: Any = jax.config
+    lowest = config.read("jax_disable_most_optimizations")
     return {name: value for name, value in options.items() if not (lowest and name == _LEVEL)}

@@ -495,12 +495,20 @@ def is_cheap(row: Any) -> bool:
     return not (row.variant or row.costly)
 
 
-def rows(chosen: Sequence[Any], quick: Callable[[Any], bool] = is_cheap) -> pytest.MarkDecorator:
-    """A test for each row, the slow ones marked.
+def rows(
+    chosen: Sequence[Any], quick: Callable[[Any], bool] = is_cheap, default: Callable[[Any], bool] = lambda row: True
+) -> pytest.MarkDecorator:
+    """A test for each row, marked with its tier.
 
     Args:
         chosen: Rows.
-        quick: Which of them are quick tests.
+        quick: Which of them are not slow tests.
+        default: Which of the quick tests are of the default tier; the others are full.
     """
-    marks = {True: (), False: (pytest.mark.slow,)}
-    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks[quick(row)]) for row in chosen])
+
+    def marks(row: Any) -> tuple[pytest.MarkDecorator, ...]:
+        if not quick(row):
+            return (pytest.mark.slow,)
+        return () if default(row) else (pytest.mark.full,)
+
+    return pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=marks(row)) for row in chosen])

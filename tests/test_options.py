@@ -21,22 +21,36 @@ def test_interrupts():
 def test_without_data():
     pytest.skip("no data")
 
+@pytest.mark.full
+def test_large():
+    pass
+
 @pytest.mark.slow
 def test_long():
     assert False
+"""
+OTHERS = """
+import pytest
 
+@pytest.mark.full
 @pytest.mark.slow
 def test_longer():
     pass
 """
+ALWAYS, LARGE, SLOW = (
+    ("PASSED", "test_interrupts"),
+    ("PASSED", "test_large"),
+    {("FAILED", "test_long"), ("PASSED", "test_longer")},
+)
 
 
 @pytest.fixture
 def outcomes(tmp_path):
     """Names of the samples that pass and fail under some options, all started as a shell starts what runs in the background."""
     shutil.copy(Path(__file__).parent / "conftest.py", tmp_path)
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
-    (tmp_path / "test_samples.py").write_text(SAMPLES)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n  full\n  slow\n")
+    (tmp_path / "test_first.py").write_text(SAMPLES)
+    (tmp_path / "test_second.py").write_text(OTHERS)
 
     def run(*options):
         command = [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", *options]
@@ -52,11 +66,14 @@ def outcomes(tmp_path):
     return run
 
 
-def test_long_tests_are_left_out_and_skips_are_allowed_unless_asked(outcomes):
-    assert outcomes() == {("PASSED", "test_interrupts")}
-    assert outcomes("--no-skips") == {("PASSED", "test_interrupts"), ("FAILED", "test_without_data")}
+def test_tiers_are_left_out_and_skips_are_allowed_unless_asked(outcomes):
+    assert outcomes() == {ALWAYS}
+    assert outcomes("--full") == {ALWAYS, LARGE}
+    assert outcomes("--no-skips") == {ALWAYS, ("FAILED", "test_without_data")}
 
 
-def test_parts_make_up_the_whole(outcomes):
-    parts = [outcomes("--slow", "-m", "slow", "--part", f"{part}/2") for part in (1, 2)]
-    assert parts == [{("FAILED", "test_long")}, {("PASSED", "test_longer")}]
+def test_parts_of_files_make_up_the_whole(outcomes):
+    first, second = (outcomes("--slow", "--part", f"{part}/2") for part in (1, 2))
+    assert first | second == {ALWAYS, LARGE} | SLOW and not first & second
+    assert second == {("PASSED", "test_longer")}
+    assert outcomes("--slow", "-m", "slow", "--part", "1/1") == SLOW

@@ -180,6 +180,7 @@ def posed(row: FilterRow) -> tuple[poseppl.Filter, poseppl.Observation]:
     return row.build(model), model.observe({"y": YS}, {"y": MASK})
 
 
+@pytest.mark.full
 @rows(CHOSEN)
 def test_means_are_kalman_s(row: FilterRow) -> None:
     """Within five standard errors of independent runs; the paper's filter, which has no exact limit, at its first frame."""
@@ -197,6 +198,7 @@ def test_means_are_kalman_s(row: FilterRow) -> None:
     assert not agrees(kalman_filter(MATRICES, YS + 0.5).means)
 
 
+@pytest.mark.full
 @rows(CHOSEN)
 def test_frames_one_by_one_give_what_the_sequence_gives(row: FilterRow) -> None:
     filter, data = posed(row)

@@ -20,6 +20,7 @@ from verdicts import (
     choo_fleet,
     choosing,
     compile_times,
+    default_filter,
     ensembles,
     fast_motion,
     keypoints,
@@ -69,7 +70,7 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
-    "choosing.md": {"choosing": choosing.choosing},
+    "choosing.md": {"default-filter": default_filter.default_filter, "choosing": choosing.choosing},
     "compared.md": {"motion-peers": motion_peers.motion_peers},
     "keypoints.md": {
         "keypoints": keypoints.keypoints,

@@ -128,8 +128,8 @@ def test_checkpoint_and_resume(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["track", "--noise", "-1"], ["--noise"]),
         (["track", "--noise", "nan"], ["--noise"]),
-        (["track", "--set", "num_chains=0"], ["--set num_chains=0: expected at least 1"]),
-        (["track", "--set", "num_chains=many"], ["--set num_chains=many: expected a whole number"]),
+        (["track", "--filter", "hmc", "--set", "num_chains=0"], ["--set num_chains=0: expected at least 1"]),
+        (["track", "--filter", "hmc", "--set", "num_chains=many"], ["--set num_chains=many: expected a whole number"]),
         (["track", "--filter", "kalmann"], ["'kalmann' is no filter (expected kalman)"]),
         (["track", "--sigma-angle", "-0.1"], ["--sigma-angle"]),
         (["track", "--rate", "0"], ["--rate"]),

@@ -20,8 +20,6 @@ from poseppl.gaussians.linearisation import linearise, predict
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import smoothed_moments
 
-pytestmark = pytest.mark.full
-
 YS = np.array([4.0, np.nan, 1.5, 0.3, 2.5, 6.0])
 STEP, NOISE = 0.5, 0.2
 every_method = pytest.mark.parametrize("method", ["first-order", "unscented", "gauss-hermite"])
@@ -91,6 +89,7 @@ def test_a_bent_observation_is_met_better_around_the_posterior(method):
     assert often < 0.2 * once
 
 
+@pytest.mark.full
 def test_a_gauss_hermite_grid_is_exact_for_polynomials():
     """E[x^4] and Var[x^4] of x ~ N(1, 4) in two directions, of degrees 4 and 8; sigma points miss them."""
     exact = scipy.stats.norm(1.0, 2.0)
@@ -106,6 +105,7 @@ def test_a_gauss_hermite_grid_is_exact_for_polynomials():
     assert abs(rough.covariance[0, 0] / (square - mean**2 + 2.0) - 1) > 0.1
 
 
+@pytest.mark.full
 def test_a_grid_of_too_many_coordinates_is_refused():
     with pytest.raises(UnsuitableModelError, match="A Gauss-Hermite grid of 7 coordinates has 5\\^7 points"):
         linearise(lambda x: (x, jnp.eye(7)), Gaussian(jnp.zeros(7), jnp.eye(7)), "gauss-hermite")

@@ -34,7 +34,6 @@ def test_the_way_from_the_start_is_not_among_the_draws(kernel):
     assert (np.asarray(chains.acceptance) > 0.6).all()
 
 
-@pytest.mark.full
 def test_the_step_size_of_the_warm_up_stays():
     """However many draws follow."""
     few, many = (chain_from_afar("hmc", num_draws=number) for number in (2, 40))

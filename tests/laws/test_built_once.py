@@ -6,6 +6,7 @@ import gc
 import weakref
 
 import jax
+import pytest
 from catalogue import FILTERS, SMOOTHERS, is_first, rows
 from law_problems import problem
 

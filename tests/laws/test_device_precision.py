@@ -55,8 +55,7 @@ def precisions(function, *arguments):
     return {str(precision) for precision in products(jax.make_jaxpr(function)(*arguments).jaxpr)}
 
 
-@pytest.mark.full
-@rows(FILTERS, is_first)
+@rows(FILTERS, is_first, lambda row: row.name in ("particle", "kalman"))
 def test_filters_multiply_exactly(row, on_gpu):
     posed = problem()
     built = row.build(posed.model)
@@ -65,8 +64,7 @@ def test_filters_multiply_exactly(row, on_gpu):
     assert "None" not in found and "DEFAULT" not in " ".join(found)
 
 
-@pytest.mark.full
-@rows(SMOOTHERS, is_first)
+@rows(SMOOTHERS, is_first, lambda row: row.name in ("genealogy", "rauch-tung-striebel"))
 def test_smoothers_multiply_exactly(row, on_gpu):
     posed = problem()
     filtered = particle_filter(posed.model, 50)

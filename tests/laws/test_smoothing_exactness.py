@@ -42,7 +42,8 @@ CHEAP = (
     "variational",
 )
 """Smoothers that make their replicates in a tenth of a second."""
-consistent_smoothers = rows([r for r in SMOOTHERS if r.consistent])
+LARGE = ("particle-mgrad", "trajectory-nuts", "variational")
+consistent_smoothers = rows([r for r in SMOOTHERS if r.consistent], default=lambda row: row.name not in LARGE)
 discrete_smoothers = rows([r for r in SMOOTHERS if r.consistent and r.discrete])
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])
 

@@ -29,6 +29,8 @@ TIME_LIMIT = 600.0
 NOTICED, MISSED, EXCUSED, BROKEN = "noticed", "MISSED", "excused", "BROKEN"
 MINIMUM = {"default": 0.8, "full": 0.95, "slow": 0.95}
 """Share of the mutants that the tests of a tier, and of those before it, have to notice."""
+_OPTIONS = {"default": [[]], "full": [["--full"]], "slow": [["--full"], ["-m", "slow", "--slow"]]}
+"""Of pytest's runs for each tier, one after the other."""
 _NO_TESTS = 5
 
 
@@ -98,11 +100,21 @@ def try_mutant(mutant: Mutant, tier: str) -> Outcome:
 
 def run_tests(folder: Path, tests: Sequence[str], tier: str) -> tuple[int, str]:
     """Run tests of a copy of the sources up to the first failure: pytest's status, 124 when out of time, and its output."""
+    status, output = _NO_TESTS, ""
+    for options in _OPTIONS[tier]:
+        ended, text = _run_pytest(folder, [*options, *tests])
+        if ended != _NO_TESTS:
+            status, output = ended, text
+        if status not in (0, _NO_TESTS):
+            break
+    return status, output
+
+
+def _run_pytest(folder: Path, arguments: Sequence[str]) -> tuple[int, str]:
     paths = [str(folder), str(folder / "models"), *filter(None, [os.environ.get("PYTHONPATH")])]
     data = os.environ.get("POSEPPL_DATA", str(ROOT.parent / "shared" / "data"))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "POSEPPL_DATA": data}
-    tiers = [] if tier == "default" else [f"--{tier}"]
-    command = [sys.executable, "-m", "pytest", "-x", *tiers, "-p", "no:cacheprovider", "--tb=line", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-p", "no:cacheprovider", "--tb=line", *arguments]
     try:
         done = subprocess.run(
             command, cwd=folder, env=environment, capture_output=True, text=True, timeout=TIME_LIMIT, check=False

@@ -16,8 +16,6 @@ from poseppl.particles.keys import particle_keys
 from poseppl.program import StateSpaceModel
 from poseppl.program.population import draw_initial
 
-pytestmark = pytest.mark.full
-
 REJECTED = {
     "von-Mises": (dist.VonMises(0.5, 2.0), stats.vonmises(2.0, loc=0.5)),
     "gamma": (dist.Gamma(0.5, 1.0), stats.gamma(0.5)),

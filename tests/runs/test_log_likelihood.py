@@ -260,7 +260,6 @@ def switching_evidence(params):
     return total
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("build", [particle_filter, guided_filter, rao_blackwellised_filter])
 def test_finite_sites_have_their_score(build):
     """Their draws know nothing of the probabilities that they were drawn by: without the score the derivative by these is 0."""

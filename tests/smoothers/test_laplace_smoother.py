@@ -50,7 +50,6 @@ def smoothed(num_draws: int, num_mode_steps: int = 20) -> Any:
     return smoother.smooth(jax.random.key(0), history, model.observe({"y": DATA}), None)
 
 
-@pytest.mark.full
 def test_the_mode_of_a_robust_model_is_found() -> None:
     """It is a general optimiser's, and the mean of n draws within 4 standard errors of it; after a step it is not found."""
     mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x

@@ -19,8 +19,6 @@ from poseppl.smoothers.base import History
 from poseppl.smoothers.conditional_smc import conditional_smc
 from poseppl.smoothers.particle_gibbs import particle_gibbs_smoother
 
-pytestmark = pytest.mark.full
-
 METHODS = ("ancestor", "backward")
 INITIAL, TRANSITION, EMISSION = TWO_STATES
 SYMBOLS = np.array([0, 2, 2, 0, 1])
@@ -132,6 +130,7 @@ def test_five_states_agree_with_forward_backward(method):
     assert np.abs(z_scores(shares, exact)).max() < 5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("method", "num_frames"), [("ancestor", 1), ("backward", 3)])
 def test_few_frames_and_data_that_no_particle_explains(method, num_frames):
     posed = problem()
@@ -144,6 +143,7 @@ def test_few_frames_and_data_that_no_particle_explains(method, num_frames):
     assert np.isfinite(smoothed.particles).all()
 
 
+@pytest.mark.full
 def test_bad_settings_are_told():
     model, _ = two_states()
     for settings in ({"num_particles": 1}, {"num_chains": 0}, {"num_draws": 0}, {"num_warmup": -1}, {"method": "forward"}):

@@ -20,8 +20,6 @@ from poseppl.smoothers.effective import effective_draws_by_frame
 from poseppl.smoothers.starts import draw_trajectories
 from poseppl.smoothers.trajectory import trajectory_smoother
 
-pytestmark = pytest.mark.full
-
 
 def positive_model():
     """A positive state with a heavy-tailed transition: no Gaussian moments anywhere."""
@@ -46,6 +44,7 @@ def history_of(particles):
     return History(particles, jnp.full((num_frames, num), -jnp.log(num)), ancestors, jnp.zeros(num_frames, bool))
 
 
+@pytest.mark.full
 def test_curvature_of_a_linear_model_is_its_hessian_and_one_step_reaches_the_mode():
     with precision(np.float64):
         posed = problem()
@@ -119,6 +118,7 @@ def test_a_model_without_gaussian_moments_agrees_with_quadrature(kernel):
     assert (np.asarray(info.ess) > 20).all()
 
 
+@pytest.mark.full
 def test_one_frame_and_one_draw():
     with precision(np.float64):
         model = positive_model()
@@ -131,6 +131,7 @@ def test_one_frame_and_one_draw():
     assert np.asarray(smoothed.info.ess).tolist() == [3.0]
 
 
+@pytest.mark.full
 def test_starts_stay_in_the_branch_that_they_begin_in():
     model = problem().model
     rng = np.random.default_rng(0)
@@ -144,6 +145,7 @@ def test_starts_stay_in_the_branch_that_they_begin_in():
     assert 5 < (signs[:, 0] > 0).sum() < 35
 
 
+@pytest.mark.full
 def test_effective_draws_tell_independent_draws_from_repeated_ones():
     draws = jax.random.normal(jax.random.key(0), (3, 4, 200, 2))
     repeated = jnp.repeat(draws[:, :, :20], 10, axis=2)
@@ -153,6 +155,7 @@ def test_effective_draws_tell_independent_draws_from_repeated_ones():
     assert np.asarray(effective_draws_by_frame(jnp.ones_like(draws))).tolist() == [1.0, 1.0, 1.0]
 
 
+@pytest.mark.full
 def test_bad_settings_are_told():
     model = positive_model()
     for settings in (

@@ -95,7 +95,6 @@ def test_the_walk_of_one_camera_is_mean_reverting_where_nobody_says_otherwise(fo
     assert usual_walk(found.scene, TrackSettings(sigma_angle=0.5)) == usual_walk(others, TrackSettings()) == "fixed"
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["filtered", "smoothed"])
 def test_bodies_of_all_statures_are_seen_where_one_is(name: str, request: pytest.FixtureRequest) -> None:
     """Draws are poses of bodies of their own statures, and no camera sees that they differ."""

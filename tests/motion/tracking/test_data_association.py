@@ -20,8 +20,6 @@ from poseppl.motion.tracking.people import choose_person
 from poseppl.motion.tracking.placing import cameras_of_records
 from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 
-pytestmark = pytest.mark.full
-
 CAMERAS = (2, 4)
 """Those that see the person at the narrowest angle."""
 
@@ -32,6 +30,7 @@ def records(data_dir: Path) -> tuple[CameraRecord, ...]:
     return tuple(found[c - 1] for c in CAMERAS)
 
 
+@pytest.mark.full
 def test_limbs_exchanged_in_a_tenth_of_the_frames_are_put_right(
     tmp_path: Path, data_dir: Path, records: tuple[CameraRecord, ...]
 ) -> None:
@@ -87,6 +86,7 @@ def test_another_persons_detections_are_recognised(data_dir: Path, records: tupl
     assert np.array_equal(kept.chosen, true)
 
 
+@pytest.mark.full
 def test_a_few_frames_tell_nothing(data_dir: Path, records: tuple[CameraRecord, ...]) -> None:
     people = [read_openpose(data_dir / "pose2sim_two_people" / f"cam0{c}_json") for c in CAMERAS]
     few = [found._replace(points=found.points[:5], confidence=found.confidence[:5]) for found in people]

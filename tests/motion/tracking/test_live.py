@@ -114,7 +114,6 @@ def test_one_cameras_intervals_have_the_stature_in_them(
     assert np.linalg.norm(last.upper - last.lower, axis=-1).max() > 300  # 0.18 of 3.3 m
 
 
-@pytest.mark.full
 def test_the_points_of_later_frames_are_those_of_a_recording(
     folders: dict[str, Path], calibration: Any, frames: list[KeypointFrame]
 ) -> None:
