@@ -107,6 +107,8 @@ def test_coverage_of_coordinates_and_joints() -> None:
     assert "--sigma-angle" in wrong
     assert "warning: 90 % intervals of coordinates cover 8" in _texts(synthetic_result(num_frames=60, truth_scale=1.2))
     assert "under-confident" in _texts(synthetic_result(num_frames=60, truth_scale=0.2))
+    somewhat = _texts(synthetic_result(num_frames=60, truth_scale=0.87))
+    assert "info: 90 % intervals of coordinates cover 94 %" in somewhat and "under-confident" not in somewhat
     assert "info: 90 % intervals of coordinates cover 90 % (± 1) of the truth: calibrated." in _texts(
         synthetic_result(num_frames=60)
     )

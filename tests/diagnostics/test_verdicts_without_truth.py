@@ -74,6 +74,17 @@ def test_a_spread_that_the_projection_bends_is_no_fault_of_the_points():
     assert image_errors(bent).left_out == 1.0 and "Image points" not in texts(bent)
 
 
+def test_a_minority_of_the_points_does_not_judge_the_noise():
+    """Where the posterior hides the noise of most points, the others are chosen by its spread, and say more of that."""
+    hidden = points_tree(1.0)
+    hidden["observed_data"]["points"][:, :, 3] += 100.0
+    assert "Image points" in texts(hidden)
+    hidden["summary"]["points_sd"][:, :, :3] *= 30.0
+    found = texts(hidden)
+    assert image_errors(hidden).left_out == 0.75 and image_errors(hidden).scale() > 1.5
+    assert "Image points" not in found and "info: The noise of the points is not judged by their residuals: in 75 %" in found
+
+
 def test_residuals_of_few_frames_are_no_evidence():
     assert "Image points" not in texts(points_tree(1.2, frames=1))
     assert "Image points" in texts(points_tree(1.2))

@@ -23,6 +23,8 @@ NEGLIGIBLE = 0.02
 """Deviation from the level that does not count."""
 PRECISE = 0.05
 """Largest reach of the interval, two standard errors, of a share that is called calibrated."""
+WIDE = 0.95
+"""Share up to which intervals that are too wide need no warning."""
 COVERAGE_ERROR = 0.8
 """Share below which over-confidence is an error: one true value in five lies outside, instead of one in ten."""
 _SITES = {"coverage": "coordinates", "coverage_markers": "joints"}
@@ -60,6 +62,8 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdic
         more = settings_among(tree, "num_updates", "num_draws", "num_particles")
         advice = f"over-confident, intervals are too narrow: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
+    if kind == "under-confident" and share <= WIDE:
+        return Verdict(INFO, f"{text}: somewhat wider than they need to be.")
     if kind == "under-confident":
         narrower = of_walk(tree, "lower --sigma-angle or --sigma-position")
         return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")

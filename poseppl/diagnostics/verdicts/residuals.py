@@ -12,13 +12,16 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, in_one_camera, of_walk
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, in_one_camera, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
 SCALE_HIGH, SCALE_ERROR = 1.1, 1.2
 """Scales of all points above which their verdict is a warning, an error."""
 SCALE_LOW = 0.7
+MOST_LEFT_OUT = 0.5
+"""Share of points whose spread hides their noise, above which the others do not judge the noise either: they are a minority,
+chosen by a small spread, of a posterior that the projection bends."""
 CAMERA_HIGH, CAMERA_ERROR = 1.15, 1.3
 """Scales of one camera that stands out, above which its verdict is a warning, an error."""
 STANDS_OUT = 1.05
@@ -33,9 +36,13 @@ def point_residuals(tree: xr.DataTree) -> Findings:
     """Points farther from the body than noise and posterior allow, or nearer; by camera and marker."""
     errors, markers = image_errors(tree), names_of(tree, "marker")
     if errors is not None and errors.cameras and markers:
-        yield from _overall(tree, errors, markers)
+        if errors.left_out > MOST_LEFT_OUT:
+            share = f"in {100 * errors.left_out:.0f} % of the image points the posterior's spread hides the noise"
+            yield Verdict(INFO, f"The noise of the points is not judged by their residuals: {share}.")
+        else:
+            yield from _overall(tree, errors, markers)
+            yield from _of_markers(errors, markers)
         yield from _of_cameras(errors)
-        yield from _of_markers(errors, markers)
 
 
 def one_camera(tree: xr.DataTree) -> Findings:
