@@ -21,6 +21,7 @@ import pytest
 from catalogue import FILTERS, FilterRow, rows
 from oracles.kalman import kalman_filter, simulate
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from waiting import PATIENCE
 
 import poseppl
 from poseppl.cli import main
@@ -43,7 +44,7 @@ def run_python(code: str, *arguments: str) -> str:
     """What a new process prints; warnings are errors in it."""
     environment = os.environ | {"PYTHONWARNINGS": "error"}
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True, timeout=1800, env=environment
+        [sys.executable, "-c", code, *arguments], check=False, capture_output=True, text=True, timeout=PATIENCE, env=environment
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
