@@ -6,12 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from catalogue import FILTERS, rows
+from catalogue import FILTERS, is_cheap, rows
 from law_problems import run
 from oracles.kalman import simulate
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
-genealogical_filters = rows([r for r in FILTERS if r.genealogy])
+RESAMPLED_OTHERWISE = ("particle-adaptive", "tempered-fixed")
+"""Variants whose ancestors come another way."""
+genealogical_filters = rows([r for r in FILTERS if r.genealogy], lambda row: is_cheap(row) or row.name in RESAMPLED_OTHERWISE)
 SPREAD = 0.01
 """Standard deviation of the transition, a hundredth of the first state's."""
 
