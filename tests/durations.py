@@ -1,14 +1,15 @@
-"""Where the time of the tests goes: seconds of each file and test, and how many of them trace, lower and compile.
+"""Where the time of the tests goes: seconds of each file and test, and how many of them JAX traces, lowers and compiles.
 
     python tests/durations.py                            the default tests, with two processes and an empty compile cache
-    python tests/durations.py --full -k kalman           what follows is pytest's
-    python tests/durations.py --csv durations.csv ...    one row for each test, too
+    python tests/durations.py --full -k kalman           other options are pytest's
+    python tests/durations.py --csv durations.csv ...    also one row for each test
 
 Measure on an idle machine. A test that compiles first pays for tests that use the same program later.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import os
 import sys
@@ -22,8 +23,8 @@ from typing import Any, NamedTuple
 import jax
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
 STEPS = ("jaxpr_trace_duration", "jaxpr_to_mlir_module_duration", "backend_compile_duration")
+_PLUGIN = "durations-recorder"
 
 
 class Duration(NamedTuple):
@@ -38,7 +39,7 @@ class Duration(NamedTuple):
 
 
 class Recorder:
-    """A pytest plugin that measures each test where it runs, and gathers the durations in the process that began."""
+    """A pytest plugin that measures each test in the process that runs it, and gathers the durations in the first process."""
 
     def __init__(self) -> None:
         self.durations: list[Duration] = []
@@ -69,60 +70,58 @@ class Recorder:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         duration = dict(report.user_properties).get("duration")
-        if duration and not hasattr(report, "workerinput") and "PYTEST_XDIST_WORKER" not in os.environ:
+        if duration:
             self.durations.append(Duration(report.nodeid, *duration))
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Measure in xdist's workers, too: they load this module as a plugin of theirs."""
-    if not config.pluginmanager.has_plugin("durations-recorder"):
-        config.pluginmanager.register(Recorder(), "durations-recorder")
+    """Measure in the processes of xdist, which load this file as a plugin, too."""
+    if not config.pluginmanager.has_plugin(_PLUGIN):
+        config.pluginmanager.register(Recorder(), _PLUGIN)
 
 
 def table(durations: Iterable[Duration], most: int = 40) -> str:
-    """The files that take longest, and the tests."""
+    """The files and the tests that take longest."""
     by_file: dict[str, list[Duration]] = defaultdict(list)
     for duration in durations:
         by_file[duration.test.partition("::")[0]].append(duration)
-    files = [Duration(name, *map(sum, zip(*(row[1:] for row in rows), strict=True))) for name, rows in by_file.items()]
+    files = [_sum(name, rows) for name, rows in by_file.items()]
     tests = [duration for rows in by_file.values() for duration in rows]
     lines = ["".join(f"{name:>10}" for name in Duration._fields[1:])]
     for rows in (files, tests):
-        total = Duration(f"{len(rows)} together\n", *map(sum, zip(*(row[1:] for row in rows), strict=True)))
         longest = sorted(rows, key=lambda row: -row.seconds)[:most]
-        lines += ["".join(f"{seconds:10.1f}" for seconds in row[1:]) + f"  {row.test}" for row in [*longest, total]]
+        shown = [*longest, _sum(f"{len(rows)} together\n", rows)]
+        lines += ["".join(f"{seconds:10.1f}" for seconds in row[1:]) + f"  {row.test}" for row in shown]
     return "\n".join(lines)
 
 
-def main(arguments: list[str]) -> int:
+def _sum(name: str, rows: list[Duration]) -> Duration:
+    return Duration(name, *(sum(column) for column in zip(*(row[1:] for row in rows), strict=True)))
+
+
+def main() -> int:
     """Run the command; pytest's exit status."""
-    target = None
-    if "--csv" in arguments:
-        where = arguments.index("--csv")
-        target = arguments[where + 1]
-        arguments = arguments[:where] + arguments[where + 2 :]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--csv", type=Path, help="a file with one row for each test")
+    given, arguments = parser.parse_known_args()
     recorder = Recorder()
+
+    class Registered:
+        @pytest.hookimpl(tryfirst=True)
+        def pytest_configure(self, config: pytest.Config) -> None:
+            config.pluginmanager.register(recorder, _PLUGIN)
+
     with tempfile.TemporaryDirectory(prefix="poseppl-empty-cache-") as cache:
         os.environ.setdefault("POSEPPL_COMPILE_CACHE", cache)
-        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT / "tests"), os.environ.get("PYTHONPATH")]))
-        status = pytest.main(["-n", "2", "-p", "durations", *arguments], plugins=[_Named(recorder)])
-    print(table(recorder.durations))
-    if target:
-        with open(target, "w", encoding="utf-8", newline="") as file:
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
+        status = pytest.main(["-n", "2", "-p", "durations", *arguments], plugins=[Registered()])
+    if recorder.durations:
+        print(table(recorder.durations))
+    if given.csv:
+        with given.csv.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file).writerows([Duration._fields, *recorder.durations])
     return int(status)
 
 
-class _Named:
-    """Registers a recorder under the name that `pytest_configure` looks for."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        self.recorder = recorder
-
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_configure(self, config: pytest.Config) -> None:
-        config.pluginmanager.register(self.recorder, "durations-recorder")
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
