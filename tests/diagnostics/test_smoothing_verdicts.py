@@ -70,7 +70,7 @@ def errors(tree: xr.DataTree) -> list[str]:
     return [found.text for found in verdicts(tree) if found.severity == "error"]
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_an_exact_smoother_is_let_be(runs: list[Smoothing]) -> None:
     trees = [checked(each.smoothed) for each in runs]
     assert [errors(tree) for tree in trees] == [[]] * SEEDS

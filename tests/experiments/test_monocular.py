@@ -36,7 +36,7 @@ def behind_whom(view: float) -> Cameras:
     return cameras_of_records(records_of_cameras(place_cameras(path, 0.0, view=view), 120.0, SIZE))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_near_parts_hide_far_ones():
     hues = dict(zip(BODY.flesh.names, _hues(len(BODY.flesh.names)), strict=True))
     for view, near, far in ((90.0, "upper_arm_r", "upper_arm_l"), (-90.0, "upper_arm_l", "upper_arm_r")):

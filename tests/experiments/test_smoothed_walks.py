@@ -49,7 +49,7 @@ def particles_of(rng, count: int) -> Particles:
     return Particles(*(jnp.asarray(x) for x in whole), jnp.asarray(roots, float))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_looked_up_densities_are_those_of_the_program():
     rng = np.random.default_rng(0)
     tables, scales = tables_of(rng), jnp.asarray([8.0, 9.0, 10.0, 0.2])

@@ -50,7 +50,7 @@ def recording(rate: float, num_frames: int) -> PointRecording:
     return PointRecording(("a", "b"), ("x", "y"), cameras, np.full((2, 2), 1e3), points, sure, frames, times, rate, "")
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_twice_the_frames_a_second_change_nothing() -> None:
     """Frames between, in which nothing was seen, change not the evidence, its gradient or the other frames' places."""
     found: list[Any] = []

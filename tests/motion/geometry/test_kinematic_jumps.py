@@ -61,7 +61,7 @@ def test_the_camera_sees_the_same_joints():
     assert np.median(moved.max(-1)) > 100.0  # mm
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_only_the_limbs_own_coordinates_change_and_bends_keep_their_side():
     with precision(np.float64):
         tree, camera, states = posed(1)

@@ -57,7 +57,7 @@ def deviation(params: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.asarray(np.exp(size) * np.sqrt(share))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_motion_that_is_not_foreseen_is_no_error(fitted: PointParams) -> None:
     """Two cameras disagree in one of four coordinates: the deviation is known to within 1 / sqrt(2 T K)."""
     error = deviation({name: np.asarray(value) for name, value in fitted.params.items()})
@@ -65,7 +65,7 @@ def test_motion_that_is_not_foreseen_is_no_error(fitted: PointParams) -> None:
     assert abs(np.log(error / ERROR)) < 4 / np.sqrt(2 * NUM_FRAMES * NUM_POINTS)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_draws_know_what_two_cameras_tell(fitted: PointParams) -> None:
     """How large errors are, and little of in which camera: the prior says that neither is much the worse.
 
@@ -82,7 +82,7 @@ def test_draws_know_what_two_cameras_tell(fitted: PointParams) -> None:
         assert np.allclose(draws[name], fitted.params[name])
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_linked_points_are_under_the_draws_of_params() -> None:
     """Of two draws one says that errors are ten times as large: places and lengths under it are known less well."""
     few = rough_walk(0).of_frames(slice(0, 12))

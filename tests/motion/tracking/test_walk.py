@@ -89,7 +89,7 @@ def test_steps_over_gaps_are_wider() -> None:
     np.testing.assert_allclose(whole[:, [0, 2, 3, 27]], [[5, 5, 1, 1], [10, 10, 2, 2]])
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> None:
     """Where nothing is seen, the variance grows by that of the steps; the first frame is seen."""
     scene = scene_of(60.0, "0:5")
@@ -109,7 +109,7 @@ def test_the_scales_that_are_asked_for_are_used_recorded_and_smoothed_with() -> 
     np.testing.assert_allclose(variance_of_a_second(problem), 4 * expected**2, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_learned_scales_are_those_of_the_motion() -> None:
     """A body that walks at random is found to do so, by the scales that it was given; scales of others differ."""
     rng, frames, seconds = np.random.default_rng(0), 160, 1 / 60
@@ -186,7 +186,7 @@ def test_a_walk_with_velocities_is_the_same_at_any_rate() -> None:
     np.testing.assert_allclose(one[1, 1], 1.0, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_learned_velocities_are_those_of_the_motion() -> None:
     """A body that keeps its velocities for a while is found to do so, by the scales that it was given."""
     rng, frames, seconds = np.random.default_rng(0), 300, 1 / 30
@@ -212,7 +212,7 @@ def test_learned_velocities_are_those_of_the_motion() -> None:
     assert np.all(np.abs(given / scales - 1) > 5 / np.sqrt(2 * count))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_learned_walk_is_recorded_and_smoothed_with() -> None:
     scene = scene_of(120.0, "0:20")
     settings = TrackSettings(ARM, "kalman", {"num_particles": 20}, walk="learned")
