@@ -118,6 +118,7 @@ def test_the_packages_tell_type_checkers_that_they_are_typed(package: object) ->
     assert Path(str(package.__file__)).with_name("py.typed").is_file()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["poseppl", "poseppl.program", "poseppl.runs.results", "poseppl_models.choo_fleet"])
 def test_examples_in_docstrings_are_true(name: str) -> None:
     results = doctest.testmod(importlib.import_module(name))

@@ -81,6 +81,7 @@ def test_the_driver_compiles_once_and_resumes_to_the_last_bit():
     assert found["distance"] < ROUNDING and found["resumed"] == 0.0 and found["compiled"] == 1
 
 
+@pytest.mark.full
 def test_particles_that_cannot_be_shared_evenly_are_refused():
     assert report(QUICK)["driver"]["refused"] == "10 particles or chains cannot be shared evenly among 4 devices"
 

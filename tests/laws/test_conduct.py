@@ -96,6 +96,7 @@ EVALUATIONS = {
 """Likelihoods and gradients of a frame, where they do not depend on the data; None where trajectories have random lengths."""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", EVALUATIONS)
 def test_evaluations_are_counted(name):
     posed, row = problem(), next(row for row in FILTERS if row.name == name)

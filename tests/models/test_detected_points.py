@@ -160,6 +160,7 @@ def test_the_same_recording_is_posed_for_programs_that_are_compiled(scene: Scene
     assert once.collector(20) is not again.collector(21)
 
 
+@pytest.mark.full
 def test_a_smoother_starts_from_limbs_that_are_bent_forwards(scene: Scene[PointData]) -> None:
     problem = with_lasting_errors(make_problem(scene), scene.frames, scene.rate)
     assert scene.states is not None
@@ -201,6 +202,7 @@ def test_markers_are_those_of_a_body_with_other_lengths(scene: Scene[PointData],
     np.testing.assert_allclose(found, longer.places(scene.states[7:8])[0], atol=0.02)
 
 
+@pytest.mark.full
 def test_lengths_are_off_as_the_places_are_that_they_were_measured_in(scene: Scene[PointData], filtered: xr.DataTree) -> None:
     """Shifts d of places change lengths l by less than d^2 / l beside what is linear; variances are those of differences."""
     places, body = np.asarray(scene.markers)[:1], scene.body

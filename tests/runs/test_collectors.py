@@ -173,6 +173,7 @@ def test_angles_on_both_sides_of_pi_are_near_each_other(form: str, turns: int) -
     np.testing.assert_allclose(kept.summary["speed_mean"], mean[2], rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.full
 def test_a_true_angle_is_one_in_any_turn() -> None:
     """Of intervals about 3.1 those of 90 % hold a truth of -3.1, and not one of 0.5 the other way round; so do errors."""
     model = compass().compile()

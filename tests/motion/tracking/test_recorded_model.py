@@ -150,6 +150,7 @@ def test_numbers_that_are_none_are_refused(result: Any, field: str, value: Any) 
             recorded_model(saying(result, **{field: value}))
 
 
+@pytest.mark.full
 def test_unknown_lengths_are_refused(result: Any) -> None:
     with pytest.raises(InputError, match="lengths: unknown name 'tail'"):
         recorded_model(saying(result, lengths={"tail": 100.0}))
