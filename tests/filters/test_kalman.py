@@ -103,7 +103,6 @@ def dense_posterior():
     return mean, jnp.stack([blocks[t, :, t] for t in range(shape[0])])
 
 
-@pytest.mark.full
 @both
 def test_smoother_is_exact_for_linear_gaussian_programs(linearisation):
     mean, covariances = dense_posterior()
