@@ -58,6 +58,7 @@ def test_twenty_equal_filters_and_collectors_compile_once():
     assert others == [first] * 19
 
 
+@pytest.mark.full
 def test_what_was_compiled_goes_with_the_model():
     def go():
         posed = problem()

@@ -101,6 +101,7 @@ def test_data_that_are_not_seen_do_not_matter(row):
     jax.tree.map(np.testing.assert_array_equal, one, two)
 
 
+@pytest.mark.full
 @every_smoother
 @pytest.mark.parametrize(("num_particles", "num_frames"), [(20, 1), (1, 3)])
 def test_one_frame_and_one_particle(row, num_particles, num_frames):

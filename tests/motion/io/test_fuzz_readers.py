@@ -125,6 +125,7 @@ def write(tmp_path):
     return put
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(asf=damaged(ASF))
 def test_asf(write, asf):
@@ -132,6 +133,7 @@ def test_asf(write, asf):
     assert motion is None or np.isfinite(motion.positions).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(amc=damaged(AMC))
 def test_amc(write, amc):
@@ -139,6 +141,7 @@ def test_amc(write, amc):
     assert motion is None or np.isfinite(motion.positions).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(mot=damaged(MOT))
 def test_mot(write, mot):
@@ -146,6 +149,7 @@ def test_mot(write, mot):
     assert found is None or all(np.isfinite(values).all() for values in found.columns.values())
 
 
+@pytest.mark.full
 @fuzz(60)
 @given(clip=damaged(CLIP), character=damaged(CHARACTER))
 def test_deepmimic(write, clip, character):
@@ -153,6 +157,7 @@ def test_deepmimic(write, clip, character):
     accept(read_motion, write("clip.txt", CLIP), write("character.txt", character))
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(bvh=damaged(BVH))
 def test_bvh(write, bvh):
@@ -160,6 +165,7 @@ def test_bvh(write, bvh):
     assert motion is None or np.isfinite(motion.positions).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(trc=damaged(TRC), commas=st.booleans(), up=st.sampled_from([None, "z"]))
 def test_trc(write, trc, commas, up):
@@ -169,6 +175,7 @@ def test_trc(write, trc, commas, up):
         assert np.isfinite(motion.positions).all(-1).any(0).all() and 0 < motion.rate < np.inf
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(maps=damaged(EXPONENTIAL_MAPS))
 def test_exponential_maps(write, maps):
@@ -176,6 +183,7 @@ def test_exponential_maps(write, maps):
     assert motion is None or np.isfinite(motion.positions).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(skeleton=damaged(EXPONENTIAL_SKELETON))
 def test_skeleton_of_exponential_maps(write, skeleton):
@@ -183,6 +191,7 @@ def test_skeleton_of_exponential_maps(write, skeleton):
     assert motion is None or (np.isfinite(motion.positions).all() and motion.positions.shape[1] == len(motion.parents))
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(table=damaged(CSV))
 def test_csv(write, table):
@@ -190,6 +199,7 @@ def test_csv(write, table):
     assert observations is None or not np.isinf(observations.points).any()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(table=damaged(DEEPLABCUT), several=st.booleans())
 def test_deeplabcut(write, table, several):
@@ -200,6 +210,7 @@ def test_deeplabcut(write, table, several):
         assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(table=damaged(CALISCOPE))
 def test_caliscope_points(write, table):
@@ -217,6 +228,7 @@ JSON = {
 }
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(kind=st.sampled_from(sorted(JSON)), data=st.data(), told=st.booleans())
 def test_json_of_detectors(write, kind, data, told):
@@ -226,6 +238,7 @@ def test_json_of_detectors(write, kind, data, told):
         assert not np.isinf(found.points).any() and np.isfinite(found.confidence).all()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(table=damaged(MEDIAPIPE))
 def test_mediapipe_table(write, table):
@@ -233,6 +246,7 @@ def test_mediapipe_table(write, table):
     assert found is None or not np.isinf(found.points).any()
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(rig=damaged(YAML), suffix=st.sampled_from([".yml", ".qca.txt", ".pickle"]))
 def test_other_calibrations(write, rig, suffix):
@@ -240,6 +254,7 @@ def test_other_calibrations(write, rig, suffix):
         assert all(np.isfinite(getattr(camera, field)).all() for field in ("matrix", "distortion", "rotation", "translation"))
 
 
+@pytest.mark.full
 @fuzz(150)
 @given(rig=damaged(TOML))
 def test_toml(write, rig):
@@ -247,12 +262,14 @@ def test_toml(write, rig):
         assert all(np.isfinite(getattr(camera, field)).all() for field in ("matrix", "distortion", "rotation", "translation"))
 
 
+@pytest.mark.full
 @fuzz(300)
 @given(data=damaged_bytes(C3D))
 def test_c3d_layout(write, data):
     accept(read_layout, write("small.c3d", data))
 
 
+@pytest.mark.full
 @fuzz(12)
 @given(data=damaged_bytes(C3D))
 def test_c3d(write, data):
@@ -260,6 +277,7 @@ def test_c3d(write, data):
     assert motion is None or not np.isinf(motion.positions).any()
 
 
+@pytest.mark.full
 @fuzz(60)
 @given(
     data=st.binary(min_size=1, max_size=200),
@@ -281,6 +299,7 @@ def test_noise(write, data, suffix):
         accept(read_motion, path)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("depth", [200, 100_000])
 def test_deep_nesting(write, depth):
     assert accept(read_cameras, write("rig.toml", "x = " + "[" * depth)) is None
