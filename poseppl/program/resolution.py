@@ -39,7 +39,7 @@ class Resolution:
     """
 
     def __init__(self, trace_of: TraceOf | None, dimension: int, inputs: Any) -> None:
-        self._given = trace_of, dimension, inputs
+        self._trace_of, self._shapes = trace_of, (dimension, inputs)
         self._warned: set[str] = set()
 
     def warn(self, observation: Observation) -> None:
@@ -60,11 +60,11 @@ class Resolution:
 
     @cached_property
     def _counts(self) -> list[str]:
-        return [] if self._given[0] is None else count_sites(*self._given)
+        return [] if self._trace_of is None else count_sites(self._trace_of, *self._shapes)
 
     @cached_property
     def _noise(self) -> dict[str, np.ndarray[Any, Any]]:
-        return {} if self._given[0] is None else constant_noise(*self._given)
+        return {} if self._trace_of is None else constant_noise(self._trace_of, *self._shapes)
 
 
 def constant_noise(trace_of: TraceOf, dimension: int, inputs: Any) -> dict[str, np.ndarray[Any, Any]]:
@@ -102,7 +102,7 @@ def count_sites(trace_of: TraceOf, dimension: int, inputs: Any) -> list[str]:
     def look(x: Array, inputs: Any) -> None:
         names[:] = [name for name, site in sample_sites(dict(trace_of(x, inputs))).items() if is_rounded_count(site["fn"])]
 
-    jax.eval_shape(look, jax.ShapeDtypeStruct((dimension,), jnp.result_type(float)), inputs)
+    jax.eval_shape(look, np.zeros(dimension, jnp.result_type(float)), inputs)
     return names
 
 

@@ -131,7 +131,7 @@ def _series_program(filter: Filter, collect: Collect) -> Any:
         key_filter, key_collect = frame_keys(key, frame)
         state, info = advance(key_filter)
         told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-        return state, (collect(key_collect, state, info, inputs), told, is_finite(state))
+        return state, (collect(key_collect, state, info, inputs), told, is_finite(state, filter.model))
 
     def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
         first, row = rows_of((observations, inputs), 0)
@@ -263,7 +263,7 @@ def _tell_failures(kept: Any, ends: NDArray[np.int64], names: list[Any], note: N
     within = np.arange(finite.shape[1]) < ends[:, None]
     for what, frames in (
         ("the data are impossible under the model; such frames are predicted, not updated", info.failed & finite),
-        ("the filter's state is not finite, and nothing from there on can be trusted", ~finite),
+        ("the filter's state is not finite or has integers beyond 2^24, and nothing from there on can be trusted", ~finite),
     ):
         found = np.argwhere(frames & within)
         if found.size:

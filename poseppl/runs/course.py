@@ -14,6 +14,8 @@ from poseppl.errors import PosepplError
 from poseppl.files.store import Note
 from poseppl.filters.base import Info
 from poseppl.filters.suitability import suited_filters
+from poseppl.program import CompiledModel
+from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.runs.compiled_scan import Calls, Kept, joined
 from poseppl.runs.predictive import Prediction
 
@@ -137,7 +139,7 @@ class Course:
         for index in range(len(kept.finite)):
             number = self._numbers[self.stop + index]
             if not kept.finite[index]:
-                return index, not_finite_message(number) + self._about_inputs(index)
+                return index, self._breakdown(index) + self._about_inputs(index)
             if kept.info.failed[index]:
                 problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
                 problem += self._about_inputs(index)
@@ -145,6 +147,11 @@ class Course:
                     return index, f"{problem}; stopped there, as asked"
                 self._note(f"{problem}; the frame is predicted, not updated")
         return None
+
+    def _breakdown(self, index: int) -> str:
+        """Why the state after a frame cannot be gone on from."""
+        state, _ = self._calls.advance(self._state, self.stop, self.stop + index + 1)
+        return breakdown_message(self._numbers[self.stop + index], state, self._calls.filter.model)
 
     def _about_inputs(self, index: int) -> str:
         finite = self._calls.inputs_are_finite(self.stop + index)
@@ -190,9 +197,21 @@ def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
     )
 
 
-def not_finite_message(frame: int) -> str:
-    """Message of a frame after which nothing can be trusted."""
+def breakdown_message(frame: int, state: Any, model: CompiledModel | None) -> str:
+    """Message of a frame after which nothing can be trusted.
+
+    Args:
+        frame: Its number.
+        state: The filter's state.
+        model: The filter's model.
+    """
+    too_large = [] if model is None else overflown(model.sites, state.particles)
+    if too_large:
+        return f"frame {frame}: {overflow_message(too_large)}"
+    advice = ["try a smaller step size"] if hasattr(state, "log_step_size") else []
+    if state.particles.dtype == np.float32:
+        advice.append("call jax.config.update('jax_enable_x64', True) first")
     return (
         f"frame {frame}: the filter's state is not finite; its model or settings break down there, and nothing after it could "
-        "be trusted (try a smaller step size, or check the model's densities)"
+        f"be trusted ({', '.join(advice)}{', or ' if advice else ''}check the model's densities)"
     )
