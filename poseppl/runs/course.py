@@ -53,6 +53,7 @@ class Run(NamedTuple):
         resumed: How many frames came from a checkpoint.
         method: What the filter says of itself, by name, for the result.
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
+        warnings: What the user was warned of, but for the frames in ``failed``.
     """
 
     outputs: Any
@@ -65,6 +66,7 @@ class Run(NamedTuple):
     resumed: int
     method: Mapping[str, Any]
     prediction: Prediction | None = None
+    warnings: tuple[str, ...] = ()
 
 
 class Course:
@@ -87,7 +89,13 @@ class Course:
         self._started = self._compiled = started
         self._state: Any = None
         self._kept: list[Kept] = []
+        self._warnings: list[str] = []
         self.stop = self.resumed = 0
+
+    def warn(self, message: str) -> None:
+        """Tell the user, and remember it for the result."""
+        self._warnings.append(message)
+        self._note(message)
 
     def compile(self, resumed: int) -> None:
         """Compile what the frames need after so many that come from a checkpoint."""
@@ -112,7 +120,7 @@ class Course:
             state, kept = self._calls.advance(self._state, start, stop)
             if np.all(kept.finite):
                 told = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
-                self._note(f"{told}; going on")
+                self.warn(f"{told}; going on")
         self.take(state, kept)
         return state, kept
 
@@ -131,8 +139,10 @@ class Course:
     def finish(self) -> Run:
         """The whole run."""
         run = self._run(self._kept, self._state)
-        _tell_collapse(run, self._numbers, self._note)
-        return run
+        collapse = _collapse(run, self._numbers)
+        if collapse:
+            self.warn(collapse)
+        return run._replace(warnings=tuple(self._warnings))
 
     def _fault(self, kept: Kept) -> tuple[int, str] | None:
         """How many frames come before the one at which the run cannot go on, and why; None where it can."""
@@ -171,7 +181,8 @@ class Course:
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
-        return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction)
+        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction
+        return Run(*parts, tuple(self._warnings))
 
     def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
@@ -184,14 +195,14 @@ class Course:
         return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}
 
 
-def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
-    """Tell at which frames hardly a particle has weight."""
+def _collapse(run: Run, numbers: Sequence[int]) -> str | None:
+    """A sentence on the frames at which hardly a particle has weight, if there are any."""
     count = run.state.particles.shape[0]
     low = np.flatnonzero((run.info.ess < _COLLAPSED) & ~run.info.failed)
     if run.state.particles.ndim != 2 or count < _MANY or not low.size:
-        return
+        return None
     others = f" and {low.size - 1} other frames" if low.size > 1 else ""
-    note(
+    return (
         f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
         "rests on one particle (take more, or a filter that looks at the data first)"
     )

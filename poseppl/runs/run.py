@@ -23,6 +23,7 @@ from jax import Array
 from poseppl.checks import check_at_least, check_key
 from poseppl.filters.base import Filter
 from poseppl.program import Observation
+from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
@@ -106,6 +107,8 @@ def run_filter(
     started = time.perf_counter()
     calls = Calls(filter, collect, predict, sequence, rng_key)
     course = Course(calls, numbers, on_failure, note, started)
+    for text in coarse_inputs(inputs):
+        course.warn(text)
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
