@@ -15,6 +15,7 @@ them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -59,9 +60,10 @@ def with_root(mean: Array, covariance: Array) -> RootGaussian:
     return RootGaussian(mean, semidefinite_root(covariance))
 
 
-def num_data(model: CompiledModel) -> int:
-    """Entries k of a frame's data."""
-    return sum(math.prod(site.shape) for site in model.observation_sites.values())
+def gaussian_form(model: CompiledModel) -> Callable[[Array, Array], Any]:
+    """How the Gaussians of a model are kept: few coordinates by the root of the covariance, which float32 rounds less."""
+    num_data = sum(math.prod(site.shape) for site in model.observation_sites.values())
+    return with_root if model.dimension + num_data <= _FEW else Gaussian
 
 
 @built_once
@@ -85,8 +87,7 @@ def kalman_filter(
     check_at_least(1, num_particles=num_particles, num_iterations=num_iterations)
     check_choice(Method, linearisation=linearisation)
 
-    # of few coordinates the root of the covariance is kept, which float32 rounds less
-    form = with_root if model.dimension + num_data(model) <= _FEW else Gaussian
+    form = gaussian_form(model)
 
     def initial_state(observation: Observation, inputs: Any = None) -> KalmanState:
         initial = form(*model.initial_moments(inputs))

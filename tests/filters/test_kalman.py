@@ -12,7 +12,7 @@ import numpyro.distributions as dist
 import pytest
 import scipy.stats
 from law_problems import frame, problem, run
-from oracles.kalman import kalman_filter as kalman_oracle
+from oracles.kalman import kalman_filter as kalman_oracle, rauch_tung_striebel
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
@@ -244,3 +244,13 @@ def test_a_diffuse_start_is_exact_in_float32(matrices):
     np.testing.assert_allclose((result["summary/state_mean"] - wanted.means) / deviations, 0.0, atol=2e-3)
     np.testing.assert_allclose(result["summary/state_sd"] / deviations, 1.0, rtol=2e-3)
     np.testing.assert_allclose(result["sample_stats/log_evidence"], wanted.log_evidence, atol=2e-3)
+
+
+@pytest.mark.parametrize("matrices", [LOCAL_TREND, SEASONAL, ACCELERATED], ids=["trend", "seasonal", "accelerated"])
+def test_smoothing_from_a_diffuse_start_is_exact_in_float32(matrices):
+    model, ys, exact = diffuse_problem(*matrices)
+    found = jax.jit(lambda data: smoothed_moments(model, data))(model.observe({"y": ys}))
+    wanted_means, wanted_covariances = rauch_tung_striebel(exact, kalman_oracle(exact, ys))
+    deviations = np.sqrt(np.diagonal(wanted_covariances, axis1=1, axis2=2))
+    np.testing.assert_allclose((found.mean - wanted_means) / deviations, 0.0, atol=5e-3)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) / deviations, 1.0, rtol=5e-3)
