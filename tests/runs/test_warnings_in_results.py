@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +15,7 @@ import poseppl
 from poseppl.program import StateSpaceModel
 from poseppl.program.frame_inputs import Constant, coarse_inputs
 from poseppl.runs.batch import infer_batch
+from poseppl.runs.course import breakdown_message
 from poseppl.runs.online_run import OnlineRun
 from poseppl.runs.results import provenance
 
@@ -129,3 +132,12 @@ def test_batches():
         compiled, {"y": 2e7 + np.stack([STEPS, STEPS])}, poseppl.particle_filter(compiled, 50), jax.random.key(0)
     )
     assert any("rounding decides" in text for text in provenance(found)["warnings"])
+
+
+def test_the_advice_of_a_filter_that_breaks_down_fits_it():
+    single, double = (SimpleNamespace(particles=np.full((5, 1), np.nan, dtype)) for dtype in (np.float32, np.float64))
+    chains = SimpleNamespace(**vars(single), log_step_size=0.0)
+    told = [breakdown_message(7, state, None) for state in (single, double, chains)]
+    assert ["step size" in text for text in told] == [False, False, True]
+    assert ["jax_enable_x64" in text for text in told] == [True, False, True]
+    assert all(text.startswith("frame 7: ") and "check the model's densities)" in text for text in told)
