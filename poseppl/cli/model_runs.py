@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import xarray as xr
 
+from poseppl.cli.options import chosen
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError
@@ -65,6 +66,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     key = jax.random.key(options["seed"])
     collect = collect_draws(model, max_draws=options["max_draws"])
     about: dict[str, Any] = {"frames": series.frames, "rate": options.get("rate"), "attrs": attrs}
+    about |= chosen(options, "history_mib")
     try:
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
     except UnsuitableModelError as error:

@@ -70,6 +70,7 @@ class CompiledModel:
         params: What the programs get as `params`; may hold tracers.
         unbound: Whether params are still to be set by `with_params`.
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
+        noiseless: Names of the state's sites that follow from others without noise (`Delta`), at first or later.
     """
 
     programs: StateSpaceModel
@@ -79,6 +80,7 @@ class CompiledModel:
     params: Any = None
     unbound: bool = False
     input_shapes: Any = None
+    noiseless: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:

@@ -62,7 +62,8 @@ class StateSpaceModel(NamedTuple):
         drawn = {"initial": initial, "transition": transition, "observation": observation}
         randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes)
+        noiseless = tuple(name for name in sites if initial.sites[name].noiseless or transition.sites[name].noiseless)
+        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless)
 
     def __getattr__(self, name: str) -> Any:
         """Say what to do where a model is used that is not compiled."""

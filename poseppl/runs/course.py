@@ -51,6 +51,7 @@ class Run(NamedTuple):
         resumed: How many frames came from a checkpoint.
         method: What the filter says of itself, by name, for the result.
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
+        history: What smoothers need of the filter, see :mod:`poseppl.runs.filter_history`; None where it is not kept.
     """
 
     outputs: Any
@@ -63,6 +64,7 @@ class Run(NamedTuple):
     resumed: int
     method: Mapping[str, Any]
     prediction: Prediction | None = None
+    history: Any = None
 
 
 class Course:
@@ -164,7 +166,7 @@ class Course:
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
-        return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction)
+        return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history)
 
     def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""

@@ -12,6 +12,7 @@ nothing else grows with the sequence.
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -37,6 +38,7 @@ _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
 _PATIENCE = 0.25
 """Seconds that a call may take where the number of its frames adapts."""
+_MIB = 2**20
 
 
 class Progress(Protocol):
@@ -63,6 +65,7 @@ def run_filter(
     checkpoint: Checkpoint | None = None,
     on_failure: OnFailure = "continue",
     frame_numbers: Sequence[int] | None = None,
+    history_mib: float = 0,
 ) -> Run:
     """Run a filter over a sequence.
 
@@ -82,6 +85,8 @@ def run_filter(
         checkpoint: Where the run is saved after each chunk, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
+        history_mib: Room for what smoothers need of the filter (:mod:`poseppl.runs.filter_history`), MiB. A history that needs
+            more is not kept, and `progress` is told.
 
     Returns:
         What was kept, and how it went.
@@ -104,13 +109,17 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, predict, sequence, rng_key)
+    calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * _MIB)
+    if calls.history_bytes > history_mib * _MIB > 0:
+        note(_no_room(calls.history_bytes / _MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
             data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-            checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
+            checkpoint.open(
+                fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state, history=calls.keeps_history), note
+            )
             saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank)
         course.compile(resumed=sum(len(kept.finite) for _, kept in saved))
         for state, kept in saved:
@@ -129,6 +138,13 @@ def run_filter(
             if progress:
                 progress.advance(course.stop - start)
     return course.finish()
+
+
+def _no_room(wanted: float, room: float) -> str:
+    return (
+        f"the filter's history needs {wanted:,.0f} MiB, and has room for {room:,g}: it is not kept, and smoothers "
+        f"start from the draws of the result (give more room with history_mib={math.ceil(wanted)}, or run fewer particles)"
+    )
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
