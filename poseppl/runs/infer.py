@@ -18,6 +18,7 @@ import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
@@ -134,6 +135,7 @@ def smooth(
             one of another model, or data or inputs do not fit.
         SmoothingError: The smoothed states are not finite.
     """
+    check_key(rng_key)
     model = smoother.model
     if model is None:
         raise ValueError(
