@@ -159,7 +159,7 @@ history_option = click.option(
     type=click.FloatRange(0),
     default=256.0,
     show_default=True,
-    help="Room in the result for what smoothers start from: all particles, or the Gaussians. 0 keeps none, and a run that needs "
+    help="Room in the result for what smoothers start from: all particles, or the Gaussians. 0 keeps none; a run that needs "
     "more keeps none and says so.",
 )
 

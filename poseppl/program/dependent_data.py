@@ -2,16 +2,16 @@
 
     y1 ~ Normal(x, 0.5),    y2 ~ Normal(y1, 0.3).
 
-The density of y2 alone is that of its marginal: y1 has to be integrated out. Sites that depend on each other form a group. A
-group is Gaussian where all its sites are Normal or MultivariateNormal, their means are affine in the group's other sites, and
+If y1 is missing, the density of y2 is its marginal: y1 has to be integrated out. Sites that depend on each other form a group.
+A group is Gaussian if all its sites are Normal or MultivariateNormal, their means are affine in the group's other sites, and
 their scales do not depend on them. Its joint moments follow as those of a state do (:mod:`poseppl.program.state_moments`), and
-its density is that of the entries that were seen. In any other group a site can be evaluated only where all that it depends on
-were seen: :func:`check_parents_seen` refuses other data. A latent site of the observation program is one that is always missing.
+its density is that of the entries that were seen. In any other group a site can be evaluated only if all its parents were seen:
+:func:`check_parents_seen` refuses other data. A latent site of the observation program is one that is always missing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
 from jax import Array
+from jax.scipy.linalg import solve_triangular
 from numpyro.distributions import constraints
 
 from poseppl.errors import UnsuitableModelError
@@ -26,7 +27,7 @@ from poseppl.program.bijector import Site, make_site
 from poseppl.program.execution import Trace, Values, site_log_density
 from poseppl.program.normal_sites import is_plain
 from poseppl.program.observation import Observation
-from poseppl.program.partly_seen import entry_log_densities
+from poseppl.program.partly_seen import entry_log_densities, seen_factor
 from poseppl.program.schema import Declared
 from poseppl.program.state_moments import TraceOf, chained_moments, moments_form, same_frame_dependence
 
@@ -60,7 +61,8 @@ def dependent_data(sites: Mapping[str, Declared], trace_of: TraceOf) -> Dependen
     parents = {name: others for name, others in parents.items() if others}
     if not parents:
         return None
-    gaussian, obstacles = [], {}
+    gaussian: list[tuple[str, ...]] = []
+    obstacles: dict[str, str] = {}
     for group in _groups(tuple(sites), parents):
         obstacle = _obstacle(sites, group, trace_of)
         if obstacle is None:
@@ -70,11 +72,12 @@ def dependent_data(sites: Mapping[str, Declared], trace_of: TraceOf) -> Dependen
     return DependentData(parents, tuple(gaussian), obstacles)
 
 
-def check_parents_seen(dependent: DependentData, mask: Mapping[str, Any]) -> None:
+def check_parents_seen(sites: Mapping[str, Declared], dependent: DependentData, mask: Mapping[str, Any]) -> None:
     """Refuse data of a site that depends on a missing one which cannot be integrated out.
 
     Args:
-        dependent: How the data depend on one another.
+        sites: The data sites.
+        dependent: How they depend on one another.
         mask: What was seen, of one frame or with a leading T.
 
     Raises:
@@ -84,7 +87,8 @@ def check_parents_seen(dependent: DependentData, mask: Mapping[str, Any]) -> Non
         if name not in dependent.obstacles:
             continue
         for other in others:
-            if not _masks_fit(np.asarray(mask[name]), np.asarray(mask[other])):
+            child, parent = (np.asarray(mask[each]).reshape(-1, sites[each].size) for each in (name, other))
+            if np.any(child.any(1) & ~parent.all(1)):
                 raise ValueError(
                     f"Observation {name!r} is given where {other!r}, which it depends on in the same frame, is missing, and "
                     f"{other!r} cannot be integrated out: {dependent.obstacles[name]}. Give {other!r}, mask {name!r} as well "
@@ -140,6 +144,21 @@ def group_moments(
     return chained_moments(_laid_out(sites, group), _around(trace_of, group, others))
 
 
+def information_of_group(
+    sites: Mapping[str, Declared],
+    group: tuple[str, ...],
+    trace_at: Callable[[Array], TraceOf],
+    x: Array,
+    data: Observation,
+) -> Array:
+    """Gauss-Newton curvature (d, d) of -log p of what was seen of a Gaussian group, by the state `x` (d,)."""
+    _, covariance = group_moments(sites, group, trace_at(x), data.values)
+    jacobian = jax.jacrev(lambda state: group_moments(sites, group, trace_at(state), data.values)[0])(x)
+    seen = jnp.concatenate([jnp.ravel(data.mask[name]) for name in group])
+    white = solve_triangular(seen_factor(covariance, seen), jnp.where(seen[:, None], jacobian, 0.0), lower=True)
+    return white.T @ white
+
+
 def _entries(sites: Mapping[str, Declared], group: tuple[str, ...], trace_of: TraceOf, data: Observation) -> Array:
     """Log-densities (n,) of the entries of a Gaussian group, one given those before it."""
     mean, covariance = group_moments(sites, group, trace_of, data.values)
@@ -159,7 +178,7 @@ def _laid_out(sites: Mapping[str, Declared], names: tuple[str, ...]) -> dict[str
 
 
 def _around(trace_of: TraceOf, group: tuple[str, ...], others: Mapping[str, Array]) -> TraceOf:
-    """The trace given values of a group's sites, with those of the others fixed."""
+    """The trace of a group's sites alone, given their values, with those of the others fixed."""
 
     def trace(values: Values) -> Trace:
         def value(message: Mapping[str, Any]) -> Array | None:
@@ -168,7 +187,7 @@ def _around(trace_of: TraceOf, group: tuple[str, ...], others: Mapping[str, Arra
                 return others.get(name)
             return values(message) if callable(values) else values[name]
 
-        return trace_of(value)
+        return {name: site for name, site in trace_of(value).items() if name in group}
 
     return trace
 
@@ -214,10 +233,3 @@ def _read_by_factor(sites: Mapping[str, Declared], group: tuple[str, ...], trace
             if name not in sites and other in group:
                 return f"the factor {name!r} reads {other!r}"
     return None
-
-
-def _masks_fit(child: np.ndarray[Any, Any], parent: np.ndarray[Any, Any]) -> bool:
-    """Whether a parent was seen wherever its child was, in one frame or in each of T."""
-    frames = len(child) if child.ndim and parent.ndim and len(child) == len(parent) else 1
-    seen, whole = child.reshape(frames, -1).any(1), parent.reshape(frames, -1).all(1)
-    return bool(np.all(whole | ~seen))
