@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
@@ -84,7 +85,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
 @lru_cache(maxsize=4)
 def _compiled(name: str, digest: str, inputs: tuple[str, ...], params: tuple[tuple[str, float], ...]) -> CompiledModel:
     """The model, once for all tables of a process, so that its filters are compiled once."""
-    example = {key: np.zeros(1, np.float32) for key in inputs} or None
+    example = {key: np.zeros(1, jnp.result_type(float)) for key in inputs} or None
     return compile_programs(load_programs(name), example, dict(params) or None)
 
 

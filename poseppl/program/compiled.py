@@ -49,7 +49,7 @@ from poseppl.program.moments import (
 from poseppl.program.normal_sites import joint_normal
 from poseppl.program.observation import Observation, feasible, observe
 from poseppl.program.prediction import DrawnData, drawn_data, prediction_obstacle
-from poseppl.program.resolution import constant_noise, tell_rounding
+from poseppl.program.resolution import Resolution
 from poseppl.program.schema import Declared
 from poseppl.program.state_moments import MomentsForm, moments_form, same_frame_dependence, state_moments
 
@@ -419,23 +419,24 @@ class CompiledModel:
     ) -> Observation:
         """Turn arrays with NaN where data are missing into an Observation; see `poseppl.program.observation.observe`.
 
-        What is one stays as it is. Data that are rounded by more than a quarter of their noise are told in a warning of the
-        logger "poseppl".
+        What is one stays as it is. The logger "poseppl" warns once of each site that float32 rounds; see `rounding_notes`.
         """
         if isinstance(values, Observation):
             return values
         observation = observe(self.observation_sites, values, mask, frames)
         if self.dependent is not None:
             check_parents_seen(self.observation_sites, self.dependent, observation.mask)
-        tell_rounding(observation, self._constant_noise)
+        self._resolution.warn(observation)
         return observation
 
+    def rounding_notes(self, observation: Observation) -> dict[str, str]:
+        """For each data site that float32 rounds too much, a sentence that says so and what to do."""
+        return self._resolution.notes(observation)
+
     @cached_property
-    def _constant_noise(self) -> dict[str, Any]:
-        """Standard deviations of data sites, where they are known before a run."""
-        if self.unbound or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self.params)):
-            return {}
-        return constant_noise(self._feasible_trace, self.dimension, self.input_shapes)
+    def _resolution(self) -> Resolution:
+        unknown = self.unbound or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self.params))
+        return Resolution(None if unknown else self._feasible_trace, self.dimension, self.input_shapes)
 
     def unobserved(self) -> Observation:
         """One frame of data of which nothing was seen: everything masked, over safe values."""

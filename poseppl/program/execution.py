@@ -27,6 +27,7 @@ from numpyro.distributions import constraints
 from numpyro.distributions.distribution import Unit
 
 from poseppl.program.closed_forms import SummedDensity
+from poseppl.program.count_densities import stable
 from poseppl.program.explanation import refuse
 from poseppl.program.partly_seen import can_be_partly_seen, is_partly_seen, partly_seen_log_densities
 
@@ -297,7 +298,7 @@ def event_log_densities(site: Mapping[str, Any]) -> Array:
     if isinstance(base_support(distribution.support), type(constraints.circular)):
         # the state's angles are unwrapped, and NumPyro's validation calls everything beyond pi impossible
         value = (value + jnp.pi) % (2 * jnp.pi) - jnp.pi
-    log_prob: Array = distribution.log_prob(value)
+    log_prob: Array = stable(distribution).log_prob(value)
     if isinstance(unwrap(distribution), dist.DiscreteUniform):
         # its density is the same everywhere, and its bounds may move from frame to frame
         log_prob = jnp.where(distribution.support(value), log_prob, -jnp.inf)

@@ -13,6 +13,7 @@ from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
 from poseppl.program.dependent_data import dependent_data
 from poseppl.program.execution import Randomness, trace_program
+from poseppl.program.large_integers import with_large_integers
 
 
 class StateSpaceModel(NamedTuple):
@@ -58,6 +59,8 @@ class StateSpaceModel(NamedTuple):
         transition = schema.declare("transition", self.transition, (example, state, inputs), sites)
         sites = schema.state_layout(initial, transition)
         schema.check_transition(sites, transition)
+        if not unbound:
+            sites = with_large_integers(sites, self.initial, (params, inputs), initial.randomness)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
         drawn = {"initial": initial, "transition": transition, "observation": observation}

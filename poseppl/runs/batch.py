@@ -11,7 +11,7 @@ series are independent. Those of a filter that draws depend, besides the key, on
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
-from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
@@ -105,8 +104,12 @@ def infer_batch(
         if progress:
             progress.advance(min(size, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    _tell_failures(whole, ends, called, progress.note if progress else _LOGGER.warning)
-    return _result(whole, model, stacked, ends, called, {**built.provenance, **(attrs or {}), **angles_of(model)})
+    failures = list(_failures(whole, ends, called))
+    for text in failures:
+        (progress.note if progress else _LOGGER.warning)(text)
+    warnings = [*model.rounding_notes(observations).values(), *failures]
+    told = {**built.provenance, **(attrs or {}), **angles_of(model), **({"warnings": warnings} if warnings else {})}
+    return _result(whole, model, stacked, ends, called, told)
 
 
 def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
@@ -131,7 +134,7 @@ def _series_program(filter: Filter, collect: Collect) -> Any:
         key_filter, key_collect = frame_keys(key, frame)
         state, info = advance(key_filter)
         told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-        return state, (collect(key_collect, state, info, inputs), told, is_finite(state))
+        return state, (collect(key_collect, state, info, inputs), told, is_finite(state, filter.model))
 
     def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
         first, row = rows_of((observations, inputs), 0)
@@ -257,18 +260,18 @@ def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
     return np.minimum(np.arange(frames), len(jax.tree.leaves(inputs)[0]) - 1)
 
 
-def _tell_failures(kept: Any, ends: NDArray[np.int64], names: list[Any], note: Note) -> None:
-    """Tell in which series data were impossible, or states are not finite."""
+def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[str]:
+    """Sentences on the series in which data were impossible, or states are not finite."""
     _, info, finite = kept
     within = np.arange(finite.shape[1]) < ends[:, None]
     for what, frames in (
         ("the data are impossible under the model; such frames are predicted, not updated", info.failed & finite),
-        ("the filter's state is not finite, and nothing from there on can be trusted", ~finite),
+        ("the filter's state is not finite or has integers beyond 2^24, and nothing from there on can be trusted", ~finite),
     ):
         found = np.argwhere(frames & within)
         if found.size:
             count, (series, frame) = len(np.unique(found[:, 0])), found[0]
-            note(f"{count} of {len(names)} series, such as {names[series]!r} at frame {frame}: {what}")
+            yield f"{count} of {len(names)} series, such as {names[series]!r} at frame {frame}: {what}"
 
 
 def _result(

@@ -157,13 +157,17 @@ def _summary(
     """Summaries of values (N, ...) by name, quantiles from a sample of them; of the flat state from its moments if known."""
     values, sample = _about_direction(model, values, weights, sample)
     drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
-    summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
+    # integers by their differences, which float32 does not round
+    origins = {name: value[0] if value.dtype.kind in "iu" else jnp.zeros_like(value[0]) for name, value in drawn.items()}
+    drawn = {name: value - origins[name] for name, value in drawn.items()}
+    centres = {name: _average(value, weights) for name, value in drawn.items()}
+    summary = {f"{name}_mean": origins[name] + centre for name, centre in centres.items()}
     # Bessel's correction where draws count alike
     count = values["state"].shape[0]
     scale = count / max(count - 1, 1) if weights is None else 1.0
     spread = {name: value for name, value in drawn.items() if name not in mean_only}
     for name, value in spread.items():
-        summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
+        summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - centres[name]), weights))
     between = _quantiles({name: sample[name] for name in spread}, levels)
     if exact is not None:
         between["state"] = exact.quantiles(levels)

@@ -18,11 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from poseppl.compilation import compile_lowered, compile_to_run_once, jit
+from poseppl.compilation import compile_lowered, compile_to_run_once, double_precision, jit
 from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.particles.stacks import rows_of
-from poseppl.program import Observation
+from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.large_integers import are_exact
 from poseppl.runs.filter_history import bytes_of_frame, history_of_frame
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
@@ -49,7 +50,7 @@ class Kept(NamedTuple):
         outputs: What `collect` returned.
         info: The filter's diagnosis; its ``ancestors`` are left out (shape (T, 0)), for they are as many as the particles.
         unique_ancestors: How many particles of the frame before have offspring.
-        finite: Whether all particles of positive weight were finite.
+        finite: Whether all particles of positive weight were finite, and their integers exact.
         prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
         history: What smoothers need of it, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
     """
@@ -90,11 +91,10 @@ def _key_like(rng_key: Array, data: Array) -> Array:
 
 
 def _keep(
-    collect: Collect, rng_key: Array, state: FilterState, info: Info, inputs: Any, prediction: Prediction | None, history: Any
+    outputs: Any, state: FilterState, info: Info, model: CompiledModel | None, prediction: Prediction | None, history: Any
 ) -> Kept:
-    outputs = collect(rng_key, state, info, inputs)
     told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state), prediction, history)
+    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, model), prediction, history)
 
 
 def _num_unique(ancestors: Any) -> Any:
@@ -104,11 +104,13 @@ def _num_unique(ancestors: Any) -> Any:
     return jnp.sum(jnp.zeros(ancestors.shape, jnp.int32).at[ancestors].set(1, mode="drop"))
 
 
-def is_finite(state: FilterState) -> Array:
-    """Whether all particles of positive weight are finite."""
+def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
+    """Whether all particles of positive weight are finite, and, if the model is given, its integers exact."""
     alive = state.log_weights > -jnp.inf
-    known = ~jnp.isnan(state.log_weights)[..., None]
-    return jnp.all((jnp.isfinite(state.particles) | ~alive[..., None]) & known)
+    right = jnp.isfinite(state.particles).all(-1)
+    if model is not None:
+        right &= are_exact(model.sites, state.particles)
+    return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
 
 
 class _Starts(NamedTuple):
@@ -170,7 +172,8 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
         history = history_of_frame(filter, state, info) if keep else None
-        return state, _keep(collect, key_collect, state, info, inputs, prediction, history)
+        outputs = collect(key_collect, state, info, inputs)
+        return state, _keep(outputs, state, info, filter.model, prediction, history)
 
     def scan_frames(
         state: Any,
@@ -253,8 +256,14 @@ class Calls:
 
     def compile(self, first: bool) -> None:
         """Compile both programs side by side; that of the start only if the first frame is wanted."""
+        double = jnp.result_type(float) == jnp.float64  # which another thread does not know
+
+        def start() -> Any:
+            with double_precision(double):
+                return self._once("start", self._compiled_start)
+
         with ThreadPoolExecutor(1) as pool:
-            compiling = pool.submit(self._once, "start", self._compiled_start) if first else None
+            compiling = pool.submit(start) if first else None
             self._scan = self._once(f"scan of {self._length}", self._compiled_scan)
             self._begin = compiling.result() if compiling else None
 

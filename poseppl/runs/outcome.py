@@ -45,7 +45,9 @@ def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
     if weighted:
         stats["acceptance_rate"] = np.full(len(run.unique_ancestors), np.nan)
         stats["unique_ancestors"] = run.unique_ancestors
-    attrs = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
+    attrs: dict[str, Any] = {"frames_run": len(run.unique_ancestors) - run.resumed, "failed_frames": list(run.failed)}
+    if run.warnings:
+        attrs["warnings"] = list(run.warnings)
     parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
     checks = {} if run.prediction is None else run.prediction.by_name()
     return parts | {"predictive": checks or None, "history": history_variables(run.history)}
@@ -75,6 +77,9 @@ def result_of_run(
     """
     parts = parts_of_run(run)
     told = {**(attrs or {}), **parts["attrs"], **angles_of(model)}
+    rounded = [] if observations is None else list(model.rounding_notes(observations).values())
+    if rounded:
+        told["warnings"] = [*rounded, *told.get("warnings", [])]
     return build_result(
         **{**parts, "attrs": told},
         names=Names(model.coordinate_names, values=model.finite_values),

@@ -24,6 +24,7 @@ from jax import Array
 from poseppl.checks import check_at_least, check_key
 from poseppl.filters.base import Filter
 from poseppl.program import Observation
+from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
@@ -113,6 +114,8 @@ def run_filter(
     if calls.history_bytes > history_mib * _MIB > 0:
         note(_no_room(calls.history_bytes / _MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
+    for text in coarse_inputs(inputs):
+        course.warn(text)
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:

@@ -26,6 +26,7 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.runs.compiled_scan import is_finite, kind_of
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
@@ -110,7 +111,7 @@ def run_smoother(
     seconds = ready - started, time.perf_counter() - ready
     finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
     if not finite:
-        raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
+        raise SmoothingError(_breakdown(smoother, smoothed))
     info = jax.tree.map(np.asarray, smoothed.info)
     _check_reachable(info.unreachable)
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
@@ -127,6 +128,14 @@ def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
             "of a particle filter's particles (keep its history, and take more), rauch_tung_striebel_smoother, or "
             "particle_gibbs_smoother"
         )
+
+
+def _breakdown(smoother: Smoother, smoothed: Smoothed) -> str:
+    """Why smoothed states cannot be used."""
+    names = [] if smoother.model is None else overflown(smoother.model.sites, smoothed.particles)
+    if names:
+        return overflow_message(names)
+    return "the smoothed states are not finite: the model or the settings of the smoother break down"
 
 
 def mask_failed(observations: Observation, failed: Array | Booleans) -> Observation:
@@ -175,6 +184,6 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
             frames = _Frame(particles, log_weights, smoothed.marginals)
         keys = jax.random.split(key_frames, smoothed.particles.shape[0])
         outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
-        return is_finite(smoothed), outputs
+        return is_finite(smoothed, smoother.model), outputs
 
     return jit_lightly(collected)

@@ -37,7 +37,7 @@ from poseppl.diagnostics.verdicts.updates import (
     check_updates as check_updates,
     updates,
 )
-from poseppl.diagnostics.verdicts.validity import failures, missing
+from poseppl.diagnostics.verdicts.validity import failures, missing, run_warnings
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,
     INFO as INFO,
@@ -49,6 +49,7 @@ from poseppl.diagnostics.verdicts.verdict import (
 
 CHECKS: tuple[Callable[[xr.DataTree], Iterable[Verdict]], ...] = (
     failures,
+    run_warnings,
     mode_seeking,
     degeneracy,
     few_points,

@@ -7,6 +7,7 @@ import xarray as xr
 
 from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, statistic, where
 from poseppl.runs.contents import flat_draws, group_of
+from poseppl.runs.results import provenance
 
 MISSING_HIGH = 0.2
 
@@ -23,6 +24,13 @@ def failures(tree: xr.DataTree) -> Findings:
     empty = ~np.isfinite(flat_draws(tree).values).all(axis=(0, 1, 3))
     if empty.any():
         yield Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}.")
+
+
+def run_warnings(tree: xr.DataTree) -> Findings:
+    """What the run itself warned of."""
+    found = provenance(tree).get("warnings", [])
+    for text in found if isinstance(found, list) else []:
+        yield Verdict(WARNING, f"The run warned: {text}.")
 
 
 def missing(tree: xr.DataTree) -> Findings:
