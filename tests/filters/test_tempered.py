@@ -232,7 +232,7 @@ def test_the_effective_number_is_what_means_of_runs_differ_by(step_size, low, hi
 
 
 def test_draws_stay_with_the_ancestors_that_they_are_told_of():
-    """Each prior is a narrow Gaussian about a context of its own: chains of five states belong to the context that they began in."""
+    """Each prior is a narrow Gaussian about its own context; a chain of five states stays with the one where it began."""
     contexts = 10.0 * jnp.arange(NUM)[:, None]
 
     def prior(x, context):

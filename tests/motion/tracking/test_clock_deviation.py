@@ -64,3 +64,18 @@ def test_noise_by_frames() -> None:
 
 def test_noise_that_lasts() -> None:
     check(*errors(15.0))
+
+
+def test_errors_of_calibration_add_up_as_independent_ones_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without noise nothing else is left: of three cameras two thirds of the variance of one pair."""
+    monkeypatch.setattr("poseppl.motion.tracking.clock_offsets.SYSTEMATIC", 0.02)
+    cameras = join_cameras([look_at(c, (0, 0, 0), 900.0) for c in ((3000.0, 0, 300), (0.0, 3000, 300), (-2500.0, 1500, 900))])
+    rng = np.random.default_rng(1)
+    phase, size = rng.uniform(0, 2 * np.pi, (NUM_POINTS, 3)), rng.uniform(20, SIZE, (NUM_POINTS, 3))
+    turn = 2 * np.pi * np.arange(NUM_FRAMES)[:, None, None] / RATE
+    places = size * np.sin(turn + phase) + rng.normal(size=(NUM_POINTS, 3)) * 300
+    points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places)), np.float64), 0, 1)
+    found = fine_offsets(cameras, points, np.ones(points.shape[:-1]), RATE)
+    assert found is not None
+    np.testing.assert_allclose(found.frames, 0.0, atol=0.02)
+    np.testing.assert_allclose(found.deviation[1:], 0.02 * RATE * np.sqrt(2 / 3), rtol=0.02)
