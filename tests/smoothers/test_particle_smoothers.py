@@ -235,3 +235,12 @@ def test_two_filters_of_a_linear_gaussian_model_have_nearly_equal_weights():
     history, _ = filtered_history(jax.random.key(0), posed, 1000)
     found = smooth(two_filter_smoother(model, inflation=1.0), history, observations, jnp.zeros(4))
     assert (np.asarray(found.info.ess) > 900).all()
+
+
+def test_the_effective_number_counts_the_particles_that_trajectories_pass():
+    """Of 60 trajectories, by counting alike states of each frame."""
+    history, observations, inputs = history_for_conduct()
+    found = smooth(backward_simulation_smoother(MODEL, 60), history, observations, inputs)
+    for particles, ess in zip(np.asarray(found.particles), np.asarray(found.info.ess), strict=True):
+        counts = np.unique(particles, axis=0, return_counts=True)[1]
+        assert ess == pytest.approx(60**2 / np.square(counts).sum(), rel=1e-5)
