@@ -36,6 +36,7 @@ from poseppl.runs.contents import FLAT
 from poseppl.runs.frame_sequence import Constant
 from poseppl.runs.infer import filter_of
 from poseppl.runs.labels import Names, coordinates, labelled, labelled_summary
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.outcome import angles_of
 from poseppl.runs.results import VERSION, encoded
 from poseppl.runs.run import Collect, Progress
@@ -106,7 +107,9 @@ def infer_batch(
             progress.advance(min(size, number - start))
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     _tell_failures(whole, ends, called, progress.note if progress else _LOGGER.warning)
-    return _result(whole, model, stacked, ends, called, {**built.provenance, **(attrs or {}), **angles_of(model)})
+    return _result(
+        whole, model, stacked, ends, called, {**built.provenance, **(attrs or {}), **angles_of(model), **fingerprint_of(model)}
+    )
 
 
 def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:

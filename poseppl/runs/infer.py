@@ -22,7 +22,8 @@ from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import FLAT, arrays_of, check_coordinates
+from poseppl.runs.contents import FLAT, arrays_of
+from poseppl.runs.model_fingerprint import check_same_model
 from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -125,7 +126,7 @@ def smooth(
 
     Raises:
         ValueError: The smoother does not know its model, the data of a history are missing, the result is smoothed already or
-            one of another model, or data or inputs do not fit.
+            one of another model or of other params, or data or inputs do not fit.
         SmoothingError: The smoothed states are not finite.
     """
     model = smoother.model
@@ -198,7 +199,7 @@ def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    check_coordinates(result, model)
+    check_same_model(result, model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
     return history_of_result(result), arrays_of(result, "observed_data")

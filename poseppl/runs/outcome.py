@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.contents import arrays_of, flat_draws, frame_numbers, group_of, names_of
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
@@ -68,7 +69,7 @@ def result_of_run(
         The result; see :mod:`poseppl.runs.results`.
     """
     parts = parts_of_run(run)
-    told = {**(attrs or {}), **parts["attrs"], **angles_of(model)}
+    told = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
     return build_result(
         **{**parts, "attrs": told},
         names=Names(model.coordinate_names, values=model.finite_values),
