@@ -39,7 +39,7 @@ def result() -> Any:
 
 
 def test_a_smoother_of_other_params_is_refused(result, tmp_path):
-    """Also for a result of a file; one of the same params, compiled again, is taken, and so is a result without a fingerprint."""
+    """Also for a result of a file. The same params, compiled again, are accepted, and so is a result without a fingerprint."""
     other = rauch_tung_striebel_smoother(compiled(0.05))
     save_result(result, tmp_path / "result.nc")
     for found in (result, load_result(tmp_path / "result.nc")):
