@@ -233,3 +233,18 @@ def test_tables_of_three_kinds_are_one(folder):
     (folder / "twice.csv").write_text("a,a\n1,2\n")
     with pytest.raises(InputError, match="line 1: its head"):
         read_table("twice.csv")
+
+
+@pytest.mark.parametrize("fill", [False, True])
+def test_gaps_are_reported_or_filled(folder, capsys, fill):
+    """The smoother and the forecasts get the inputs of all frames, too."""
+    lines = [f"{t + 40 * (t > 2)},{PUSH[t]},{a},{b}" for t, (a, b) in enumerate(ROWS)]
+    (folder / "gap.csv").write_text("\n".join(["frame,push,y[0],y[1]", *lines]))
+    words = ["run", "model.py", "--data", "gap.csv", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman"]
+    more = ["--fill-gaps", "--hindcast", "2"] * fill
+    assert main([*words, *more, "--smooth", "rauch-tung-striebel"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert (
+        "frames 3 to 42 are missing: " + ("40 frames without data are inserted; their inputs" if fill else "one trans") in told
+    )
+    assert load_result("poseppl-gap-rauch-tung-striebel.nc")["posterior"].sizes["frame"] == (46 if fill else 6)
