@@ -94,7 +94,8 @@ def data_of_all_frames(observations: Observation, gaps: Gaps) -> Observation:
     """Data (T, ...) with inserted frames in which nothing is observed."""
     rows, seen = gaps.rows, ~gaps.inserted
     values, mask = ({name: np.asarray(leaf)[rows] for name, leaf in part.items()} for part in observations)
-    return Observation(values, {name: leaf & seen.reshape(-1, *(1,) * (leaf.ndim - 1)) for name, leaf in mask.items()})  # type: ignore[arg-type]
+    known: Any = {name: leaf & seen.reshape(-1, *(1,) * (leaf.ndim - 1)) for name, leaf in mask.items()}
+    return Observation(dict[str, Any](values), known)
 
 
 def truth_of_all_frames(truth: ArrayLike | None, gaps: Gaps) -> NDArray[Any] | None:
