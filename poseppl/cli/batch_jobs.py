@@ -39,6 +39,7 @@ class TableJob(Job):
     seed: int
     max_draws: int
     history_mib: float
+    fill_gaps: bool
 
     @property
     def name(self) -> str:

@@ -112,6 +112,12 @@ model_options = option_group(
         type=click.IntRange(1),
         help="Forecast 1 to H frames ahead from every frame, and score that by the data that came; poseppl compare shows it.",
     ),
+    click.option(
+        "--fill-gaps",
+        is_flag=True,
+        help="Insert frames without data where the column frame has gaps, so that each step is one frame; their inputs repeat "
+        "the frame before. [default: one transition leads across a gap, with a warning]",
+    ),
     click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
     seed_option(),
     click.option(

@@ -35,6 +35,7 @@ from poseppl.runs.contents import FLAT
 from poseppl.runs.frame_sequence import Constant
 from poseppl.runs.infer import filter_of
 from poseppl.runs.labels import Names, coordinates, labelled, labelled_summary
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.outcome import angles_of
 from poseppl.runs.results import VERSION, encoded
 from poseppl.runs.run import Collect, Progress
@@ -108,7 +109,13 @@ def infer_batch(
     for text in failures:
         (progress.note if progress else _LOGGER.warning)(text)
     warnings = [*model.rounding_notes(observations).values(), *failures]
-    told = {**built.provenance, **(attrs or {}), **angles_of(model), **({"warnings": warnings} if warnings else {})}
+    told = {
+        **built.provenance,
+        **(attrs or {}),
+        **angles_of(model),
+        **fingerprint_of(model),
+        **({"warnings": warnings} if warnings else {}),
+    }
     return _result(whole, model, stacked, ends, called, told)
 
 

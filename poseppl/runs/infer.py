@@ -9,6 +9,7 @@ They assemble what stands in :mod:`poseppl.runs.run`, :mod:`~poseppl.runs.smooth
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
@@ -22,10 +23,20 @@ from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
+from poseppl.program.clamped import ClampedModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import FLAT, arrays_of, check_coordinates
+from poseppl.runs.contents import FLAT, arrays_of
 from poseppl.runs.filter_history import HISTORY_MIB
+from poseppl.runs.frame_gaps import (
+    Gaps,
+    data_of_all_frames,
+    inputs_of_all_frames,
+    tell_filled,
+    tell_gaps,
+    truth_of_all_frames,
+)
+from poseppl.runs.model_fingerprint import check_same_model
 from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -33,6 +44,7 @@ from poseppl.runs.run import Collect, Progress, run_filter
 from poseppl.runs.smoothing import run_smoother
 from poseppl.smoothers.base import History, Smoother
 
+_LOGGER = logging.getLogger("poseppl")
 Data = Observation | Mapping[str, ArrayLike]
 """Arrays by the name of their observation site, with NaN where nothing was seen, or what `model.observe` made of them."""
 
@@ -54,6 +66,7 @@ def infer(
     checkpoint: Checkpoint | None = None,
     on_failure: Literal["continue", "stop"] = "continue",
     history_mib: float = HISTORY_MIB,
+    fill_gaps: bool = False,
 ) -> xr.DataTree:
     """Filter a sequence.
 
@@ -77,18 +90,29 @@ def infer(
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
             keeps none, and says so: smoothers then start from the draws.
+        fill_gaps: Whether frames without data are inserted where `frames` has gaps, so that each step is one frame. The inputs
+            of an inserted frame repeat the frame before (:func:`~poseppl.runs.frame_gaps.inputs_of_all_frames`). Without it
+            one transition leads across a gap, with a warning.
 
     Returns:
         The result, which ArviZ's functions take, before ArviZ 1 by :func:`poseppl.to_arviz`; see :mod:`poseppl.runs.results`.
 
     Raises:
         ValueError: The model is not compiled, the filter is one of another model, or data or inputs do not fit.
-        InputError: The truth or the frame numbers do not fit.
+        InputError: The truth or the frame numbers do not fit, or a gap is too long to be filled.
         RunError: The run cannot go on.
     """
     built = filter_of(filter, model)
     observations = model.observe(data)
     _check_labels(model, observations, truth, frames)
+    gaps, note = Gaps([] if frames is None else frames), progress.note if progress else _LOGGER.warning
+    if gaps and fill_gaps:
+        _check_repeatable(model)
+        tell_filled(gaps, inputs, note)
+        observations, truth = data_of_all_frames(observations, gaps), truth_of_all_frames(truth, gaps)
+        inputs, frames = inputs_of_all_frames(inputs, gaps.frames), gaps.numbers
+    else:
+        tell_gaps(gaps, note)
     run = run_filter(
         built,
         rng_key,
@@ -132,7 +156,7 @@ def smooth(
 
     Raises:
         ValueError: The smoother does not know its model, the data of a history are missing, the result is smoothed already or
-            one of another model, or data or inputs do not fit.
+            one of another model or of other params, or data or inputs do not fit.
         SmoothingError: The smoothed states are not finite.
     """
     check_key(rng_key)
@@ -180,6 +204,13 @@ def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayL
         raise InputError(f"{len(given)} numbers from {given.min()} to {given.max()}", field="frames", expected=expected)
 
 
+def _check_repeatable(model: CompiledModel) -> None:
+    """Refuse to repeat the values of clamped sites, which go on in a gap nobody knows how."""
+    if isinstance(model, ClampedModel):
+        expected = "frames without gaps, with the clamped values of each"
+        raise InputError("the clamped values of missing frames are unknown", field="fill_gaps", expected=expected)
+
+
 def filter_of(filter: Any, model: CompiledModel) -> Filter:
     """The filter, or what its builder makes of the model.
 
@@ -208,7 +239,7 @@ def _read(result: Any, model: CompiledModel, rng_key: Array) -> tuple[History, d
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    check_coordinates(result, model)
+    check_same_model(result, model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
     return history_of_result(result, jax.random.fold_in(rng_key, 0)), arrays_of(result, "observed_data")

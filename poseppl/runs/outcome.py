@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.program import CompiledModel, Observation
 from poseppl.runs.contents import HISTORY, arrays_of, flat_draws, frame_numbers, group_of, names_of
 from poseppl.runs.filter_history import history_variables
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
@@ -76,7 +77,7 @@ def result_of_run(
         The result; see :mod:`poseppl.runs.results`.
     """
     parts = parts_of_run(run)
-    told = {**(attrs or {}), **parts["attrs"], **angles_of(model)}
+    told = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
     rounded = [] if observations is None else list(model.rounding_notes(observations).values())
     if rounded:
         told["warnings"] = [*rounded, *told.get("warnings", [])]

@@ -13,8 +13,9 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import told
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, of_walk, settings_among
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, of_walk, settings_among
 from poseppl.runs.contents import group_of, variable
+from poseppl.runs.results import provenance
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -46,6 +47,8 @@ def calibration(share: float, standard_error: float) -> Calibration:
 def coverage(tree: xr.DataTree) -> Findings:
     """Coverage of the 90 % intervals of coordinates and joints."""
     data = tree["diagnostics"].dataset
+    if not any(name in data and np.isfinite(data[name].sel(level=LEVEL)) for name in _SITES):
+        yield not_run("no truth")
     for name, what in _SITES.items():
         if name in data:
             share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
@@ -81,6 +84,8 @@ def _markers_may_be_learned(tree: xr.DataTree) -> bool:
 def forecasts(tree: xr.DataTree) -> Findings:
     """Coverage of forecasts; nothing where the result has none of `poseppl.diagnostics.add_hindcasts`."""
     data = group_of(tree, "hindcasts")
+    if not data:
+        yield not_run("" if "smoother" in provenance(tree) else "no hindcasts")
     for site in data["site"].values.tolist() if data else ():
         here = data.sel(site=site)
         share, error = float(here["overall"]), float(here["overall_se"])

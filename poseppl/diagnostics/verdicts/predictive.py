@@ -20,6 +20,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     Findings,
     Verdict,
     in_one_camera,
+    not_run,
     settings_among,
     statistic,
 )
@@ -37,6 +38,7 @@ UNDER_CONFIDENT = "Under-confident: the model's noise or transition is wider tha
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
+UNCHECKED = "no predictive checks"
 NOT_CHECKED = "infer(..., predict=poseppl.predictive_checks(model)) does"
 
 
@@ -44,18 +46,25 @@ def prediction(tree: xr.DataTree) -> Findings:
     """One-step-ahead predictions against the data that came; nothing where the result has none."""
     known, checks = provenance(tree), prediction_of(tree)
     if known.get("predictive checks") is not None:
+        yield not_run("unsuitable")
         yield Verdict(INFO, f"Predictive checks are {known['predictive checks']}.")
-    elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
-        yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
-    elif checks is not None:
-        found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
-        found = [each for each in found if not (in_one_camera(tree) and each.text.endswith(UNDER_CONFIDENT))]
-        if "smoother" not in known:
-            yield from found
-            return
-        # a smoother that is not bound to the filter's particles may be right where the filter is not
-        for each in found:
-            yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
+    elif checks is None:
+        yield not_run(UNCHECKED)
+        if "smoother" not in known and statistic(tree, "log_evidence") is not None:
+            yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
+    else:
+        yield from _of_checks(tree, checks)
+
+
+def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
+    found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
+    found = [each for each in found if not (in_one_camera(tree) and each.text.endswith(UNDER_CONFIDENT))]
+    if "smoother" not in provenance(tree):
+        yield from found
+        return
+    # a smoother that is not bound to the filter's particles may be right where the filter is not
+    for each in found:
+        yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
@@ -126,6 +135,7 @@ def few_points(tree: xr.DataTree) -> Findings:
     known, prediction = provenance(tree), predicted_state_of(tree)
     points = known.get("points of the past")
     if points is None or prediction is None:
+        yield not_run(UNCHECKED if points is not None and "smoother" not in known else "")
         return
     draws = np.concatenate(flat_draws(tree).values)  # of all chains
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
@@ -143,6 +153,7 @@ def unreached(tree: xr.DataTree) -> Findings:
     """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
     prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
     if prediction is None or ess is None:
+        yield not_run("" if "smoother" in provenance(tree) else UNCHECKED)
         return
     mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
     yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "dof"))
