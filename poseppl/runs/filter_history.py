@@ -10,6 +10,7 @@ before. A smoother that looks for such a pair finds none where the transition ha
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,8 +20,16 @@ from poseppl.filters.base import Filter, FilterState, Info
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.particles.weights import normalise
 
+MIB = 2**20
 HISTORY_MIB = 256.0
 """Room for the history of a run, MiB, unless another one is asked for."""
+HISTORY_AXES = {
+    "state": ("frame", "particle", "dof"),
+    **dict.fromkeys(("log_weight", "ancestor"), ("frame", "particle")),
+    "mean": ("frame", "dof"),
+    "covariance": ("frame", "dof", "other_dof"),
+}
+"""Dimensions of its variables in a result."""
 
 
 class ParticleHistory(NamedTuple):
@@ -61,3 +70,11 @@ def history_variables(history: ParticleHistory | Gaussian | None) -> dict[str, A
         return {}
     variables = {"state": history.particles, "log_weight": history.log_weights}
     return variables | ({"ancestor": history.ancestors} if history.ancestors.shape[1] else {})
+
+
+def no_room(needed: float, room: float) -> str:
+    """Say that a history, which needs so many MiB, is not kept."""
+    return (
+        f"the filter's history needs {needed:,.0f} MiB, and has room for {room:,g}: it is not kept, and smoothers start "
+        f"from the draws of the result (give more room with history_mib={math.ceil(needed)}, or run fewer particles)"
+    )

@@ -61,6 +61,7 @@ from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
 from poseppl.runs.contents import FLAT, HISTORY, group_of
+from poseppl.runs.filter_history import HISTORY_AXES
 from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, labelled, labelled_summary
 
 VERSION = 2
@@ -75,12 +76,6 @@ _CHECK_AXES = {
 }
 """Axes of predictive checks that are of the state's coordinates, rather than of the data's entries."""
 
-_HISTORY_AXES = {
-    "state": ("frame", "particle", "dof"),
-    **dict.fromkeys(("log_weight", "ancestor"), ("frame", "particle")),
-    "mean": ("frame", "dof"),
-    "covariance": ("frame", "dof", "other_dof"),
-}
 
 _LEADING = ("chain", "draw", "frame")
 
@@ -172,7 +167,7 @@ def build_result(
     if predictive is not None:
         groups["predictive"] = _predictive(predictive, known)
     if history:
-        parts = {name: (_HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
+        parts = {name: (HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
         groups[HISTORY] = checked(parts, known)
     tree = xr.DataTree.from_dict(groups | dict(others or {}))
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})

@@ -12,7 +12,6 @@ nothing else grows with the sequence.
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -29,6 +28,7 @@ from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
 from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
+from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
 
@@ -39,7 +39,6 @@ _SAVED = 8
 """Frames in a part of a checkpoint, unless asked otherwise."""
 _PATIENCE = 0.25
 """Seconds that a call may take where the number of its frames adapts."""
-_MIB = 2**20
 
 
 class Progress(Protocol):
@@ -110,9 +109,9 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * _MIB)
-    if calls.history_bytes > history_mib * _MIB > 0:
-        note(_no_room(calls.history_bytes / _MIB, history_mib))
+    calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * MIB)
+    if calls.history_bytes > history_mib * MIB > 0:
+        note(no_room(calls.history_bytes / MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
     for text in coarse_inputs(inputs):
         course.warn(text)
@@ -141,13 +140,6 @@ def run_filter(
             if progress:
                 progress.advance(course.stop - start)
     return course.finish()
-
-
-def _no_room(wanted: float, room: float) -> str:
-    return (
-        f"the filter's history needs {wanted:,.0f} MiB, and has room for {room:,g}: it is not kept, and smoothers "
-        f"start from the draws of the result (give more room with history_mib={math.ceil(wanted)}, or run fewer particles)"
-    )
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
