@@ -78,7 +78,7 @@ class CompiledModel:
         params: What the programs get as `params`; may hold tracers.
         unbound: Whether params are still to be set by `with_params`.
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
-        noiseless: Names of the state's sites that follow from others without noise (`Delta`), at first or later.
+        noiseless: Names of the state's real sites that follow from others without noise (`Delta`), at first or later.
         dependent: How data sites depend on one another within a frame; None if they do not.
     """
 

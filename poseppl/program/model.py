@@ -68,7 +68,11 @@ class StateSpaceModel(NamedTuple):
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
         arguments = example, state, inputs
         dependent = dependent_data(observation.sites, lambda values: trace_program(self.observation, arguments, values=values))
-        noiseless = tuple(name for name in sites if initial.sites[name].noiseless or transition.sites[name].noiseless)
+        noiseless = tuple(
+            name
+            for name, site in sites.items()
+            if not site.discrete and (initial.sites[name].noiseless or transition.sites[name].noiseless)
+        )
         return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent)
 
     def __getattr__(self, name: str) -> Any:

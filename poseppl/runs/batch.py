@@ -41,6 +41,7 @@ from poseppl.runs.filter_history import (
     history_of_frame,
     history_variables,
     no_room,
+    with_genealogy_alone,
 )
 from poseppl.runs.frame_sequence import Constant
 from poseppl.runs.infer import filter_of
@@ -166,7 +167,12 @@ def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
         state, info = advance(key_filter)
         told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
         history = history_of_frame(filter, state, info) if keep else None
-        return state, (collect(key_collect, state, info, inputs), told, is_finite(state, filter.model), history)
+        return state, (
+            collect(key_collect, state, with_genealogy_alone(filter, info), inputs),
+            told,
+            is_finite(state, filter.model),
+            history,
+        )
 
     def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
         first, row = rows_of((observations, inputs), 0)

@@ -24,7 +24,7 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.large_integers import are_exact
-from poseppl.runs.filter_history import bytes_of_frame, history_of_frame
+from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
@@ -172,7 +172,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
         history = history_of_frame(filter, state, info) if keep else None
-        outputs = collect(key_collect, state, info, inputs)
+        outputs = collect(key_collect, state, with_genealogy_alone(filter, info), inputs)
         return state, _keep(outputs, state, info, filter.model, prediction, history)
 
     def scan_frames(

@@ -47,8 +47,13 @@ def history_of_frame(filter: Filter, state: FilterState, info: Info) -> Particle
     gaussian = getattr(state, "posterior", None)
     if isinstance(gaussian, Gaussian):
         return gaussian
-    ancestors = jnp.asarray(info.ancestors if filter.genealogy else (), jnp.int32)
-    return ParticleHistory(state.particles, normalise(state.log_weights).log_weights, ancestors)
+    ancestors = with_genealogy_alone(filter, info).ancestors
+    return ParticleHistory(state.particles, normalise(state.log_weights).log_weights, jnp.asarray(ancestors, jnp.int32))
+
+
+def with_genealogy_alone(filter: Filter, info: Info) -> Info:
+    """A diagnosis whose ancestors are none where a filter's particles descend from no single one."""
+    return info if filter.genealogy else info._replace(ancestors=jnp.zeros(0, jnp.int32))
 
 
 def bytes_of_frame(filter: Filter, state: Any) -> int:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.compilation import with_full_precision
-from poseppl.filters.base import Info
+from poseppl.filters.base import Info, check_noise
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -107,6 +107,10 @@ class Smoother:
         return {"closed form": self.closed_form, "joint": self.joint}
 
 
+NOISELESS = "backward_simulation_smoother or particle_gibbs_smoother, or for linear models rauch_tung_striebel_smoother"
+"""Smoothers of models with sites that have no noise."""
+
+
 def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> History:
     """Collector for :func:`poseppl.runs.run.run_filter`: all particles with their weights and ancestors."""
     particles = state.particles.reshape(-1, state.particles.shape[-1])
@@ -122,11 +126,7 @@ def check_continuous(model: CompiledModel) -> None:
     discrete = [name for name, site in model.sites.items() if site.discrete]
     if discrete:
         raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
-    if model.noiseless:
-        raise ValueError(
-            f"Site {model.noiseless[0]!r} has no noise (Delta), so that trajectories have no density: use "
-            "backward_simulation_smoother or particle_gibbs_smoother, or rauch_tung_striebel_smoother for linear models."
-        )
+    check_noise(model, NOISELESS)
 
 
 def smoothing_info(

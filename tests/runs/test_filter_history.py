@@ -11,7 +11,9 @@ import pytest
 import xarray as xr
 
 import poseppl
+from poseppl.errors import InputError
 from poseppl.filters import hidden_markov_filter
+from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.outcome import history_of_result
 from poseppl.runs.smoothing import SmoothingError
 from poseppl.smoothers import fixed_lag_smoother, genealogy_smoother, laplace_smoother, particle_gibbs_smoother
@@ -153,6 +155,16 @@ def test_a_smoothing_that_cannot_go_back_is_refused(name):
 def test_smoothers_that_need_a_density_refuse_sites_without_noise(make):
     with pytest.raises(ValueError, match="Site 'before' has no noise"):
         make(Posed(oscillator).model)
+
+
+@pytest.mark.parametrize("name", ["covariance-scaled", "guided", "hmc", "window"])
+def test_filters_that_need_a_density_refuse_sites_without_noise(name):
+    """Those that only draw from the transition, or take its moments, do not need one."""
+    model = Posed(oscillator).model
+    with pytest.raises(InputError, match="Site 'before' has no noise"):
+        FILTERS[name].build(model, {})
+    for other in ("particle", "kalman", "ensemble-kalman", "tempered"):
+        FILTERS[other].build(model, {})
 
 
 @pytest.mark.full
