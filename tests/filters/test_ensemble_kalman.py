@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import ensemble_kalman_filter
+from poseppl.filters.ensemble_kalman import _DRIFT
 from poseppl.gaussians.ensemble import PredictedData, adapted_inflation, increment, moved, predicted_data, relaxed
 from poseppl.gaussians.localisation import Localisation, localise_by_name, localise_by_position
 from poseppl.program import StateSpaceModel
@@ -234,3 +235,31 @@ def test_one_step_of_adaptive_inflation_is_a_product_of_gaussians(factor, drift)
     predicted = PredictedData(*map(jnp.asarray, (deviations, residual, R, float(count))))
     assert exact > 1.2 and abs(exact - factor**2) > 0.05
     np.testing.assert_allclose(adapted_inflation(jnp.asarray(factor), predicted, drift) ** 2, exact, rtol=1e-4)
+
+
+@pytest.mark.full
+def test_inflation_is_adapted_by_members_that_are_not_inflated():
+    """The next factor is that of the innovations against the first prediction as it was drawn."""
+    model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()
+    data, key = np.array([2.5, -2.0]), jax.random.key(0)
+    drawn = jax.jit(ensemble_kalman_filter(model, 40).init)(key, model.unobserved())[0].particles
+    built = ensemble_kalman_filter(model, 40, inflation=1.5, adaptive=True)
+    state = jax.jit(built.init)(key, model.observe({"y": data}))[0]
+    predicted = predicted_data(drawn, jnp.broadcast_to(0.25 * jnp.eye(2), (40, 2, 2)), jnp.asarray(data), jnp.ones(2, bool))
+    expected = adapted_inflation(jnp.asarray(1.5), predicted, _DRIFT)
+    np.testing.assert_allclose(state.inflation, expected, rtol=1e-6)
+    assert abs(float(expected) - 1.5) > 1e-5
+
+
+@pytest.mark.full
+def test_states_and_data_have_tapers_of_their_own():
+    """Data that no state hangs together with move nothing, whatever they are to each other."""
+    model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()
+    built = ensemble_kalman_filter(model, 20, localisation=Localisation(np.array([[1.0, 0.0], [0.0, 0.0]]), np.ones((2, 2))))
+    key = jax.random.key(0)
+    drawn, moved_ones = (
+        np.asarray(jax.jit(built.init)(key, data)[0].particles)
+        for data in (model.unobserved(), model.observe({"y": [2.5, -2.0]}))
+    )
+    np.testing.assert_array_equal(moved_ones[:, 1], drawn[:, 1])
+    assert np.abs(moved_ones[:, 0] - drawn[:, 0]).max() > 0.1

@@ -237,6 +237,7 @@ def test_two_filters_of_a_linear_gaussian_model_have_nearly_equal_weights():
     assert (np.asarray(found.info.ess) > 900).all()
 
 
+@pytest.mark.full
 def test_the_effective_number_counts_the_particles_that_trajectories_pass():
     """Of 60 trajectories, by counting alike states of each frame."""
     history, observations, inputs = history_for_conduct()

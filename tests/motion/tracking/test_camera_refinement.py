@@ -65,6 +65,7 @@ def test_points_that_agree_leave_the_curvature_of_students_density(cameras: Came
     assert np.abs(found.turn).max() < 0.02 * PRIOR_ANGLE and np.abs(found.shift).max() < 0.02 * PRIOR_POSITION
 
 
+@pytest.mark.full
 def test_a_known_error_is_found_and_a_point_that_is_far_off_hardly_counts(cameras: Cameras, places: Floats) -> None:
     """Of one camera that is turned; with one detection of another person, by less than a third of the posterior's deviation."""
     errors = np.zeros((3, 6))
