@@ -44,7 +44,8 @@ class Gaps:
         """The first gap, and how many more there are."""
         before = self._wide[0]
         first, last = self.frames[before] + self.stride, self.frames[before + 1] - self.stride
-        more = f" (and {len(self._wide) - 1} more gaps)" if len(self._wide) > 1 else ""
+        others = len(self._wide) - 1
+        more = f" (and {others} more gap{'s' * (others > 1)})" if others else ""
         return (f"frame {first} is missing" if first == last else f"frames {first} to {last} are missing") + more
 
     @property

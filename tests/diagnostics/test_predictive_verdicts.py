@@ -151,7 +151,9 @@ def test_noise_three_times_too_large_is_a_warning(noise: float) -> None:
         wrong = kalman(data, 9 * noise)
         (found,) = check_predictions(wrong)
         assert found.severity == "warning" and found.text.startswith("Under-confident predictions: 90 % intervals of the data")
-        assert "The noise is wider" in found.text and "coordinates or joints are not judged" in found.text
+        assert "The noise is wider" in found.text and found.text.endswith(
+            "This judges the data, not the states (coordinates, joints)."
+        )
         assert coverage_of_states(wrong, data, walks(0.0, seed)) > 0.96
     assert sum("Under-confident" in str(check_predictions(shorter(noise, seed))) for seed in range(100)) <= 3
 

@@ -75,7 +75,7 @@ def test_gaps_of_many_kinds():
     """The stride is the greatest that every step is a multiple of."""
     assert Gaps([0, 2, 4, 10]).numbers.tolist() == [0, 2, 4, 6, 8, 10]
     assert Gaps([0, 2, 5]).numbers.tolist() == [0, 1, 2, 3, 4, 5]
-    assert str(Gaps([3, 4, 6, 9])) == "frame 5 is missing (and 1 more gaps)"
+    assert str(Gaps([3, 4, 6, 9])) == "frame 5 is missing (and 1 more gap)"
     assert not Gaps([]) and not Gaps([5]) and not Gaps([5, 90])
     assert inputs_of_all_frames((jnp.arange(3), np.ones((3, 2))), [0, 3, 4])[0].tolist() == [0, 0, 0, 1, 2]
     assert inputs_of_all_frames(None, FRAMES) is None

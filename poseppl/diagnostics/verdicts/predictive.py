@@ -37,7 +37,7 @@ OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter
 UNDER_CONFIDENT = "Under-confident predictions"
 OUTER_LOW = 0.02
 """Share of the data in the outer 10 % of their predictions, below which these are too wide."""
-NOT_OF_STATES = "Intervals of coordinates or joints are not judged by this."
+NOT_OF_STATES = "This judges the data, not the states (coordinates, joints)."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
