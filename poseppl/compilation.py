@@ -41,10 +41,10 @@ _WITHOUT_EMITTERS = {"xla_cpu_use_fusion_emitters": False}
 _LEVEL = "xla_backend_optimization_level"
 
 
-def double_precision() -> AbstractContextManager[Any]:
-    """64-bit JAX arrays inside a block, whatever the global setting."""
+def double_precision(wanted: bool = True) -> AbstractContextManager[Any]:
+    """64-bit JAX arrays inside a block, or 32-bit ones, whatever the global setting; a block is of one thread."""
     namespace: Any = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")  # the latter before JAX 0.8
-    block: AbstractContextManager[Any] = namespace.enable_x64(True)
+    block: AbstractContextManager[Any] = namespace.enable_x64(wanted)
     return block
 
 

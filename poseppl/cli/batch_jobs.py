@@ -38,6 +38,7 @@ class TableJob(Job):
     hindcast: int
     seed: int
     max_draws: int
+    history_mib: float
     fill_gaps: bool
 
     @property

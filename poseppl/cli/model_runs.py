@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from poseppl.cli.options import chosen
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError
@@ -67,6 +69,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     key = jax.random.key(options["seed"])
     collect = collect_draws(model, max_draws=options["max_draws"])
     about: dict[str, Any] = {"frames": gaps.frames, "rate": options.get("rate"), "attrs": attrs, "fill_gaps": filling}
+    about |= chosen(options, "history_mib")
     try:
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
     except UnsuitableModelError as error:
@@ -85,7 +88,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
 @lru_cache(maxsize=4)
 def _compiled(name: str, digest: str, inputs: tuple[str, ...], params: tuple[tuple[str, float], ...]) -> CompiledModel:
     """The model, once for all tables of a process, so that its filters are compiled once."""
-    example = {key: np.zeros(1, np.float32) for key in inputs} or None
+    example = {key: np.zeros(1, jnp.result_type(float)) for key in inputs} or None
     return compile_programs(load_programs(name), example, dict(params) or None)
 
 

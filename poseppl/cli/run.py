@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options, option_group, seed_option
+from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
 from poseppl.errors import InputError
 
@@ -123,6 +123,7 @@ model_options = option_group(
     click.option(
         "--max-draws", metavar="N", type=click.IntRange(1), default=200, show_default=True, help="Draws kept of a frame."
     ),
+    history_option,
 )
 """The model and what is done with it, as poseppl run and poseppl batch take them."""
 

@@ -13,6 +13,7 @@ from poseppl.cli.options import (
     camera_options,
     chosen,
     common_options,
+    history_option,
     max_draws_option,
     refuse,
     seed_option,
@@ -41,7 +42,7 @@ from poseppl.cli.track_video import (
 )
 from poseppl.errors import PosepplError
 
-_SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "devices")
+_SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "history_mib", "devices")
 """Settings of a track that are options of the same names."""
 
 EXAMPLES = """
@@ -157,6 +158,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     help="JAX devices that share the particles or chains, such as GPUs; one CPU is no faster as several.",
 )
 @max_draws_option
+@history_option
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
 @click.option("--checkpoint", metavar="DIR", type=click.Path(), help="Save the run in this folder as it goes.")
 @click.option("--resume", is_flag=True, help="Go on with the run that --checkpoint holds, if it holds one.")

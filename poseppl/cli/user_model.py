@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,7 +71,8 @@ def compile_programs(programs: StateSpaceModel, inputs: Any, params: Mapping[str
     """
     first = None if inputs is None else {name: values[0] for name, values in inputs.items()}
     try:
-        model = programs.compile(first, None if params is None else {name: np.float32(value) for name, value in params.items()})
+        number = jnp.result_type(float).type
+        model = programs.compile(first, None if params is None else {name: number(value) for name, value in params.items()})
     except ValueError as error:
         hints = ["--inputs NAME for each column that they read"] * (inputs is None), ["--param NAME=NUMBER"] * (params is None)
         expected = " and ".join(part for hint in hints for part in hint) if "It got" in str(error) else ""
@@ -96,7 +98,7 @@ def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> 
     if missing:
         expected = f"some of {', '.join(table.columns)}"
         raise InputError(f"no column {missing[0]!r}", file=path, field="--inputs", expected=expected)
-    return table, {name: np.asarray(table.columns[name], np.float32) for name in input_names} or None
+    return table, {name: np.asarray(table.columns[name], np.float64) for name in input_names} or None
 
 
 def _check_read(table: NumberTable, names: Collection[str]) -> None:

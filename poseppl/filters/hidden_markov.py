@@ -12,6 +12,7 @@ doi:10.1109/5.18626).
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import jax
@@ -63,7 +64,7 @@ def hidden_markov_filter(model: CompiledModel) -> Filter:
 
 
 def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
-    """All values (K, d) of a state of finitely many.
+    """All flat states (K, d), where they are finitely many.
 
     Raises:
         ValueError: A site that is continuous or unbounded, or more than 10,000 values.
@@ -76,8 +77,15 @@ def state_values(model: CompiledModel) -> np.ndarray[Any, Any]:
                 f"Site {name!r} has support {site.support}. Expected finitely many integers (Categorical, Bernoulli, "
                 "Binomial): for others use a particle filter."
             )
-        choices += [range(bounds[0], bounds[1] + 1)] * site.size
+        choices += [range(bounds[0], bounds[1] + 1)] * math.prod(site.shape)
     count = int(np.prod([float(len(choice)) for choice in choices]))
     if count > _MOST:
         raise ValueError(f"The state has {count} values. Expected at most {_MOST}: use a particle filter.")
-    return np.array(list(itertools.product(*choices)), float)
+    table = np.array(list(itertools.product(*choices)))
+    if not any(site.split for site in model.sites.values()):
+        return table.astype(float)
+    stops = np.cumsum([math.prod(site.shape) for site in model.sites.values()])[:-1]
+    parts = zip(model.sites.values(), np.split(table, stops, axis=1), strict=True)
+    values = {site.name: part.reshape(count, *site.shape).astype(site.dtype) for site, part in parts}
+    with jax.ensure_compile_time_eval():
+        return np.asarray(jax.vmap(model.to_flat)(values))

@@ -4,13 +4,16 @@
 
 with phi_k the inverse of NumPyro's `biject_to(support)`, and the identity for real and for circular supports (an angle is
 unwrapped: its density is periodic in x) and for discrete sites (rounded to the nearest integer on the way back).
+
+float32 knows integers up to 2^24 = 16,777,216. A site of larger ones has two coordinates for each entry: the value as float32
+rounds it, and the rest.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -22,12 +25,39 @@ from numpyro.distributions.transforms import IdentityTransform
 from poseppl.program.execution import base_support
 
 Sites = dict[str, Array]
+LARGEST = 2**24
+"""Integers below are exact in float32."""
 
 
 def is_flat_support(support: Any) -> bool:
     """Whether the bijector of a support is the identity: real and circular ones."""
     base = base_support(support)
     return isinstance(base, type(constraints.real) | type(constraints.circular))
+
+
+class SplitIntegers:
+    """The map from two floats, a rounded integer and the rest, stacked on a leading axis, to the integer.
+
+    Args:
+        dtype: The integer's dtype.
+    """
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+
+    def __call__(self, parts: Array) -> Array:
+        """The integers (...) of parts (2, ...)."""
+        rounded, rest = jnp.round(parts)
+        value: Array = rounded.astype(self.dtype) + rest.astype(jnp.int32).astype(self.dtype)
+        return value
+
+    def inv(self, value: Array) -> Array:
+        """The parts (2, ...) of integers (...)."""
+        dtype, largest = jnp.result_type(float), np.iinfo(self.dtype).max
+        least = float(np.nextafter(np.asarray(largest, dtype), np.asarray(0, dtype)))  # rounded up, it would be no integer
+        rounded = jnp.minimum(value.astype(dtype), least)
+        rest = (value - rounded.astype(self.dtype)).astype(jnp.int32)
+        return jnp.stack([rounded, rest.astype(dtype)])
 
 
 class Site(NamedTuple):
@@ -43,6 +73,7 @@ class Site(NamedTuple):
         flat_shape: Shape of the unconstrained value.
         offset: Where it starts in the flat vector.
         size: How many entries it takes there.
+        split: Whether it takes integers beyond 2^24, in two coordinates for each entry.
     """
 
     name: str
@@ -54,19 +85,21 @@ class Site(NamedTuple):
     flat_shape: tuple[int, ...]
     offset: int
     size: int
+    split: bool = False
 
     @property
     def transform(self) -> Any:
         """The map from unconstrained to constrained values."""
+        if self.split:
+            return SplitIntegers(self.dtype)
         return IdentityTransform() if self.identity else biject_to(self.support)
 
     @property
     def coordinate_names(self) -> list[str]:
-        """Names of its coordinates: `name` for a scalar, else `name[i]` or `name[i,j]`."""
-        if not self.flat_shape:
-            return [self.name]
-        indices = itertools.product(*(range(n) for n in self.flat_shape))
-        return [f"{self.name}[{','.join(map(str, index))}]" for index in indices]
+        """Names of its coordinates: `name` for a scalar, else `name[i]` or `name[i,j]`; the second ones end in ` (rest)`."""
+        indices = itertools.product(*(range(n) for n in (self.shape if self.split else self.flat_shape)))
+        names = [f"{self.name}[{','.join(map(str, index))}]" if index else self.name for index in indices]
+        return names + [f"{name} (rest)" for name in names] if self.split else names
 
     @property
     def circular(self) -> bool:
@@ -102,12 +135,33 @@ def make_site(name: str, shape: tuple[int, ...], dtype: Any, support: Any, discr
     return Site(name, shape, np.dtype(dtype), support, discrete, identity, flat_shape, offset, math.prod(flat_shape))
 
 
+def laid_out(sites: Mapping[str, Site], split: Collection[str]) -> dict[str, Site]:
+    """The sites one after the other, those of the names `split` with two coordinates for each entry."""
+    placed: dict[str, Site] = {}
+    offset = 0
+    for name, site in sites.items():
+        if site.discrete:
+            shape = (2, *site.shape) if name in split else site.shape
+            site = site._replace(identity=name not in split, split=name in split, flat_shape=shape, size=math.prod(shape))
+        placed[name] = site._replace(offset=offset)
+        offset += site.size
+    return placed
+
+
+def unsafe_integers(sites: Mapping[str, Site]) -> list[str]:
+    """Names of integer sites of one coordinate an entry whose bounds, if any, are beyond what floats know."""
+    if jnp.result_type(float) != jnp.float32:
+        return []
+    bounds = {name: integer_bounds(site.support) for name, site in sites.items() if site.discrete and not site.split}
+    return [name for name, ends in bounds.items() if ends is None or max(map(abs, ends)) >= LARGEST]
+
+
 def to_sites(sites: Mapping[str, Site], x: Array) -> Sites:
     """Constrained values by name, from a flat vector (d,)."""
     values = {}
     for name, site in sites.items():
         value = site.unflatten(x)
-        if site.discrete:
+        if site.discrete and not site.split:
             value = jnp.round(value).astype(site.dtype)
         elif not site.identity:
             value = site.transform(value)
@@ -131,7 +185,7 @@ def log_det(sites: Mapping[str, Site], x: Array) -> Array:
     """Log-determinant of the map from flat to constrained values, a scalar."""
     total = jnp.zeros((), jnp.result_type(float))
     for site in sites.values():
-        if not site.identity:
+        if not site.identity and not site.discrete:
             value = site.unflatten(x)
             total = total + jnp.sum(site.transform.log_abs_det_jacobian(value, site.transform(value)))
     return total

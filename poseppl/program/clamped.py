@@ -88,7 +88,9 @@ def _clamped(model: CompiledModel, free: frozenset[str]) -> ClampedModel:
     programs = _clamped_programs(model, free)
     state = jnp.zeros(model.dimension)
     compiled = programs.compile(Clamped(model.input_shapes, state, state), model.params)
+    split = [name for name, site in model.sites.items() if site.split]
     fields = {field.name: getattr(compiled, field.name) for field in dataclasses.fields(CompiledModel)}
+    fields["sites"] = bijector.laid_out(compiled.sites, split)
     # a full model that was compiled for no inputs takes any
     shapes = None if model.input_shapes is None else compiled.input_shapes
     return ClampedModel(**fields | {"input_shapes": shapes, "unbound": model.unbound}, full=model)

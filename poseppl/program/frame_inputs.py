@@ -17,6 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+_COARSE = 0.25
+"""Spacing of numbers in float32, in steps from frame to frame, above which rounding is reported."""
+_NO_STEP = 1e-14
+"""Share of a number below which its change is float64's own rounding."""
+
 
 class Constant(NamedTuple):
     """Marks a part of the inputs that is the same at every frame."""
@@ -85,3 +90,35 @@ def check_input_rows(inputs: Any, num_frames: int) -> None:
                 f"{name} has shape {array.shape}; expected {expected} (numpy.asarray makes an array of a list of numbers; "
                 "wrap inputs that do not change in Constant)"
             )
+
+
+def coarse_inputs(inputs: Any) -> list[str]:
+    """Sentences on inputs of T frames, given in float64, whose steps from frame to frame float32 rounds away."""
+    if jnp.result_type(float) != jnp.float32:
+        return []
+    leaves = jax.tree_util.tree_flatten_with_path(inputs, is_leaf=lambda node: isinstance(node, Constant))[0]
+    found = [_coarse(f"inputs{jax.tree_util.keystr(path)}", leaf) for path, leaf in leaves if not isinstance(leaf, Constant)]
+    return [text for text in found if text]
+
+
+def _coarse(name: str, leaf: Any) -> str | None:
+    values = np.asarray(leaf)
+    if values.dtype != np.float64 or not values.size or not np.isfinite(values).all():
+        return None
+    size = np.abs(values).max(0)
+    steps = np.abs(np.diff(values, axis=0))
+    # what float64 itself rounds is no step
+    steps = np.where(steps > _NO_STEP * size, steps, np.nan)
+    spacing = np.spacing(size.astype(np.float32)).astype(float)
+    moving = np.isfinite(steps).any(0)
+    if not np.any(moving):
+        return None
+    typical = np.nanmedian(np.where(moving, steps, 0.0), axis=0)
+    coarse = moving & (spacing > _COARSE * typical)
+    if not np.any(coarse):
+        return None
+    at = np.unravel_index(int(np.argmax(np.where(coarse, spacing, 0.0))), coarse.shape)
+    return (
+        f"{name}: numbers as large as {size[at]:.10g} are {spacing[at]:.3g} apart in float32, and change by {typical[at]:.3g} "
+        "from frame to frame: rounding decides. Subtract a start, or call jax.config.update('jax_enable_x64', True) first"
+    )

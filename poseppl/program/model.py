@@ -11,7 +11,9 @@ import numpy as np
 
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
-from poseppl.program.execution import Randomness
+from poseppl.program.dependent_data import dependent_data
+from poseppl.program.execution import Randomness, trace_program
+from poseppl.program.large_integers import with_large_integers
 
 
 class StateSpaceModel(NamedTuple):
@@ -57,12 +59,21 @@ class StateSpaceModel(NamedTuple):
         transition = schema.declare("transition", self.transition, (example, state, inputs), sites)
         sites = schema.state_layout(initial, transition)
         schema.check_transition(sites, transition)
+        if not unbound:
+            sites = with_large_integers(sites, self.initial, (params, inputs), initial.randomness)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
         drawn = {"initial": initial, "transition": transition, "observation": observation}
         randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes)
+        arguments = example, state, inputs
+        dependent = dependent_data(observation.sites, lambda values: trace_program(self.observation, arguments, values=values))
+        noiseless = tuple(
+            name
+            for name, site in sites.items()
+            if not site.discrete and (initial.sites[name].noiseless or transition.sites[name].noiseless)
+        )
+        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent)
 
     def __getattr__(self, name: str) -> Any:
         """Say what to do where a model is used that is not compiled."""

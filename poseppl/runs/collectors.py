@@ -69,8 +69,8 @@ def collect_draws(
 
     Args:
         model: The model that the filter was built for.
-        max_draws: How many draws are kept, of each chain (every k-th), or of all weighted particles (resampled, as one chain).
-            Chains of unequal weights are resampled as wholes; equal ones stay as they are.
+        max_draws: How many draws are kept: at most so many of each chain (every k-th); of weighted particles exactly so many,
+            resampled as one chain. Chains of unequal weights are resampled as wholes; equal ones stay as they are.
         extras: Functions of a state; the model's own deterministic sites if None.
         mean_only: Extras of which only the mean is kept.
         quantiles: Levels of the quantiles.
@@ -119,7 +119,7 @@ def collect_draws(
         # particles of no weight may hold anything
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
-        numbers = (min(_NUM_QUANTILE_DRAWS, states.shape[0]), min(max_draws, states.shape[0]))
+        numbers = (_NUM_QUANTILE_DRAWS, max_draws)
         exact, keys = getattr(state, "marginals", None), jax.random.split(rng_key)
         if exact is None or len(values) > 1:
             chosen, thinned = systematic_draws(keys, log_weights, numbers)
@@ -157,13 +157,17 @@ def _summary(
     """Summaries of values (N, ...) by name, quantiles from a sample of them; of the flat state from its moments if known."""
     values, sample = _about_direction(model, values, weights, sample)
     drawn = {name: value for name, value in values.items() if exact is None or name != "state"}
-    summary = {f"{name}_mean": _average(value, weights) for name, value in drawn.items()}
+    # integers by their differences, which float32 does not round
+    origins = {name: value[0] if value.dtype.kind in "iu" else jnp.zeros_like(value[0]) for name, value in drawn.items()}
+    drawn = {name: value - origins[name] for name, value in drawn.items()}
+    centres = {name: _average(value, weights) for name, value in drawn.items()}
+    summary = {f"{name}_mean": origins[name] + centre for name, centre in centres.items()}
     # Bessel's correction where draws count alike
     count = values["state"].shape[0]
     scale = count / max(count - 1, 1) if weights is None else 1.0
     spread = {name: value for name, value in drawn.items() if name not in mean_only}
     for name, value in spread.items():
-        summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - summary[f"{name}_mean"]), weights))
+        summary[f"{name}_sd"] = jnp.sqrt(scale * _average(jnp.square(value - centres[name]), weights))
     between = _quantiles({name: sample[name] for name in spread}, levels)
     if exact is not None:
         between["state"] = exact.quantiles(levels)

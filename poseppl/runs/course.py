@@ -14,6 +14,8 @@ from poseppl.errors import PosepplError
 from poseppl.files.store import Note
 from poseppl.filters.base import Info
 from poseppl.filters.suitability import suited_filters
+from poseppl.program import CompiledModel
+from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.runs.compiled_scan import Calls, Kept, joined
 from poseppl.runs.predictive import Prediction
 
@@ -51,6 +53,8 @@ class Run(NamedTuple):
         resumed: How many frames came from a checkpoint.
         method: What the filter says of itself, by name, for the result.
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
+        history: What smoothers need of the filter, see :mod:`poseppl.runs.filter_history`; None where it is not kept.
+        warnings: What the user was warned of, but for the frames in ``failed``.
     """
 
     outputs: Any
@@ -63,6 +67,8 @@ class Run(NamedTuple):
     resumed: int
     method: Mapping[str, Any]
     prediction: Prediction | None = None
+    history: Any = None
+    warnings: tuple[str, ...] = ()
 
 
 class Course:
@@ -85,7 +91,13 @@ class Course:
         self._started = self._compiled = started
         self._state: Any = None
         self._kept: list[Kept] = []
+        self._warnings: list[str] = []
         self.stop = self.resumed = 0
+
+    def warn(self, message: str) -> None:
+        """Tell the user, and remember it for the result."""
+        self._warnings.append(message)
+        self._note(message)
 
     def compile(self, resumed: int) -> None:
         """Compile what the frames need after so many that come from a checkpoint."""
@@ -110,7 +122,7 @@ class Course:
             state, kept = self._calls.advance(self._state, start, stop)
             if np.all(kept.finite):
                 told = f"frames {numbers[start]} to {numbers[stop - 1]}: a state was not finite, and is when computed again"
-                self._note(f"{told}; going on")
+                self.warn(f"{told}; going on")
         self.take(state, kept)
         return state, kept
 
@@ -129,15 +141,17 @@ class Course:
     def finish(self) -> Run:
         """The whole run."""
         run = self._run(self._kept, self._state)
-        _tell_collapse(run, self._numbers, self._note)
-        return run
+        collapse = _collapse(run, self._numbers)
+        if collapse:
+            self.warn(collapse)
+        return run._replace(warnings=tuple(self._warnings))
 
     def _fault(self, kept: Kept) -> tuple[int, str] | None:
         """How many frames come before the one at which the run cannot go on, and why; None where it can."""
         for index in range(len(kept.finite)):
             number = self._numbers[self.stop + index]
             if not kept.finite[index]:
-                return index, not_finite_message(number) + self._about_inputs(index)
+                return index, self._breakdown(index) + self._about_inputs(index)
             if kept.info.failed[index]:
                 problem = f"frame {number}: the data are impossible under the model (every weight is zero or NaN)"
                 problem += self._about_inputs(index)
@@ -145,6 +159,11 @@ class Course:
                     return index, f"{problem}; stopped there, as asked"
                 self._note(f"{problem}; the frame is predicted, not updated")
         return None
+
+    def _breakdown(self, index: int) -> str:
+        """Why the state after a frame cannot be gone on from."""
+        state, _ = self._calls.advance(self._state, self.stop, self.stop + index + 1)
+        return breakdown_message(self._numbers[self.stop + index], state, self._calls.filter.model)
 
     def _about_inputs(self, index: int) -> str:
         finite = self._calls.inputs_are_finite(self.stop + index)
@@ -164,7 +183,8 @@ class Course:
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
-        return Run(whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction)
+        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history
+        return Run(*parts, tuple(self._warnings))
 
     def _method(self, info: Info, state: Any) -> Mapping[str, Any]:
         """What the filter says of itself, and where its particles miss the posterior, which filters take its model, too."""
@@ -177,22 +197,34 @@ class Course:
         return {**filter.provenance, "suited filters": list(suited_filters(filter.model))}
 
 
-def _tell_collapse(run: Run, numbers: Sequence[int], note: Note) -> None:
-    """Tell at which frames hardly a particle has weight."""
+def _collapse(run: Run, numbers: Sequence[int]) -> str | None:
+    """A sentence on the frames at which hardly a particle has weight, if there are any."""
     count = run.state.particles.shape[0]
     low = np.flatnonzero((run.info.ess < _COLLAPSED) & ~run.info.failed)
     if run.state.particles.ndim != 2 or count < _MANY or not low.size:
-        return
+        return None
     others = f" and {low.size - 1} other frames" if low.size > 1 else ""
-    note(
+    return (
         f"frame {numbers[low[0]]}{others}: fewer than {_COLLAPSED} of {count} particles are effective; what the filter tells "
         "rests on one particle (take more, or a filter that looks at the data first)"
     )
 
 
-def not_finite_message(frame: int) -> str:
-    """Message of a frame after which nothing can be trusted."""
+def breakdown_message(frame: int, state: Any, model: CompiledModel | None) -> str:
+    """Message of a frame after which nothing can be trusted.
+
+    Args:
+        frame: Its number.
+        state: The filter's state.
+        model: The filter's model.
+    """
+    too_large = [] if model is None else overflown(model.sites, state.particles)
+    if too_large:
+        return f"frame {frame}: {overflow_message(too_large)}"
+    advice = ["try a smaller step size"] if hasattr(state, "log_step_size") else []
+    if state.particles.dtype == np.float32:
+        advice.append("call jax.config.update('jax_enable_x64', True) first")
     return (
         f"frame {frame}: the filter's state is not finite; its model or settings break down there, and nothing after it could "
-        "be trusted (try a smaller step size, or check the model's densities)"
+        f"be trusted ({', '.join(advice)}{', or ' if advice else ''}check the model's densities)"
     )

@@ -18,6 +18,7 @@ from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jax import Array
@@ -28,6 +29,7 @@ from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
+from poseppl.program.large_integers import check_exact
 from poseppl.program.population import propagate
 from poseppl.runs.contents import check_coordinates, flat_draws, frame_numbers, names_of
 from poseppl.runs.frame_sequence import stacked_inputs
@@ -65,6 +67,7 @@ def forecast(
 
     Raises:
         ValueError: The result is one of other coordinates, or an array of the inputs does not have H rows.
+        PosepplError: An integer of the state reaches what float32 does not hold.
         InputError: `start` is no frame of the result, or is not its last one and the result is smoothed.
     """
     check_at_least(1, horizon=horizon)
@@ -77,7 +80,8 @@ def forecast(
         check_at_least(1, num_draws=num_draws)
         draws = draws[:, np.arange(num_draws) * draws.shape[1] // num_draws]
     keys = jax.random.split(rng_key, horizon)
-    sites, data = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
+    sites, data, largest = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
+    check_exact(model.sites, largest)
     step = int(numbers[last] - numbers[last - 1]) if last else 1
     frames = numbers[last] + step * np.arange(1, horizon + 1)
     names = Names((), names_of(result, "marker"), names_of(result, "camera"))
@@ -158,19 +162,20 @@ def _position(result: xr.DataTree, numbers: NDArray[np.int64], start: int | None
 
 
 @partial(jit, static_argnums=0)
-def _go_on(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Sites with extras, and data, each (H, N, ...), after states (N, d)."""
+def _go_on(model: CompiledModel, keys: Array, draws: Array, inputs: Any) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Sites with extras, and data, each (H, N, ...), after states (N, d), and the largest sizes of these (N, d)."""
     number = draws.shape[0]
 
-    def advance(states: Array, row: Any) -> tuple[Array, Any]:
-        key, frame = row
+    def advance(carried: tuple[Array, Array], row: Any) -> tuple[tuple[Array, Array], Any]:
+        (states, largest), (key, frame) = carried, row
         key_move, key_data = jax.random.split(key)
         states = propagate(model, jax.random.split(key_move, number), states, frame)
         data = jax.vmap(lambda key, x: model.sample_observation(key, x, frame))(jax.random.split(key_data, number), states)
-        return states, (jax.vmap(lambda x: {**model.extras(x, frame), **model.to_sites(x, frame)})(states), data)
+        largest = jnp.maximum(largest, jnp.abs(states))
+        return (states, largest), (jax.vmap(lambda x: {**model.extras(x, frame), **model.to_sites(x, frame)})(states), data)
 
-    _, (sites, data) = jax.lax.scan(advance, draws, (keys, inputs))
-    return sites, data
+    (_, largest), (sites, data) = jax.lax.scan(advance, (draws, jnp.abs(draws)), (keys, inputs))
+    return sites, data, largest
 
 
 def _by_chain(values: Mapping[str, Array], chains: int) -> dict[str, NDArray[Any]]:

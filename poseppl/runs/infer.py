@@ -13,11 +13,13 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+import jax
 import numpy as np
 import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
@@ -25,6 +27,7 @@ from poseppl.program.clamped import ClampedModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.contents import FLAT, arrays_of
+from poseppl.runs.filter_history import HISTORY_MIB
 from poseppl.runs.frame_gaps import (
     Gaps,
     data_of_all_frames,
@@ -62,6 +65,7 @@ def infer(
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     on_failure: Literal["continue", "stop"] = "continue",
+    history_mib: float = HISTORY_MIB,
     fill_gaps: bool = False,
 ) -> xr.DataTree:
     """Filter a sequence.
@@ -84,6 +88,8 @@ def infer(
         progress: Who is told how the run goes.
         checkpoint: Where the run is saved, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+        history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
+            keeps none, and says so: smoothers then start from the draws.
         fill_gaps: Whether frames without data are inserted where `frames` has gaps, so that each step is one frame. The inputs
             of an inserted frame repeat the frame before (:func:`~poseppl.runs.frame_gaps.inputs_of_all_frames`). Without it
             one transition leads across a gap, with a warning.
@@ -118,6 +124,7 @@ def infer(
         checkpoint=checkpoint,
         on_failure=on_failure,
         frame_numbers=None if frames is None else np.asarray(frames).tolist(),
+        history_mib=history_mib,
     )
     return result_of_run(run, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
 
@@ -135,8 +142,8 @@ def smooth(
     """Smooth what a filter left: every frame given all data, also those after it.
 
     Args:
-        filtered: The result of :func:`infer`, whose draws the smoother starts from; or a history, all particles of
-            ``run_filter(..., collect=collect_history)``, which smoothers that follow ancestors need.
+        filtered: The result of :func:`infer`, with the filter's history; or a history itself, of
+            ``run_filter(..., collect=collect_history)``.
         smoother: The smoother; it knows the model.
         rng_key: PRNG key; the same key gives the same result.
         inputs: The filter's inputs.
@@ -152,12 +159,13 @@ def smooth(
             one of another model or of other params, or data or inputs do not fit.
         SmoothingError: The smoothed states are not finite.
     """
+    check_key(rng_key)
     model = smoother.model
     if model is None:
         raise ValueError(
             "The smoother does not know its model. Use a builder of poseppl.smoothers, or Smoother(..., model=model)."
         )
-    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model)
+    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model, rng_key)
     given = held if data is None else data
     if not given:
         raise ValueError(
@@ -166,6 +174,8 @@ def smooth(
     observations = model.observe(given)
     collect = collect_draws(model) if collect is None else collect
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
+    if smoother.reweighs and isinstance(filtered, xr.DataTree) and set(model.finite_values) == set(model.sites):
+        run = run._replace(method={**run.method, "closed form": provenance(filtered).get("closed form", False)})
     told = {"smoother": _name(smoother), **(attrs or {})}
     if isinstance(filtered, History):
         return result_of_run(run, model, observations, attrs=told)
@@ -222,8 +232,8 @@ def filter_of(filter: Any, model: CompiledModel) -> Filter:
     return built
 
 
-def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
-    """The draws of a result, and its data by name."""
+def _read(result: Any, model: CompiledModel, rng_key: Array) -> tuple[History, dict[str, Any]]:
+    """The history of a result, and its data by name."""
     if not isinstance(result, xr.DataTree) or FLAT not in result.children:
         raise ValueError(
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
@@ -232,7 +242,7 @@ def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
     check_same_model(result, model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    return history_of_result(result), arrays_of(result, "observed_data")
+    return history_of_result(result, jax.random.fold_in(rng_key, 0)), arrays_of(result, "observed_data")
 
 
 def _name(smoother: Smoother) -> str:

@@ -23,7 +23,7 @@ from poseppl.program.built_once import built_once
 from poseppl.program.explanation import check_inputs
 from poseppl.program.observation import check_frame_shapes, check_is_observation
 from poseppl.runs.compiled_scan import frame_keys, is_finite
-from poseppl.runs.course import RunError, not_finite_message
+from poseppl.runs.course import RunError, breakdown_message
 from poseppl.runs.frame_sequence import device_array
 from poseppl.runs.recompilation import tell_filter_defined_anew
 
@@ -71,7 +71,7 @@ class Online:
             if finite:
                 self.state, self.frame = new, self.frame + 1
                 return new, info
-        raise RunError(not_finite_message(self.frame), self.frame)
+        raise RunError(breakdown_message(self.frame, new, self._filter.model), self.frame)
 
     def _checked(self, observation: Any, inputs: Any) -> tuple[Observation, Any]:
         """Data and inputs of a frame, in the form that the filter was compiled for."""
@@ -95,10 +95,10 @@ def _programs(filter: Filter) -> tuple[Any, Any]:
 
     def init(rng_key: Array, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
         state, info = filter.init(rng_key, observation, inputs)
-        return state, info, is_finite(state)
+        return state, info, is_finite(state, filter.model)
 
     def step(rng_key: Array, state: Any, observation: Observation, inputs: Any) -> tuple[Any, Info, Array]:
         new, info = filter.step(rng_key, state, observation, inputs)
-        return new, info, is_finite(new)
+        return new, info, is_finite(new, filter.model)
 
     return jit(init), jit(step)

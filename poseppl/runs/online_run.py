@@ -19,6 +19,7 @@ from jax import Array
 from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.program import Observation
+from poseppl.program.frame_inputs import coarse_inputs
 from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.compiled_scan import Calls, Collect, Kept
 from poseppl.runs.course import Course, OnFailure, Run
@@ -64,6 +65,8 @@ class OnlineRun:
         sequence = self._sequence(observations, inputs)
         self._calls = Calls(filter, collect, predict, sequence, rng_key, single=True)
         self._course = Course(self._calls, self._numbers, on_failure, note, started)
+        for text in coarse_inputs(inputs):
+            self._course.warn(text)
         self._course.compile(resumed=0)
         self._seconds = 0.0
         self.first = self._advance(sequence, frame_numbers)

@@ -15,6 +15,7 @@ from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
+from poseppl.program.large_integers import check_exact
 from poseppl.runs.frame_sequence import stacked_inputs
 
 
@@ -40,11 +41,13 @@ def simulate(model: CompiledModel, rng_key: Array, num_frames: int, inputs: Any 
 
     Raises:
         ValueError: `num_frames` is below 1, or an array of the inputs does not have T rows.
+        PosepplError: An integer of the state reaches what float32 does not hold.
     """
     check_at_least(1, num_frames=num_frames)
     check_key(rng_key)
     keys = jax.random.split(rng_key, (num_frames, 2))
     states, values = _draw_sequence(model, keys, stacked_inputs(inputs, num_frames))
+    check_exact(model.sites, states)
     return Simulation(states, values)
 
 

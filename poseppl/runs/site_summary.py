@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.program import CompiledModel
+from poseppl.program.bijector import to_sites
 
 
 def sites_of(model: CompiledModel, states: Array, inputs: Any) -> dict[str, Array]:
@@ -53,6 +54,6 @@ def site_probabilities(model: CompiledModel, states: Array, weights: Array | Non
     share = jnp.full(count, 1.0 / count, states.dtype) if weights is None else weights
     found = {}
     for name, values in model.finite_values.items():
-        taken = jnp.round(jax.vmap(model.sites[name].unflatten)(states))
+        taken = jax.vmap(lambda x, name=name: to_sites({name: model.sites[name]}, x)[name])(states)
         found[name] = jnp.stack([jnp.tensordot(share, (taken == value).astype(states.dtype), 1) for value in values], -1)
     return found

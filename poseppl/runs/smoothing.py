@@ -26,15 +26,19 @@ from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.resampling import systematic
 from poseppl.program import Observation
 from poseppl.program.built_once import built_once
+from poseppl.program.large_integers import overflow_message, overflown
 from poseppl.runs.compiled_scan import is_finite, kind_of
 from poseppl.runs.frame_sequence import frame_sequence
 from poseppl.runs.recompilation import tell_defined_anew
 from poseppl.runs.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
 
+_MOST_UNREACHABLE = 0.05
+"""Share of a frame's smoothed states above which a smoothing that cannot reach them is refused."""
+
 
 class SmoothingError(PosepplError):
-    """A smoothing whose result is not finite."""
+    """A smoothing whose result is not finite, or that could not go back from frame to frame."""
 
 
 class SmoothingRun(NamedTuple):
@@ -86,7 +90,7 @@ def run_smoother(
 
     Raises:
         ValueError: The history is no History, the data are no Observation, or an array does not have T rows.
-        SmoothingError: The result is not finite.
+        SmoothingError: The result is not finite, or no state that the filter left leads to those of the next frame.
     """
     if not isinstance(history, History):
         raise ValueError(
@@ -107,9 +111,31 @@ def run_smoother(
     seconds = ready - started, time.perf_counter() - ready
     finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
     if not finite:
-        raise SmoothingError("the smoothed states are not finite: the model or the settings of the smoother break down")
+        raise SmoothingError(_breakdown(smoother, smoothed))
+    info = jax.tree.map(np.asarray, smoothed.info)
+    _check_reachable(info.unreachable)
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
-    return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
+    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance)
+
+
+def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
+    """Refuse a smoothing of which too much is the filter's."""
+    frame = int(np.argmax(unreachable))
+    if unreachable[frame] > _MOST_UNREACHABLE:
+        raise SmoothingError(
+            f"frame {frame} (counted from 0): {unreachable[frame]:.0%} of the smoothed states cannot come from any state that "
+            "the filter left there, so nothing can be said of earlier frames. A state with parts that have no noise needs all "
+            "of a particle filter's particles (keep its history, and take more), rauch_tung_striebel_smoother, or "
+            "particle_gibbs_smoother"
+        )
+
+
+def _breakdown(smoother: Smoother, smoothed: Smoothed) -> str:
+    """Why smoothed states cannot be used."""
+    names = [] if smoother.model is None else overflown(smoother.model.sites, smoothed.particles)
+    if names:
+        return overflow_message(names)
+    return "the smoothed states are not finite: the model or the settings of the smoother break down"
 
 
 def mask_failed(observations: Observation, failed: Array | Booleans) -> Observation:
@@ -158,6 +184,6 @@ def _collecting(smoother: Smoother, collect: Collect) -> Any:
             frames = _Frame(particles, log_weights, smoothed.marginals)
         keys = jax.random.split(key_frames, smoothed.particles.shape[0])
         outputs = jax.lax.map(lambda row: collect(row[0], row[1], None, row[2]), (keys, frames, inputs))
-        return is_finite(smoothed), outputs
+        return is_finite(smoothed, smoother.model), outputs
 
     return jit_lightly(collected)

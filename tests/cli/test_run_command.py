@@ -14,6 +14,7 @@ from poseppl_models.finite_hmm import finite_hmm
 import poseppl
 from poseppl.cli import main
 from poseppl.cli.model_runs import described
+from poseppl.cli.user_model import read_series
 from poseppl.errors import InputError
 from poseppl.files.table_reading import read_table
 from poseppl.filters import hidden_markov_filter
@@ -233,6 +234,17 @@ def test_tables_of_three_kinds_are_one(folder):
     (folder / "twice.csv").write_text("a,a\n1,2\n")
     with pytest.raises(InputError, match="line 1: its head"):
         read_table("twice.csv")
+
+
+def test_seconds_since_1970_are_read_in_double_precision(folder, capsys):
+    head, *rows = (folder / "data.csv").read_text().split()
+    lines = [f"time,{head}", *(f"{1_700_000_000 + second},{row}" for second, row in enumerate(rows))]
+    (folder / "timed.csv").write_text("\n".join(lines))
+    _, inputs = read_series("timed.csv", ("time",), slice(None))
+    np.testing.assert_array_equal(inputs["time"], 1_700_000_000 + np.arange(6.0))
+    words = ["run", "model.py", "--data", "timed.csv", "--param", "noise=1", "--inputs", "push", "--inputs", "time"]
+    assert main([*words, "--quiet"]) == 0
+    assert "inputs['time']: numbers as large as 1700000005 are 128 apart" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("fill", [False, True])

@@ -217,3 +217,24 @@ def test_a_result_is_judged_by_its_predictions() -> None:
 def test_coverage_that_an_inflation_implies() -> None:
     assert implied_coverage(1.0) == pytest.approx(0.9)
     assert implied_coverage(4.0) == pytest.approx(2 * norm.cdf(1.6449 / 2) - 1, abs=1e-4)
+
+
+@pytest.mark.parametrize("gains", [(0.5, 0.9), (0.9, 0.5)])
+def test_products_are_those_of_a_gain_that_changes(gains: tuple[float, float]) -> None:
+    """Two frames of many entries, whose errors have 1.5 times the variance that is claimed: the first gain alone decides."""
+    rng, number, inflation = np.random.default_rng(0), 40_000, 1.5
+    error = np.sqrt(inflation * gains[0]) * rng.standard_normal(number)
+    first = error + np.sqrt(1 - gains[0]) * rng.standard_normal(number)
+    # the first update leaves (1 - G) e - G v; a step brings the variance to what the second frame needs
+    left = error - gains[0] * first
+    step = inflation * gains[1] - ((1 - gains[0]) ** 2 * inflation * gains[0] + gains[0] ** 2 * (1 - gains[0]))
+    moved = left + np.sqrt(step) * rng.standard_normal(number)
+    second = moved + np.sqrt(1 - gains[1]) * rng.standard_normal(number)
+    z, state = np.stack([first, second]), np.repeat([gains], number, axis=0).T
+    unknown = np.full(2, np.nan)
+    found = predictive_figures(DataPrediction(norm.cdf(z), z, state, 1 - state, unknown, unknown, unknown))
+    weight = gains[0] * (1 - gains[0])
+    # a product's variance is at most 1 / weight times that of two innovations; 0.05 are what innovations are cut off at
+    assert abs(found.by_products.estimate - inflation) < 4 * inflation / weight / np.sqrt(number) + 0.05
+    mean = np.mean(gains)
+    assert abs(found.by_squares.estimate - inflation) < 4 * 2 / mean / np.sqrt(2 * number) + 0.05

@@ -12,6 +12,7 @@ from law_problems import frame, problem, run
 from oracles.kalman import kalman_filter as exact_filter, simulate
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from scipy.stats import chi2
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import ensemble_kalman_filter
@@ -213,3 +214,23 @@ def test_unsuitable_models_are_refused():
     model = counts.compile()
     with pytest.raises(ValueError, match="site 'y' is no plain Normal"):
         ensemble_kalman_filter(model, 5).init(jax.random.key(0), model.observe({"y": 3}))
+
+
+@pytest.mark.parametrize(("factor", "drift"), [(1.1, 0.3), (2.0, 5.0)])
+def test_one_step_of_adaptive_inflation_is_a_product_of_gaussians(factor, drift):
+    """Precisions add up: that of the factor up to now, and that of a chi-square of the entries that are seen."""
+    rng = np.random.default_rng(8)
+    count, members = 3, 12
+    deviations = rng.normal(size=(members, count))
+    deviations -= deviations.mean(0)
+    residual = 4.0 * rng.normal(size=count)
+    spread = np.trace(np.linalg.solve(R, np.cov(deviations.T))) / count
+    # where deviations are as inflated as is thought, r' R^-1 r / p is that chi-square over p, times b s + 1
+    scale = factor**2 * spread + 1
+    variance = chi2.var(count) * (scale / (count * spread)) ** 2
+    observed = (residual @ np.linalg.solve(R, residual) / count - 1) / spread
+    precisions = np.array([1 / drift**2, 1 / variance])
+    exact = precisions @ [factor**2, observed] / precisions.sum()
+    predicted = PredictedData(*map(jnp.asarray, (deviations, residual, R, float(count))))
+    assert exact > 1.2 and abs(exact - factor**2) > 0.05
+    np.testing.assert_allclose(adapted_inflation(jnp.asarray(factor), predicted, drift) ** 2, exact, rtol=1e-4)

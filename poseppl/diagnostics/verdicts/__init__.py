@@ -37,7 +37,7 @@ from poseppl.diagnostics.verdicts.updates import (
     check_updates as check_updates,
     updates,
 )
-from poseppl.diagnostics.verdicts.validity import failures, missing
+from poseppl.diagnostics.verdicts.validity import failures, missing, run_warnings
 from poseppl.diagnostics.verdicts.verdict import (
     ERROR as ERROR,
     INFO as INFO,
@@ -50,6 +50,7 @@ from poseppl.diagnostics.verdicts.verdict import (
 
 CHECKS: dict[str, Callable[[xr.DataTree], Iterable[Verdict]]] = {
     "impossible data": failures,
+    "warnings": run_warnings,
     "mode seeking": mode_seeking,
     "effective particles": degeneracy,
     "number of chains": few_points,

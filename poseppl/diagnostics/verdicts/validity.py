@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, statistic, where
 from poseppl.runs.contents import flat_draws, group_of
+from poseppl.runs.results import provenance
 
 MISSING_HIGH = 0.2
 
@@ -23,6 +24,14 @@ def failures(tree: xr.DataTree) -> Findings:
     empty = ~np.isfinite(flat_draws(tree).values).all(axis=(0, 1, 3))
     if empty.any():
         yield Verdict(ERROR, f"Draws that are not finite in {where(tree, empty)}.")
+
+
+def run_warnings(tree: xr.DataTree) -> Findings:
+    """What the run itself warned of, which is no check of its result."""
+    yield not_run()
+    found = provenance(tree).get("warnings", [])
+    for text in found if isinstance(found, list) else []:
+        yield Verdict(WARNING, f"The run warned: {text}.")
 
 
 def missing(tree: xr.DataTree) -> Findings:

@@ -130,3 +130,14 @@ def test_a_result_without_joints(tmp_path: Path) -> None:
     bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
     with pytest.raises(InputError, match="no joints in space"):
         export(bare, tmp_path, "walk")
+
+
+def test_a_motion_file_that_tells_no_unit_is_in_radians(tmp_path: Path) -> None:
+    """As OpenSim takes it."""
+    text = "Coordinates\nversion=1\n{}endheader\ntime\tknee\n0\t0.5\n0.1\t0.6\n"
+    for header, degrees in (("", False), ("inDegrees=yes\n", True), ("inDegrees=no\n", False)):
+        (tmp_path / "walk.mot").write_text(text.format(header))
+        found = read_mot(tmp_path / "walk.mot")
+        assert found.in_degrees is degrees
+        np.testing.assert_array_equal(found.columns["knee"], [0.5, 0.6])
+        np.testing.assert_array_equal(found.times, [0.0, 0.1])
