@@ -181,7 +181,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     Lengths are in mm, angles in radians, times in seconds.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdicts, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.outputs import summary, write_outputs
     from poseppl.cli.subject import stem_of
@@ -218,10 +218,10 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
             files += [("frame by frame", path) for path in live_table(options, target)]
             if sources:
                 files += write_overlays(tree, sources, target, progress)
-            shown, place = tree, target
+            shown, place, written = tree, target, {target: tree}
             if later and (best := smoothed(tree, scene, options, progress)) is not None:
                 files += [(f"smoothed {name}", path) for name, path in write_outputs(best, later, progress.note)]
-                shown, place = best, later
+                shown, place, written = best, later, {target: tree, later: best}
             files += write_exported(shown, place, options, progress)
     except (KeyboardInterrupt, OSError) as error:
         tell_lines_left(options, target, progress)
@@ -230,7 +230,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         raise
     if not options["quiet"]:
         print_table("poseppl track", [*summary(tree), *((name, str(path)) for name, path in files)])
-    print_verdict(tree, target, options["quiet"])
+    print_verdicts(written, options["quiet"])
     if problem is not None:
         raise PosepplError(f"{problem} in {target}")
 

@@ -44,7 +44,8 @@ class Gaps:
         """The first gap, and how many more there are."""
         before = self._wide[0]
         first, last = self.frames[before] + self.stride, self.frames[before + 1] - self.stride
-        more = f" (and {len(self._wide) - 1} more gaps)" if len(self._wide) > 1 else ""
+        others = len(self._wide) - 1
+        more = f" (and {others} more gap{'s' * (others > 1)})" if others else ""
         return (f"frame {first} is missing" if first == last else f"frames {first} to {last} are missing") + more
 
     @property
@@ -103,16 +104,17 @@ def truth_of_all_frames(truth: ArrayLike | None, gaps: Gaps) -> NDArray[Any] | N
     return None if truth is None else np.where(gaps.inserted[:, None], np.nan, np.asarray(truth)[gaps.rows])
 
 
-def tell_gaps(gaps: Gaps, note: Callable[[str], None]) -> None:
-    """Warn of gaps that stay."""
-    if gaps:
-        note(
-            f"{gaps}: one transition leads across a gap, as if its ends were neighbours. Insert frames without data by "
-            "fill_gaps=True (--fill-gaps)."
-        )
+def tell_gaps(gaps: Gaps, note: Callable[[str], None]) -> tuple[str, ...]:
+    """Warn of gaps that stay, and return the warning, if any."""
+    if not gaps:
+        return ()
+    across = f"{gaps}: one transition leads across a gap, as if its ends were neighbours"
+    text = f"{across}; insert frames without data by fill_gaps=True (--fill-gaps)"
+    note(text)
+    return (text,)
 
 
 def tell_filled(gaps: Gaps, inputs: Any, note: Callable[[str], None]) -> None:
     """Say how many frames are inserted."""
     repeated = "" if inputs is None else "; their inputs repeat those of the frame before"
-    note(f"{gaps}: {int(gaps.inserted.sum())} frames without data are inserted{repeated}.")
+    note(f"{gaps}: {int(gaps.inserted.sum())} frames without data are inserted{repeated}")

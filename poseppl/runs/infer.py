@@ -90,9 +90,8 @@ def infer(
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
             keeps none, and says so: smoothers then start from the draws.
-        fill_gaps: Whether frames without data are inserted where `frames` has gaps, so that each step is one frame. The inputs
-            of an inserted frame repeat the frame before (:func:`~poseppl.runs.frame_gaps.inputs_of_all_frames`). Without it
-            one transition leads across a gap, with a warning.
+        fill_gaps: Whether to insert frames without data where `frames` has gaps. Their inputs repeat the frame before
+            (:func:`~poseppl.runs.frame_gaps.inputs_of_all_frames`). Without it one transition leads across, with a warning.
 
     Returns:
         The result, which ArviZ's functions take, before ArviZ 1 by :func:`poseppl.to_arviz`; see :mod:`poseppl.runs.results`.
@@ -106,13 +105,10 @@ def infer(
     observations = model.observe(data)
     _check_labels(model, observations, truth, frames)
     gaps, note = Gaps([] if frames is None else frames), progress.note if progress else _LOGGER.warning
+    warnings = () if fill_gaps else tell_gaps(gaps, note)
     if gaps and fill_gaps:
-        _check_repeatable(model)
-        tell_filled(gaps, inputs, note)
-        observations, truth = data_of_all_frames(observations, gaps), truth_of_all_frames(truth, gaps)
-        inputs, frames = inputs_of_all_frames(inputs, gaps.frames), gaps.numbers
-    else:
-        tell_gaps(gaps, note)
+        observations, inputs, truth = _filled(model, gaps, observations, inputs, truth, note)
+        frames = gaps.numbers
     run = run_filter(
         built,
         rng_key,
@@ -126,7 +122,8 @@ def infer(
         frame_numbers=None if frames is None else np.asarray(frames).tolist(),
         history_mib=history_mib,
     )
-    return result_of_run(run, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
+    told = run._replace(warnings=(*warnings, *run.warnings))
+    return result_of_run(told, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
 
 
 def smooth(
@@ -204,11 +201,21 @@ def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayL
         raise InputError(f"{len(given)} numbers from {given.min()} to {given.max()}", field="frames", expected=expected)
 
 
-def _check_repeatable(model: CompiledModel) -> None:
-    """Refuse to repeat the values of clamped sites, which go on in a gap nobody knows how."""
+def _filled(
+    model: CompiledModel,
+    gaps: Gaps,
+    observations: Observation,
+    inputs: Any,
+    truth: ArrayLike | None,
+    note: Callable[[str], None],
+) -> tuple[Observation, Any, ArrayLike | None]:
+    """Data, inputs and truth of all frames; refuses clamped sites, whose values in a gap nobody knows."""
     if isinstance(model, ClampedModel):
         expected = "frames without gaps, with the clamped values of each"
         raise InputError("the clamped values of missing frames are unknown", field="fill_gaps", expected=expected)
+    tell_filled(gaps, inputs, note)
+    all_inputs = inputs_of_all_frames(inputs, gaps.frames)
+    return data_of_all_frames(observations, gaps), all_inputs, truth_of_all_frames(truth, gaps)
 
 
 def filter_of(filter: Any, model: CompiledModel) -> Filter:

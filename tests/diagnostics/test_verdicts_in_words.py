@@ -123,6 +123,17 @@ def test_coverage_of_coordinates_and_joints() -> None:
     )
 
 
+def test_joints_that_differ_from_the_body_are_said_to() -> None:
+    """Intervals of joints leave it out; those of coordinates do not depend on it."""
+    tree = synthetic_result(num_frames=60, truth_scale=2.5)
+    tree.attrs["residual_mm"] = "5.64"
+    of_coordinates, of_joints = (text for text in _texts(tree).splitlines() if "90 % intervals of" in text)
+    words = "too narrow (they leave out that the body differs from the recording by 5.6 mm): raise --noise"
+    assert words in of_joints and "leave out" not in of_coordinates
+    tree.attrs["residual_mm"] = '"none"'
+    assert "leave out" not in _texts(tree)
+
+
 def test_degenerate_particles() -> None:
     ess, unique = np.full(24, 500.0), np.full(24, 400)
     ess[3:6], unique[4] = 2.5, 3

@@ -47,6 +47,7 @@ def test_a_gap_is_reported_and_a_stride_is_none(caplog):
     (told,) = caplog.messages
     assert told.startswith("frames 2 to 49 are missing: one transition leads across a gap") and "fill_gaps=True" in told
     assert result["posterior"]["frame"].values.tolist() == FRAMES
+    assert any(found == ("warning", f"The run warned: {told}.") for found in poseppl.verdicts(result))
 
 
 def test_a_filled_gap_is_one_of_frames_without_data(caplog):
@@ -54,7 +55,7 @@ def test_a_filled_gap_is_one_of_frames_without_data(caplog):
     with caplog.at_level(logging.WARNING, logger="poseppl"):
         result = filtered(frames=FRAMES, fill_gaps=True, truth=np.arange(4.0)[:, None])
     (told,) = caplog.messages
-    assert told.endswith("48 frames without data are inserted; their inputs repeat those of the frame before.")
+    assert told.endswith("48 frames without data are inserted; their inputs repeat those of the frame before")
     assert result["posterior"]["frame"].values.tolist() == list(range(52))
     mean, spread = (result[f"summary/state_{part}"].values[:, 0] for part in ("mean", "sd"))
     np.testing.assert_allclose(spread[49] ** 2 - spread[1] ** 2, 48 * 0.25, rtol=1e-4)
@@ -75,7 +76,7 @@ def test_gaps_of_many_kinds():
     """The stride is the greatest that every step is a multiple of."""
     assert Gaps([0, 2, 4, 10]).numbers.tolist() == [0, 2, 4, 6, 8, 10]
     assert Gaps([0, 2, 5]).numbers.tolist() == [0, 1, 2, 3, 4, 5]
-    assert str(Gaps([3, 4, 6, 9])) == "frame 5 is missing (and 1 more gaps)"
+    assert str(Gaps([3, 4, 6, 9])) == "frame 5 is missing (and 1 more gap)"
     assert not Gaps([]) and not Gaps([5]) and not Gaps([5, 90])
     assert inputs_of_all_frames((jnp.arange(3), np.ones((3, 2))), [0, 3, 4])[0].tolist() == [0, 0, 0, 1, 2]
     assert inputs_of_all_frames(None, FRAMES) is None

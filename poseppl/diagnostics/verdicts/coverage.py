@@ -63,7 +63,7 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdic
         wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
         places = "take --markers learned, " if _markers_may_be_learned(tree) else ""
         more = settings_among(tree, "num_updates", "num_draws", "num_particles")
-        advice = f"over-confident, intervals are too narrow: {places}raise --noise, {wider}, or {more}"
+        advice = f"over-confident, intervals are too narrow{_of_body(tree, what)}: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident" and share <= WIDE:
         return Verdict(INFO, f"{text}: somewhat wider than they need to be.")
@@ -72,6 +72,14 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdic
         return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")
     tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
     return Verdict(INFO, f"{text}: {tail}.")
+
+
+def _of_body(tree: xr.DataTree, what: str) -> str:
+    """What joints of a recording differ by from the model's body, which no interval includes."""
+    residual = provenance(tree).get("residual_mm")
+    if what != "joints" or not isinstance(residual, int | float) or residual < 0.1:
+        return ""
+    return f" (they leave out that the body differs from the recording by {residual:.1f} mm)"
 
 
 def _markers_may_be_learned(tree: xr.DataTree) -> bool:
