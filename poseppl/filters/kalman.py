@@ -14,6 +14,8 @@ them.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -22,11 +24,14 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
-from poseppl.gaussians.gaussian import Gaussian
-from poseppl.gaussians.linearisation import Method, condition, linearise, linearise_about, predict
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_root, semidefinite_root
+from poseppl.gaussians.linearisation import Method, Moments, condition, linearise, linearise_about, predict
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
+
+_FEW = 32
+"""Coordinates and data of a frame up to which LAPACK factors them with one thread."""
 
 
 class KalmanState(NamedTuple):
@@ -35,19 +40,30 @@ class KalmanState(NamedTuple):
     Attributes:
         particles: Draws (N, d).
         log_weights: Log-weights (N,), all -log N.
-        posterior: Mean (d,) and covariance (d, d).
+        posterior: Mean (d,) and covariance (d, d), of few coordinates by its root.
         started: Whether there has been a frame, a boolean; before the first one `posterior` is that of the initial program.
     """
 
     particles: Array
     log_weights: Array
-    posterior: Gaussian
+    posterior: Gaussian | RootGaussian
     started: Array
 
     @property
     def marginals(self) -> Marginals:
         """Those of the Gaussian."""
-        return gaussian_marginals(*self.posterior)
+        return gaussian_marginals(self.posterior.mean, self.posterior.covariance)
+
+
+def with_root(mean: Array, covariance: Array) -> RootGaussian:
+    """A Gaussian of mean (d,) and covariance (d, d), with the root of its covariance."""
+    return RootGaussian(mean, semidefinite_root(covariance))
+
+
+def gaussian_form(model: CompiledModel) -> Callable[[Array, Array], Any]:
+    """How the Gaussians of a model are kept: few coordinates by the root of the covariance, which float32 rounds less."""
+    num_data = sum(math.prod(site.shape) for site in model.observation_sites.values())
+    return with_root if model.dimension + num_data <= _FEW else Gaussian
 
 
 @built_once
@@ -71,20 +87,23 @@ def kalman_filter(
     check_at_least(1, num_particles=num_particles, num_iterations=num_iterations)
     check_choice(Method, linearisation=linearisation)
 
+    form = gaussian_form(model)
+
     def initial_state(observation: Observation, inputs: Any = None) -> KalmanState:
-        initial = Gaussian(*model.initial_moments(inputs))
+        initial = form(*model.initial_moments(inputs))
         draws = jnp.broadcast_to(initial.mean, (num_particles, *initial.mean.shape))
         return KalmanState(draws, jnp.zeros(num_particles, draws.dtype), initial, jnp.zeros((), bool))
 
     def step(rng_key: Array, state: KalmanState, observation: Observation, inputs: Any = None) -> tuple[KalmanState, Info]:
-        linear = linearise(lambda x: model.transition_moments(x, inputs), state.posterior, linearisation)
+        before: Any = state.posterior  # of either form
+        linear = linearise(lambda x: model.transition_moments(x, inputs), before, linearisation)
         # both are finite at every frame, and with them the gradient of the one that is not chosen
-        initial, moved = Gaussian(*model.initial_moments(inputs)), predict(state.posterior, linear)
-        predicted: Gaussian = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
+        initial, moved = form(*model.initial_moments(inputs)), predict(before, linear)
+        predicted: Any = jax.tree.map(lambda a, b: jnp.where(state.started, a, b), moved, initial)
         posterior, log_evidence, failed = update(model, predicted, observation, inputs, linearisation, num_iterations)
         dtype = predicted.mean.dtype
         noise = jax.random.normal(rng_key, (num_particles, model.dimension), dtype)
-        draws = posterior.mean + noise @ jnp.linalg.cholesky(posterior.covariance).T
+        draws = posterior.mean + noise @ lower_root(posterior).T
         info = filter_info(log_evidence, num_particles, num_particles, failed, num_likelihood=1, num_gradient=1)
         log_weights = jnp.full(num_particles, -jnp.log(num_particles), dtype)
         return KalmanState(draws, log_weights, posterior, jnp.ones((), bool)), info
@@ -94,13 +113,13 @@ def kalman_filter(
 
 def update(
     model: CompiledModel,
-    predicted: Gaussian,
+    predicted: Moments,
     observation: Observation,
     inputs: Any,
     method: Method,
     num_iterations: int = 1,
-    about: Gaussian | None = None,
-) -> tuple[Gaussian, Array, Array]:
+    about: Gaussian | RootGaussian | None = None,
+) -> tuple[Moments, Array, Array]:
     """Condition a prediction on a frame's data.
 
     Args:
@@ -118,7 +137,7 @@ def update(
     """
     data, seen = model.flat_observation(observation)
 
-    def conditioned(about: Gaussian) -> tuple[Gaussian, Array]:
+    def conditioned(about: Gaussian | RootGaussian) -> tuple[Moments, Array]:
         linear = linearise_about(
             lambda x: model.observation_moments(x, inputs),
             predicted,
@@ -131,10 +150,10 @@ def update(
     posterior, log_evidence = conditioned(predicted if about is None else about)
     if num_iterations > 1:
 
-        def again(_: int, found: tuple[Gaussian, Array]) -> tuple[Gaussian, Array]:
+        def again(_: int, found: tuple[Moments, Array]) -> tuple[Moments, Array]:
             new = conditioned(found[0])
             usable = jnp.all(jnp.isfinite(new[0].mean)) & jnp.isfinite(new[1])
-            kept: tuple[Gaussian, Array] = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
+            kept: tuple[Moments, Array] = jax.tree.map(lambda a, b: jnp.where(usable, a, b), new, found)
             return kept
 
         posterior, log_evidence = jax.lax.fori_loop(1, num_iterations, again, (posterior, log_evidence))

@@ -21,6 +21,46 @@ class Gaussian(NamedTuple):
     covariance: Array
 
 
+class RootGaussian(NamedTuple):
+    """A mean (..., d) and a lower triangular scale (..., d, d), of covariance scale scale^T.
+
+    In float32 a covariance has no room for a variance of 1 beside one of 10^8; its root has.
+    """
+
+    mean: Array
+    scale: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(..., d, d)."""
+        return self.scale @ jnp.swapaxes(self.scale, -1, -2)
+
+
+def triangular(root: Array) -> Array:
+    """L, lower triangular (d, d) of a diagonal that is not negative, with L L^T = B B^T for B (d, n), n at least d."""
+    lower: Array = jnp.linalg.qr(root.T, mode="r").T
+    return lower * jnp.where(diagonal(lower) < 0, -1.0, 1.0)
+
+
+def semidefinite_root(covariance: Array) -> Array:
+    """L, lower triangular (d, d), with L L^T a covariance, of which some variances or eigenvalues may be 0."""
+    variances, size = diagonal(covariance), covariance.shape[0]
+    known = variances == 0
+    deviations = jnp.sqrt(jnp.where(known, 1.0, variances))
+    unit = covariance / deviations[:, None] / deviations + jnp.diag(known.astype(covariance.dtype))
+    # rounding makes eigenvalues of 0 negative
+    singular = ~jnp.all(jnp.isfinite(jax.lax.stop_gradient(jnp.linalg.cholesky(unit))))
+    lifted = jnp.where(singular, 4 * size * np.finfo(covariance.dtype).eps, 0.0)
+    lower = jnp.linalg.cholesky(unit + lifted * jnp.eye(size, dtype=covariance.dtype))
+    root: Array = lower * jnp.where(known, 0.0, deviations)[:, None]
+    return root
+
+
+def lower_root(x: Gaussian | RootGaussian) -> Array:
+    """L, lower triangular (d, d), with L L^T the covariance."""
+    return x.scale if isinstance(x, RootGaussian) else jnp.linalg.cholesky(x.covariance)
+
+
 class Factorised(NamedTuple):
     """A Gaussian with its factors, made once: mean (d,), scale = Cholesky factor (d, d), its inverse, and log |scale|."""
 

@@ -16,13 +16,14 @@ the prior, again and again, is posterior linearisation (Garcia-Fernandez, Svenss
 doi:10.1109/TSP.2015.2454485; first-order, the iterated extended Kalman filter).
 
 For linear Gaussian programs all are exact. The Kalman filter and the Rauch-Tung-Striebel smoother below are those of Sarkka
-and Svensson 2023 (Bayesian Filtering and Smoothing, 2nd edition, chapters 6 to 8, 12 and 14), in Joseph's form.
+and Svensson 2023 (Bayesian Filtering and Smoothing, 2nd edition, chapters 6 to 8, 12 and 14), in Joseph's form, or by the root
+of the covariance where that is given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -30,8 +31,9 @@ import numpy as np
 from jax import Array
 
 from poseppl.errors import UnsuitableModelError
-from poseppl.gaussians.gaussian import Gaussian, lower_inverse
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, lower_root, semidefinite_root, triangular
 
+Moments = TypeVar("Moments", Gaussian, RootGaussian)
 Method = Literal["first-order", "unscented", "gauss-hermite"]
 _ORDER = 5
 """Points of the Gauss-Hermite rule in a direction."""
@@ -60,7 +62,7 @@ def first_order(conditional: Conditional, x: Array) -> Linear:
 
 
 def linearise(
-    conditional: Conditional, x: Gaussian, method: Method, jacobian_at: Callable[[Array], Array] | None = None
+    conditional: Conditional, x: Gaussian | RootGaussian, method: Method, jacobian_at: Callable[[Array], Array] | None = None
 ) -> Linear:
     """Linearise a conditional for x ~ N(m, P), whose mean may have a known derivative (k, d)."""
     if method == "first-order":
@@ -69,7 +71,7 @@ def linearise(
         mean, noise = conditional(x.mean)
         return Linear(mean, jacobian_at(x.mean), noise)
     white, weights = (jnp.asarray(part, x.mean.dtype) for part in _points(x.mean.shape[0], method))
-    lower = jnp.linalg.cholesky(x.covariance)
+    lower = lower_root(x)
     means, noises = jax.vmap(conditional)(x.mean + white @ lower.T)
     mean = weights @ means
     centred = means - mean
@@ -81,8 +83,8 @@ def linearise(
 
 def linearise_about(
     conditional: Conditional,
-    x: Gaussian,
-    about: Gaussian,
+    x: Gaussian | RootGaussian,
+    about: Gaussian | RootGaussian,
     method: Method,
     jacobian_at: Callable[[Array], Array] | None = None,
 ) -> Linear:
@@ -113,12 +115,14 @@ def _points(dimension: int, method: Method) -> tuple[np.ndarray[Any, Any], np.nd
     return np.concatenate([np.zeros((1, dimension)), spread, -spread]), np.append(kappa / (dimension + kappa), side)
 
 
-def predict(x: Gaussian, linear: Linear) -> Gaussian:
+def predict(x: Moments, linear: Linear) -> Moments:
     """Distribution of y."""
+    if isinstance(x, RootGaussian):
+        return RootGaussian(linear.mean, triangular(jnp.hstack([linear.jacobian @ x.scale, semidefinite_root(linear.noise)])))
     return Gaussian(linear.mean, _symmetric(linear.jacobian @ x.covariance @ linear.jacobian.T + linear.noise))
 
 
-def condition(x: Gaussian, linear: Linear, y: Array, seen: Array) -> tuple[Gaussian, Array]:
+def condition(x: Moments, linear: Linear, y: Array, seen: Array) -> tuple[Moments, Array]:
     """Distribution of x given the seen entries of y.
 
     Args:
@@ -134,14 +138,29 @@ def condition(x: Gaussian, linear: Linear, y: Array, seen: Array) -> tuple[Gauss
     both = seen[:, None] & seen
     noise = jnp.where(both, linear.noise, jnp.eye(y.shape[0], dtype=y.dtype))
     residual = jnp.where(seen, y - linear.mean, 0.0)
+    if isinstance(x, RootGaussian):
+        return _condition_root(x, jacobian, noise, residual, seen)
     factor = jnp.linalg.cholesky(jacobian @ x.covariance @ jacobian.T + noise)
     whiten = lower_inverse(factor)
     gain = (whiten @ jacobian @ x.covariance).T @ whiten
     kept = jnp.eye(x.mean.shape[0], dtype=y.dtype) - gain @ jacobian
     covariance = _symmetric(kept @ x.covariance @ kept.T + gain @ noise @ gain.T)
-    log_density = -0.5 * (jnp.sum((whiten @ residual) ** 2) + jnp.sum(seen) * jnp.log(2 * jnp.pi))
-    log_density = log_density - jnp.sum(jnp.log(jnp.diagonal(factor)))
-    return Gaussian(x.mean + gain @ residual, covariance), log_density
+    return Gaussian(x.mean + gain @ residual, covariance), _log_density(whiten @ residual, factor, seen)
+
+
+def _condition_root(x: RootGaussian, jacobian: Array, noise: Array, residual: Array, seen: Array) -> tuple[RootGaussian, Array]:
+    """The same by one triangular factor, of the joint covariance of y and x: [[F, 0], [G, S]] with S the posterior's scale."""
+    count, dimension = jacobian.shape
+    data = jnp.hstack([jacobian @ x.scale, semidefinite_root(noise)])
+    joint = triangular(jnp.vstack([data, jnp.hstack([x.scale, jnp.zeros((dimension, count), x.scale.dtype)])]))
+    factor = joint[:count, :count]
+    white = lower_inverse(factor) @ residual
+    return RootGaussian(x.mean + joint[count:, :count] @ white, joint[count:, count:]), _log_density(white, factor, seen)
+
+
+def _log_density(white: Array, factor: Array, seen: Array) -> Array:
+    """Log-density of whitened residuals (k,), of which some were seen."""
+    return -0.5 * (jnp.sum(white**2) + jnp.sum(seen) * jnp.log(2 * jnp.pi)) - jnp.sum(jnp.log(jnp.diagonal(factor)))
 
 
 def _symmetric(matrix: Array) -> Array:

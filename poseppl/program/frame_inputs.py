@@ -85,11 +85,22 @@ def check_input_rows(inputs: Any, num_frames: int) -> None:
         array: Any = leaf if isinstance(leaf, Array) else np.asarray(leaf)
         if array.dtype.kind in "OmMSU":
             raise ValueError(f"{name} is of the type {array.dtype}; expected numbers, with {expected}")
+        if array.dtype.kind in "iu" and array.size and not _fits(array):
+            raise ValueError(
+                f"{name} has integers up to {array.max()}, which do not fit {jnp.result_type(int)}. Subtract a start, or call "
+                "jax.config.update('jax_enable_x64', True) first"
+            )
         if array.ndim == 0 or len(array) != num_frames:
             raise ValueError(
                 f"{name} has shape {array.shape}; expected {expected} (numpy.asarray makes an array of a list of numbers; "
                 "wrap inputs that do not change in Constant)"
             )
+
+
+def _fits(integers: Any) -> bool:
+    """Whether integers keep their values as JAX's own, or as their own smaller type."""
+    ends = np.iinfo(jnp.result_type(int))
+    return integers.dtype.itemsize <= ends.dtype.itemsize or bool(ends.min <= integers.min() and integers.max() <= ends.max)
 
 
 def coarse_inputs(inputs: Any) -> list[str]:

@@ -1,13 +1,14 @@
 """Which integer sites of a state are too large for float32, in which the flat state is computed.
 
-The supports do not tell: a Poisson has no upper bound. So a first state is drawn when a model is compiled, and sites that are
-large there get two coordinates for each entry (:class:`poseppl.program.bijector.SplitIntegers`). Others may still grow beyond
-2^24, and the drivers of runs look for them.
+The supports do not tell: a Poisson has no upper bound. So a first state is made when a model is compiled, each site at its mean
+or, where its distribution gives none, at a draw. Sites that are large there get two coordinates for each entry
+(:class:`poseppl.program.bijector.SplitIntegers`). Others may still grow beyond 2^24, and the drivers of runs look for them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -16,38 +17,49 @@ import numpy as np
 import numpyro
 from jax import Array
 
-from poseppl.compilation import jit
+from poseppl.compilation import compile_to_run_once, jit
 from poseppl.errors import PosepplError
 from poseppl.program.bijector import LARGEST, Site, laid_out, unsafe_integers
-from poseppl.program.execution import Program, Randomness, draw
+from poseppl.program.execution import Program, trace_program
 
 _LARGE = 2**20
 """First values from which a site gets two coordinates."""
 
 
-def with_large_integers(
-    sites: Mapping[str, Site], initial: Program, arguments: tuple[Any, Any], randomness: Randomness
-) -> dict[str, Site]:
-    """The layout of a state, in which sites that are large in a first state drawn with zero inputs have two coordinates.
+def with_large_integers(sites: Mapping[str, Site], initial: Program, params: Any, inputs: Any) -> dict[str, Site]:
+    """The layout of a state, in which sites that are large in a first state of zero inputs have two coordinates.
 
     Args:
         sites: The state's sites.
         initial: The initial program.
-        arguments: Params and inputs of one frame, of which the shapes count.
-        randomness: What a draw takes.
+        params: Its params.
+        inputs: Its inputs, of which the shapes count.
     """
-    candidates, (params, inputs) = unsafe_integers(sites), arguments
+    candidates = unsafe_integers(sites)
     if not candidates or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(params)):
         return dict(sites)
 
-    def first(rng_key: Array, inputs: Any) -> dict[str, Array]:
-        values = draw(initial, (params, inputs), rng_key, randomness)
-        return {name: jnp.max(jnp.abs(values[name]), initial=0) for name in candidates}
+    def first(inputs: Any) -> dict[str, Array]:
+        trace = trace_program(initial, (params, inputs), values=partial(_expected, sites))
+        return {name: jnp.max(jnp.abs(trace[name]["value"]), initial=0) for name in candidates}
 
     zeros = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), inputs)
     with jax.ensure_compile_time_eval(), numpyro.validation_enabled(False):  # zeros need be no scales or probabilities
-        largest = jit(first)(jax.random.key(0), zeros)
+        largest = compile_to_run_once(jit(first).lower(zeros), num_particles=1, num_numbers=1)(zeros)
     return laid_out(sites, [name for name, value in largest.items() if value >= _LARGE])
+
+
+def _expected(sites: Mapping[str, Site], message: Mapping[str, Any]) -> Array | None:
+    """The mean of a site, rounded where it takes integers; None where its distribution gives none."""
+    site = sites.get(message["name"])
+    if message["type"] != "sample" or site is None:
+        return None
+    try:
+        mean = jnp.broadcast_to(message["fn"].mean, site.shape)
+    except (NotImplementedError, ValueError):
+        return None
+    known = jnp.where(jnp.isfinite(mean), mean, 0)
+    return (jnp.round(known) if site.discrete else known).astype(site.dtype)
 
 
 def are_exact(sites: Mapping[str, Site], states: Array) -> Array:

@@ -60,7 +60,7 @@ class StateSpaceModel(NamedTuple):
         sites = schema.state_layout(initial, transition)
         schema.check_transition(sites, transition)
         if not unbound:
-            sites = with_large_integers(sites, self.initial, (params, inputs), initial.randomness)
+            sites = with_large_integers(sites, self.initial, params, inputs)
         observation = schema.declare("observation", self.observation, (example, state, inputs), sites)
         schema.check_observation(observation)
         drawn = {"initial": initial, "transition": transition, "observation": observation}

@@ -115,10 +115,10 @@ def coarse_data(observation: Observation, noise: Mapping[str, np.ndarray[Any, An
         if np.any(spacing > _COARSE * deviation):
             index = np.unravel_index(int(np.argmax(spacing / deviation)), values.shape)
             level = np.broadcast_to(deviation, values.shape)[index]
+            or_x64 = ", or call jax.config.update('jax_enable_x64', True) first" if values.dtype == np.float32 else ""
             told[name] = (
                 f"observation {name!r}: numbers as large as {values[index]:.3g} are {spacing[index]:.2g} apart in "
-                f"{values.dtype}, and the noise is {level:.2g}: rounding decides. Subtract a level from data and model, or "
-                "call jax.config.update('jax_enable_x64', True) first"
+                f"{values.dtype}, and the noise is {level:.2g}: rounding decides. Subtract a level from data and model{or_x64}"
             )
     return told
 

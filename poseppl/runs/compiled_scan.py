@@ -109,7 +109,7 @@ def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
     alive = state.log_weights > -jnp.inf
     right = jnp.isfinite(state.particles).all(-1)
     if model is not None:
-        right &= are_exact(model.sites, state.particles)
+        right = right & are_exact(model.sites, state.particles)
     return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
 
 

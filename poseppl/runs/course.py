@@ -94,10 +94,11 @@ class Course:
         self._warnings: list[str] = []
         self.stop = self.resumed = 0
 
-    def warn(self, message: str) -> None:
+    def warn(self, *messages: str) -> None:
         """Tell the user, and remember it for the result."""
-        self._warnings.append(message)
-        self._note(message)
+        for message in messages:
+            self._warnings.append(message)
+            self._note(message)
 
     def compile(self, resumed: int) -> None:
         """Compile what the frames need after so many that come from a checkpoint."""

@@ -65,8 +65,7 @@ class OnlineRun:
         sequence = self._sequence(observations, inputs)
         self._calls = Calls(filter, collect, predict, sequence, rng_key, single=True)
         self._course = Course(self._calls, self._numbers, on_failure, note, started)
-        for text in coarse_inputs(inputs):
-            self._course.warn(text)
+        self._course.warn(*coarse_inputs(inputs))
         self._course.compile(resumed=0)
         self._seconds = 0.0
         self.first = self._advance(sequence, frame_numbers)

@@ -76,8 +76,7 @@ def run_filter(
         inputs: Inputs with a leading T, constant parts wrapped in :class:`Constant`; None where the model takes none.
         collect: `(rng_key, state, info, inputs of the frame) -> pytree`, what is kept of a frame; see
             :mod:`poseppl.runs.collectors`.
-        predict: Predictive checks of each frame's data, of :func:`poseppl.runs.predictive.predictive_checks`; what the
-            filter does and what is collected do not depend on them.
+        predict: Checks of each frame's data, of :func:`poseppl.runs.predictive.predictive_checks`; nothing else needs them.
         num_frames: T; as many as there are data if None.
         chunk: Frames between two reports of progress and two parts of a checkpoint; results do not depend on it. If None, 8
             with a checkpoint, else as many as take about a quarter of a second, from 8 to 64.
@@ -113,8 +112,7 @@ def run_filter(
     if calls.history_bytes > history_mib * MIB > 0:
         note(no_room(calls.history_bytes / MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
-    for text in coarse_inputs(inputs):
-        course.warn(text)
+    course.warn(*coarse_inputs(inputs))
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:

@@ -50,7 +50,9 @@ def assumed_density_smoother(model: CompiledModel, *, num_draws: int = 1000, lin
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         forward = _forward(model, history, inputs, linearisation)
         particles = draw_backwards(rng_key, forward, num_draws)
-        return smoothed_draws(particles, gaussian_marginals(*backward_moments(forward)), num_transition=float(len(particles)))
+        smoothed = backward_moments(forward)
+        marginals = gaussian_marginals(smoothed.mean, smoothed.covariance)
+        return smoothed_draws(particles, marginals, num_transition=float(len(particles)))
 
     return Smoother(smooth, joint=True, closed_form=True)
 
@@ -60,8 +62,9 @@ def _forward(model: CompiledModel, history: History, inputs: Any, method: Method
     means, covariances = (jax.vmap(of)(history.particles, history.log_weights) for of in (weighted_mean, weighted_covariance))
     filtered = Gaussian(means, covariances)
 
-    def advance(before: Gaussian, inputs: Any) -> tuple[Gaussian, Array]:
+    def advance(before: Gaussian, inputs: Any) -> tuple[Gaussian, Array, Array]:
         return predict_with_gain(model, before, before, inputs, method)
 
-    predicted, gains = jax.vmap(advance)(rows_of(filtered, slice(-1)), rows_of(inputs, slice(1, None)))
-    return ForwardPass(filtered, prepend(rows_of(filtered, 0), predicted), prepend(jnp.zeros_like(covariances[0]), gains))
+    predicted, gains, left = jax.vmap(advance)(rows_of(filtered, slice(-1)), rows_of(inputs, slice(1, None)))
+    nothing = jnp.zeros_like(covariances[0])
+    return ForwardPass(filtered, prepend(means[0], predicted.mean), prepend(nothing, gains), prepend(nothing, left))

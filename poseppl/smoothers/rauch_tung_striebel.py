@@ -22,9 +22,9 @@ from jax import Array
 
 from poseppl.checks import check_at_least, check_choice
 from poseppl.compilation import with_full_precision
-from poseppl.filters.kalman import update
-from poseppl.gaussians.gaussian import Gaussian, lower_inverse
-from poseppl.gaussians.linearisation import Method, linearise_about, predict
+from poseppl.filters.kalman import gaussian_form, update
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian, lower_inverse, semidefinite_root, triangular
+from poseppl.gaussians.linearisation import Method, Moments, linearise_about, predict
 from poseppl.gaussians.marginals import gaussian_marginals
 from poseppl.particles.stacks import append, prepend, rows_of, split_first
 from poseppl.program import CompiledModel, Observation
@@ -55,7 +55,8 @@ def rauch_tung_striebel_smoother(
         forward = _passes(model, observations, inputs, linearisation, num_iterations)
         particles = draw_backwards(rng_key, forward, num_draws)
         num_frames = len(particles)
-        marginals = gaussian_marginals(*backward_moments(forward))
+        smoothed = backward_moments(forward)
+        marginals = gaussian_marginals(smoothed.mean, smoothed.covariance)
         return smoothed_draws(particles, marginals, num_transition=float(num_frames), num_gradient=2.0 * num_frames)
 
     return Smoother(smooth, joint=True, closed_form=True)
@@ -71,15 +72,24 @@ def smoothed_moments(
     num_iterations: int = 1,
 ) -> Gaussian:
     """Means (T, d) and covariances (T, d, d) of the smoothing distributions, without draws."""
-    return backward_moments(_passes(model, observations, inputs, linearisation, num_iterations))
+    smoothed = backward_moments(_passes(model, observations, inputs, linearisation, num_iterations))
+    return Gaussian(smoothed.mean, smoothed.covariance)
 
 
 class ForwardPass(NamedTuple):
-    """Filtered and predicted Gaussians of all frames, and the gains G (T, d, d) from each frame to the one before (0 at 0)."""
+    """A filter's Gaussians of all frames, and how each frame's state depends on the next one's.
 
-    filtered: Gaussian
-    predicted: Gaussian
+    Attributes:
+        filtered: Means (T, d) and covariances, which may be roots.
+        predicted: Means (T, d) of the predictions.
+        gains: G (T, d, d), from each frame to the one before; 0 at the first.
+        left: Roots (T, d, d) of the covariance of the frame before given each frame, P_t - G P' G^T; 0 at the first.
+    """
+
+    filtered: Gaussian | RootGaussian
+    predicted: Array
     gains: Array
+    left: Array
 
 
 def _passes(model: CompiledModel, observations: Observation, inputs: Any, method: Method, num_iterations: int) -> ForwardPass:
@@ -95,66 +105,74 @@ def _passes(model: CompiledModel, observations: Observation, inputs: Any, method
     return found if num_iterations == 1 else jax.lax.fori_loop(1, num_iterations, again, found)
 
 
-def backward_moments(forward: ForwardPass) -> Gaussian:
-    """Means (T, d) and covariances (T, d, d) of the smoothed Gaussians."""
-    filtered, predicted, gains = forward
-    last = rows_of(filtered, -1)
+def backward_moments(forward: ForwardPass) -> RootGaussian:
+    """Means (T, d) and covariances of the smoothed Gaussians, by their roots (T, d, d)."""
+    last: Any = rows_of(forward.filtered, -1)
+    end = RootGaussian(last.mean, _root(last))
 
-    def back(later: Gaussian, row: Any) -> tuple[Gaussian, Gaussian]:
-        (mean, covariance), ahead, gain = row
-        smoothed = Gaussian(
-            mean + gain @ (later.mean - ahead.mean), covariance + gain @ (later.covariance - ahead.covariance) @ gain.T
-        )
+    def back(later: RootGaussian, row: Any) -> tuple[RootGaussian, RootGaussian]:
+        mean, ahead, gain, left = row
+        scale = triangular(jnp.hstack([left, gain @ later.scale]))
+        smoothed = RootGaussian(mean + gain @ (later.mean - ahead), scale)
         return smoothed, smoothed
 
-    earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
-    _, rest = jax.lax.scan(back, last, (earlier, ahead, gains[1:]), reverse=True)
-    return append(rest, last)
+    rows = forward.filtered.mean[:-1], forward.predicted[1:], forward.gains[1:], forward.left[1:]
+    _, rest = jax.lax.scan(back, end, rows, reverse=True)
+    return append(rest, end)
+
+
+def _root(x: Gaussian | RootGaussian) -> Array:
+    """L, lower triangular (d, d), with L L^T a covariance that may be singular."""
+    return x.scale if isinstance(x, RootGaussian) else semidefinite_root(x.covariance)
 
 
 def _forward(
-    model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: Gaussian | None = None
+    model: CompiledModel, observations: Observation, inputs: Any, method: Method, about: RootGaussian | None = None
 ) -> ForwardPass:
     """The forward pass, linearised around given Gaussians (T, ...), or as a Kalman filter if None."""
     first, later = split_first((observations, inputs))
-    predicted = Gaussian(*model.initial_moments(first[1]))
+    predicted: Any = gaussian_form(model)(*model.initial_moments(first[1]))
     filtered = update(model, predicted, *first, method, about=rows_of(about, 0))[0]
 
-    def advance(filtered: Gaussian, row: Any) -> tuple[Gaussian, ForwardPass]:
+    def advance(filtered: Any, row: Any) -> tuple[Any, ForwardPass]:
         (observation, inputs), before, now = row
         around = filtered if before is None else before
-        predicted, gain = predict_with_gain(model, filtered, around, inputs, method)
+        predicted, gain, left = predict_with_gain(model, filtered, around, inputs, method)
         new = update(model, predicted, observation, inputs, method, about=now)[0]
-        return new, ForwardPass(new, predicted, gain)
+        return new, ForwardPass(new, predicted.mean, gain, left)
 
     rows = later, rows_of(about, slice(-1)), rows_of(about, slice(1, None))
     _, rest = jax.lax.scan(advance, filtered, rows)
-    return prepend(ForwardPass(filtered, predicted, jnp.zeros_like(filtered.covariance)), rest)
+    nothing = jnp.zeros_like(filtered.covariance)
+    return prepend(ForwardPass(filtered, predicted.mean, nothing, nothing), rest)
 
 
 def predict_with_gain(
-    model: CompiledModel, filtered: Gaussian, around: Gaussian, inputs: Any, method: Method
-) -> tuple[Gaussian, Array]:
-    """The Gaussian of the next frame, whose inputs these are, and G (d, d); the transition is linearised around another."""
+    model: CompiledModel, filtered: Moments, around: Gaussian | RootGaussian, inputs: Any, method: Method
+) -> tuple[Moments, Array, Array]:
+    """The Gaussian of the next frame, whose inputs these are, G (d, d), and the root (d, d) of what is left of the covariance.
+
+    The transition is linearised around another Gaussian. All comes from one triangular factor [[S', 0], [C, L]] of the joint
+    covariance of the next and this state: S' S'^T = P', G = C S'^-1 and L L^T = P - G P' G^T.
+    """
     linear = linearise_about(lambda x: model.transition_moments(x, inputs), filtered, around, method)
-    predicted = predict(filtered, linear)
-    whiten = lower_inverse(jnp.linalg.cholesky(predicted.covariance))
-    return predicted, (whiten @ linear.jacobian @ filtered.covariance).T @ whiten
+    root, size = _root(filtered), filtered.mean.shape[0]
+    ahead = jnp.hstack([linear.jacobian @ root, semidefinite_root(linear.noise)])
+    joint = triangular(jnp.vstack([ahead, jnp.hstack([root, jnp.zeros_like(root)])]))
+    gain = joint[size:, :size] @ lower_inverse(joint[:size, :size])
+    return predict(filtered, linear), gain, joint[size:, size:]
 
 
 def draw_backwards(rng_key: Array, forward: ForwardPass, num_draws: int) -> Array:
-    """Draw trajectories (T, N, d); directions in which rounding left no variance stay where they are."""
-    filtered, predicted, gains = forward
-    earlier, ahead = rows_of(filtered, slice(-1)), rows_of(predicted, slice(1, None))
-    left = earlier.covariance - gains[1:] @ ahead.covariance @ jnp.swapaxes(gains[1:], 1, 2)
-    values, vectors = jnp.linalg.eigh(append(left, filtered.covariance[-1]))
-    noise = jax.random.normal(rng_key, (len(values), num_draws, values.shape[1]), values.dtype)
-    moved = filtered.mean[:, None] + (noise * jnp.sqrt(jnp.maximum(values, 0.0))[:, None]) @ jnp.swapaxes(vectors, 1, 2)
+    """Draw trajectories (T, N, d)."""
+    means, roots = forward.filtered.mean, append(forward.left[1:], _root(rows_of(forward.filtered, -1)))
+    noise = jax.random.normal(rng_key, (len(means), num_draws, means.shape[1]), means.dtype)
+    moved = means[:, None] + noise @ jnp.swapaxes(roots, 1, 2)
 
     def back(later: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         free, mean, gain = row
         draws = free + (later - mean) @ gain.T
         return draws, draws
 
-    _, draws = jax.lax.scan(back, moved[-1], (moved[:-1], ahead.mean, gains[1:]), reverse=True)
+    _, draws = jax.lax.scan(back, moved[-1], (moved[:-1], forward.predicted[1:], forward.gains[1:]), reverse=True)
     return append(draws, moved[-1])

@@ -12,13 +12,13 @@ import numpyro.distributions as dist
 import pytest
 import scipy.stats
 from law_problems import frame, problem, run
-from oracles.kalman import kalman_filter as kalman_oracle
+from oracles.kalman import kalman_filter as kalman_oracle, rauch_tung_striebel
 from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 import poseppl
 from poseppl.filters import kalman_filter
-from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.gaussians.linearisation import linearise, predict
 from poseppl.program import StateSpaceModel
 from poseppl.smoothers import rauch_tung_striebel_smoother, smoothed_moments
@@ -83,7 +83,7 @@ def test_gradient_by_the_transition_parameters_equals_finite_differences(lineari
 def test_a_broken_state_does_not_begin_anew():
     filter = kalman_filter(POSED.model, 5)
     state, _ = filter.init(jax.random.key(0), *POSED.at(0))
-    broken = state._replace(posterior=Gaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
+    broken = state._replace(posterior=RootGaussian(state.posterior.mean, jnp.full((2, 2), jnp.nan)))
     after, info = filter.step(jax.random.key(0), broken, *POSED.at(1))
     assert info.failed and np.isnan(after.particles).all()
 
@@ -200,3 +200,57 @@ def test_sigma_points_average_a_noise_that_depends_on_the_state():
 
     np.testing.assert_allclose(linearise(noisy, start, "unscented").noise, [[5.1]], rtol=1e-5)
     np.testing.assert_allclose(linearise(noisy, start, "first-order").noise, [[1.1]], rtol=1e-5)
+
+
+LOCAL_TREND = [[1.0, 1.0], [0.0, 1.0]], np.diag([0.1, 0.01]), [[1.0, 0.0]]
+SEASONAL = (
+    [[1.0, 0, 0, 0], [0, -1, -1, -1], [0, 1, 0, 0], [0, 0, 1, 0]],
+    np.diag([0.1, 0.05, 0.0, 0.0]),
+    [[1.0, 1.0, 0.0, 0.0]],
+)
+ACCELERATED = [[1.0, 1.0, 0.5], [0, 1, 1], [0, 0, 1]], 0.01 * np.eye(3), [[1.0, 0.0, 0.0]]
+DIFFUSE = 1e8
+
+
+def diffuse_problem(A, Q, H):
+    """A model of a start of variance 10^8, data of 20 frames, and their matrices."""
+    A, H, dimension = np.array(A), np.array(H), len(A)
+
+    def start(params, inputs):
+        numpyro.sample("x", dist.Normal(jnp.zeros(dimension), DIFFUSE**0.5).to_event(1))
+
+    def move(params, state, inputs):
+        mean, deviation = jnp.asarray(A) @ state["x"], jnp.sqrt(jnp.asarray(np.diagonal(Q)))
+        numpyro.sample("x", dist.Normal(mean, deviation, validate_args=False).to_event(1))
+
+    def observe(params, state, inputs):
+        numpyro.sample("y", dist.Normal(jnp.asarray(H) @ state["x"], 1.0))
+
+    rng, x, ys = np.random.default_rng(0), np.full(dimension, 5.0), []
+    for _ in range(20):
+        x = A @ x + np.sqrt(np.diagonal(Q)) * rng.normal(size=dimension)
+        ys.append(H @ x + rng.normal(size=1))
+    matrices = linear_gaussian_matrices(A=A, Q=Q, H=H, R=np.eye(1), P=DIFFUSE * np.eye(dimension))
+    return StateSpaceModel(start, move, observe).compile(), np.array(ys), matrices
+
+
+@pytest.mark.parametrize("matrices", [LOCAL_TREND, SEASONAL, ACCELERATED], ids=["trend", "seasonal", "accelerated"])
+def test_a_diffuse_start_is_exact_in_float32(matrices):
+    model, ys, exact = diffuse_problem(*matrices)
+    result = poseppl.infer(model, {"y": ys}, kalman_filter(model, 10), KEY)
+    wanted = kalman_oracle(exact, ys, np.ones(ys.shape, bool))
+    deviations = np.sqrt(np.diagonal(wanted.covariances, axis1=1, axis2=2))
+    assert result["summary/state_mean"].dtype == np.float32
+    np.testing.assert_allclose((result["summary/state_mean"] - wanted.means) / deviations, 0.0, atol=2e-3)
+    np.testing.assert_allclose(result["summary/state_sd"] / deviations, 1.0, rtol=2e-3)
+    np.testing.assert_allclose(result["sample_stats/log_evidence"], wanted.log_evidence, atol=2e-3)
+
+
+@pytest.mark.parametrize("matrices", [LOCAL_TREND, SEASONAL, ACCELERATED], ids=["trend", "seasonal", "accelerated"])
+def test_smoothing_from_a_diffuse_start_is_exact_in_float32(matrices):
+    model, ys, exact = diffuse_problem(*matrices)
+    found = jax.jit(lambda data: smoothed_moments(model, data))(model.observe({"y": ys}))
+    wanted_means, wanted_covariances = rauch_tung_striebel(exact, kalman_oracle(exact, ys))
+    deviations = np.sqrt(np.diagonal(wanted_covariances, axis1=1, axis2=2))
+    np.testing.assert_allclose((found.mean - wanted_means) / deviations, 0.0, atol=5e-3)
+    np.testing.assert_allclose(np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)) / deviations, 1.0, rtol=5e-3)

@@ -16,6 +16,8 @@ from poseppl.program import CompiledModel, Observation
 
 NUM_FRAMES = 5
 MASKED = 2
+INFINITE_SQUARE = 1e30 if jnp.result_type(float) == jnp.float32 else 1e200
+"""A datum that nothing explains."""
 """The frame without data."""
 TWO_STATES = ([0.6, 0.4], [[0.9, 0.1], [0.2, 0.8]], [[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]])
 """A hidden Markov chain: how it starts, moves and is seen."""
@@ -157,7 +159,7 @@ def check_impossible(filter_, posed, num_replicates):
     mask = np.array(posed.observations.mask["y"])
     mask[1] = False
     exact = kalman_filter(posed.matrices, posed.observations.values["y"], mask, np.asarray(posed.inputs))
-    values = posed.observations.values["y"].at[1].set(1e30)
+    values = posed.observations.values["y"].at[1].set(INFINITE_SQUARE)
     impossible = posed._replace(observations=posed.observations._replace(values={"y": values}), exact=exact)
     means, seconds, increments = replicate(filter_, impossible, num_replicates)
     assert (increments[:, 1] == -np.inf).all()

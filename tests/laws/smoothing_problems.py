@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from catalogue import MOMENTS
-from law_problems import NUM_FRAMES, TWO_STATES, Problem, frame, moments, problem, run
+from law_problems import INFINITE_SQUARE, NUM_FRAMES, TWO_STATES, Problem, frame, moments, problem, run
 from mistakes import NO_MISTAKES
 from oracles.forward_backward import forward_backward
 from oracles.grid import growth_on_grid
@@ -184,7 +184,7 @@ def history_for_conduct(num_particles=20, num_frames=5, impossible=None):
     posed = linear_problem()
     values = posed.observations.values["y"]
     if impossible is not None:
-        values = values.at[impossible].set(1e30)
+        values = values.at[impossible].set(INFINITE_SQUARE)
     observations = posed.observations._replace(values={"y": values})
     few = slice(0, num_frames)
     history, observations = filter_for_conduct(num_particles, num_frames)(jax.random.key(3), frame(observations, few))

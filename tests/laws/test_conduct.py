@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from catalogue import FILTERS, rows
-from law_problems import MASKED, compiled, go_through, problem
+from law_problems import INFINITE_SQUARE, MASKED, compiled, go_through, problem
 
 from poseppl.filters import Filter, Info
 
@@ -135,7 +135,7 @@ def test_a_key_used_twice_is_noticed():
 
 def with_impossible_frame(observations, t):
     """A value so far off that every likelihood is zero: the square of its residual overflows."""
-    return observations._replace(values={"y": observations.values["y"].at[t].set(1e30)})
+    return observations._replace(values={"y": observations.values["y"].at[t].set(INFINITE_SQUARE)})
 
 
 @every_filter

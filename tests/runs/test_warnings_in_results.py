@@ -102,6 +102,13 @@ def test_which_inputs_are_coarse(values, warned):
         assert not coarse_inputs({"u": values})
 
 
+def test_integers_that_would_wrap_around():
+    compiled = model(inputs=0)
+    run(compiled, STEPS, 1_700_000_000 + np.arange(6))
+    with pytest.raises(ValueError, match="integers up to 1700000000005, which do not fit int32. Subtract a start"):
+        run(compiled, STEPS, 1_700_000_000_000 + np.arange(6))
+
+
 def test_frames_that_come_one_by_one():
     compiled = model(inputs=0.0)
     said = []
