@@ -73,7 +73,12 @@ def judged(case: Case, path: Path | None) -> list[str]:
         error = float(np.nanmean(np.linalg.norm(away, axis=-1)))
     coverage = "" if numbers.coverage_state is None else f"{100 * numbers.coverage_state:.0f} %"
     worst = verdicts(without_truth(tree))[0]
-    return ["yes" if case.right else "no", f"{error:.0f}", coverage, f"{worst.severity}: {worst.text.partition(': ')[0]}"]
+    return [
+        "yes" if case.right else "no",
+        f"{error:.0f}",
+        coverage,
+        f"{worst.severity}: {worst.text.partition(': ')[0].partition('. ')[0]}",
+    ]
 
 
 def without_truth(tree: xr.DataTree) -> xr.DataTree:

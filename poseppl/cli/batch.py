@@ -66,7 +66,7 @@ def batch(folder: str, model: str, **options: Any) -> None:
             params=tuple(sorted(options["params"].items())),
             smooth=options["smooth"] or "",
             hindcast=options["hindcast"] or 0,
-            **chosen(options, "filter_name", "seed", "max_draws"),
+            **chosen(options, "filter_name", "seed", "max_draws", "history_mib", "fill_gaps"),
         )
         for path in tables
     ]

@@ -24,7 +24,7 @@ _COLUMNS = ("input", "frames", "impossible frames", "log evidence", "seconds")
 class TableJob(Job):
     """A table, the model and what is done with it; the digests tell a file that has changed."""
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     table: str
     digest: str
     model: str
@@ -38,6 +38,8 @@ class TableJob(Job):
     hindcast: int
     seed: int
     max_draws: int
+    history_mib: float
+    fill_gaps: bool
 
     @property
     def name(self) -> str:

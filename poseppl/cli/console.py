@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
@@ -150,13 +150,25 @@ def print_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] =
     Console(soft_wrap=False, highlight=False, markup=False).print(table)
 
 
-def print_verdict(tree: Any, path: Path, quiet: bool) -> None:
+def print_verdicts(results: Mapping[Path, Any], quiet: bool) -> None:
+    """Print the worst verdict on each result, with its file's name where there are several.
+
+    Args:
+        results: The results by their files.
+        quiet: Whether to write warnings and errors alone, on stderr.
+    """
+    for path, tree in results.items():
+        print_verdict(tree, path, quiet, f"{path.name}: " if len(results) > 1 else "")
+
+
+def print_verdict(tree: Any, path: Path, quiet: bool, about: str = "") -> None:
     """Print the worst verdict on a result, and how many warnings and errors there are besides.
 
     Args:
         tree: The result, with diagnostics.
         path: Where it was written, for the report to be made of.
         quiet: Whether to write warnings and errors alone, on stderr.
+        about: What the line begins with.
     """
     from poseppl.diagnostics import verdicts
 
@@ -166,4 +178,4 @@ def print_verdict(tree: Any, path: Path, quiet: bool) -> None:
     if worst.severity in _STYLES or not quiet:
         console = Console(stderr=quiet, soft_wrap=True, highlight=False)
         start = "poseppl: " if quiet else ""
-        console.print(f"{start}{worst.severity}: {worst.text}{more}", style=_STYLES.get(worst.severity), markup=False)
+        console.print(f"{start}{about}{worst.severity}: {worst.text}{more}", style=_STYLES.get(worst.severity), markup=False)

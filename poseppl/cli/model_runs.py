@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from poseppl.cli.options import chosen
 from poseppl.cli.user_model import compile_programs, load_programs, read_series, series_of, source_digest
 from poseppl.diagnostics import add_hindcasts, diagnose, verdicts
 from poseppl.errors import InputError, UnsuitableModelError
@@ -21,6 +22,7 @@ from poseppl.program import CompiledModel
 from poseppl.runs.algorithms import FILTERS, SMOOTHERS
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.forecasting import hindcast
+from poseppl.runs.frame_gaps import Gaps, inputs_of_all_frames
 from poseppl.runs.infer import infer, smooth
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.predictive import predictive_checks
@@ -58,14 +60,16 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
     for error in table.misspelt:
         progress.note(f"{error}; nothing uses that column, which is left out")
     filter, settings = algorithm.build(model, options["settings"])
-    number = len(next(iter(table.columns.values())))
-    progress.stage("compiling", total=number)
+    gaps = Gaps(range(len(next(iter(table.columns.values())))) if series.frames is None else series.frames)
+    filling = bool(gaps) and options["fill_gaps"]
+    progress.stage("compiling", total=len(gaps.numbers if filling else gaps.frames))
     first = None if inputs is None else {key: values[0] for key, values in inputs.items()}
     checks = None if model.prediction_obstacle(first) else predictive_checks(model)
     attrs = {"input": Path(path).name, "model": name, "filter": algorithm.name, "settings": settings, "seed": options["seed"]}
     key = jax.random.key(options["seed"])
     collect = collect_draws(model, max_draws=options["max_draws"])
-    about: dict[str, Any] = {"frames": series.frames, "rate": options.get("rate"), "attrs": attrs}
+    about: dict[str, Any] = {"frames": gaps.frames, "rate": options.get("rate"), "attrs": attrs, "fill_gaps": filling}
+    about |= chosen(options, "history_mib")
     try:
         result = infer(model, series.data, filter, key, inputs, collect=collect, predict=checks, progress=progress, **about)
     except UnsuitableModelError as error:
@@ -73,6 +77,7 @@ def filtered(name: str, path: str, options: Mapping[str, Any], progress: Any) ->
         raise InputError(str(error), field=f"--filter {algorithm.name}", expected=" or ".join(others)) from error
     except ValueError as error:
         raise InputError(str(error), file=path) from error
+    inputs = inputs_of_all_frames(inputs, gaps.frames) if filling else inputs
     if options["hindcast"]:
         progress.stage("forecasting")
         predicted = hindcast(result, model, options["hindcast"], jax.random.fold_in(key, 1), inputs)

@@ -153,6 +153,17 @@ max_draws_option = click.option(
 )
 
 
+history_option = click.option(
+    "--history-mib",
+    metavar="MIB",
+    type=click.FloatRange(0),
+    default=256.0,
+    show_default=True,
+    help="Room in the result for what smoothers start from: all particles, or the Gaussians. 0 keeps none; a run that needs "
+    "more keeps none and says so.",
+)
+
+
 def _alone(context: click.Context, option: click.Parameter, address: str | None) -> str | None:
     if address and context.params["workers"] is not None:
         raise click.UsageError("--workers does not go with --scheduler")

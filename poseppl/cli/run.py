@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from poseppl.cli.options import common_options, option_group, seed_option
+from poseppl.cli.options import common_options, history_option, option_group, seed_option
 from poseppl.cli.settings import CommandWithSettings, settings_option
 from poseppl.errors import InputError
 
@@ -112,11 +112,18 @@ model_options = option_group(
         type=click.IntRange(1),
         help="Forecast 1 to H frames ahead from every frame, and score that by the data that came; poseppl compare shows it.",
     ),
+    click.option(
+        "--fill-gaps",
+        is_flag=True,
+        help="Insert frames without data where the column frame has gaps, so that each step is one frame; their inputs repeat "
+        "the frame before. [default: one transition leads across a gap, with a warning]",
+    ),
     click.option("--smooth", metavar="METHOD", help="Smooth the result, too; poseppl smoothers lists the methods."),
     seed_option(),
     click.option(
         "--max-draws", metavar="N", type=click.IntRange(1), default=200, show_default=True, help="Draws kept of a frame."
     ),
+    history_option,
 )
 """The model and what is done with it, as poseppl run and poseppl batch take them."""
 

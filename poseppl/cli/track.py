@@ -13,6 +13,7 @@ from poseppl.cli.options import (
     camera_options,
     chosen,
     common_options,
+    history_option,
     max_draws_option,
     refuse,
     seed_option,
@@ -41,7 +42,7 @@ from poseppl.cli.track_video import (
 )
 from poseppl.errors import PosepplError
 
-_SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "devices")
+_SETTINGS = ("sigma_position", "sigma_angle", "walk", "markers", "prior", "seed", "max_draws", "history_mib", "devices")
 """Settings of a track that are options of the same names."""
 
 EXAMPLES = """
@@ -157,6 +158,7 @@ Exit status: 0 done, 1 bad input or a run that cannot go on, 2 wrong usage, 130 
     help="JAX devices that share the particles or chains, such as GPUs; one CPU is no faster as several.",
 )
 @max_draws_option
+@history_option
 @click.option("--output", "-o", metavar="DIR|FILE.nc", help="Where the result goes. [default: poseppl-NAME.nc, here]")
 @click.option("--checkpoint", metavar="DIR", type=click.Path(), help="Save the run in this folder as it goes.")
 @click.option("--resume", is_flag=True, help="Go on with the run that --checkpoint holds, if it holds one.")
@@ -179,7 +181,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
 
     Lengths are in mm, angles in radians, times in seconds.
     """
-    from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
+    from poseppl.cli.console import ConsoleProgress, print_table, print_verdicts, start_jax
     from poseppl.cli.files import check_writable, output_path
     from poseppl.cli.outputs import summary, write_outputs
     from poseppl.cli.subject import stem_of
@@ -216,10 +218,10 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
             files += [("frame by frame", path) for path in live_table(options, target)]
             if sources:
                 files += write_overlays(tree, sources, target, progress)
-            shown, place = tree, target
+            shown, place, written = tree, target, {target: tree}
             if later and (best := smoothed(tree, scene, options, progress)) is not None:
                 files += [(f"smoothed {name}", path) for name, path in write_outputs(best, later, progress.note)]
-                shown, place = best, later
+                shown, place, written = best, later, {target: tree, later: best}
             files += write_exported(shown, place, options, progress)
     except (KeyboardInterrupt, OSError) as error:
         tell_lines_left(options, target, progress)
@@ -228,7 +230,7 @@ def track(recording: str | None, observations: str | None, **options: Any) -> No
         raise
     if not options["quiet"]:
         print_table("poseppl track", [*summary(tree), *((name, str(path)) for name, path in files)])
-    print_verdict(tree, target, options["quiet"])
+    print_verdicts(written, options["quiet"])
     if problem is not None:
         raise PosepplError(f"{problem} in {target}")
 

@@ -91,7 +91,7 @@ def read_series(path: str | Path, input_names: tuple[str, ...], rows: slice) -> 
     """
     whole = read_table(path)
     table = whole._replace(columns={name: values[rows] for name, values in whole.columns.items()})
-    if not table.columns or not len(next(iter(table.columns.values()))):
+    if not (table.columns or table.unread) or any(not len(values) for values in table.columns.values()):
         raise InputError("there is no such row", file=path, field="--frames", expected="rows of the table, counted from 0")
     _check_read(table, input_names)
     missing = [name for name in input_names if name not in table.columns]
@@ -116,7 +116,7 @@ def series_of(model: CompiledModel, table: NumberTable, inputs: Any, path: str |
     """
     shapes = {name: site.shape for name, site in model.observation_sites.items()}
     _check_read(table, (*shapes, FRAME))
-    data = columns_of(table.columns, shapes, path)
+    data = columns_of(table.columns, shapes, path, others=table.unread)
     try:
         model.observe(data)
     except ValueError as error:

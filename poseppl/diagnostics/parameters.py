@@ -112,7 +112,7 @@ def check_parameters(
         predictions: What :func:`predictions_under` found; mixing alone is judged without.
 
     Returns:
-        Findings, errors first; none where there is nothing to complain of.
+        Findings, errors first; none where no problem is detected.
 
     Raises:
         InputError: Draws without the dimensions (chain, draw).

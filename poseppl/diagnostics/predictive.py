@@ -19,6 +19,12 @@ probability of frames that come out as far as these or farther. It needs no batc
 innovation chi-square is over its mean, less 1, over the state's share in that mean, is rho - 1 again: of errors that no entry
 shows by itself, such as those of a filter that has lost the mode it should be in.
 
+A rho below 1 judges predictions, not the states after their data: of a gain near 1 these hardly depend on the prediction.
+Products tell what is too large. With kappa, the true variance of the noise over the claimed one, E[z_t z_(t-1)] is
+G (1 - G) (rho - kappa): a transition that is too wide makes neighbouring innovations unlike, noise that is too wide makes them
+alike. So does motion that is steadier than the transition, whose innovations are autocorrelated; there intervals of the states
+may be right or too narrow. `chance_low` is the lower tail of -2 sum log u_t: innovations smaller than predicted.
+
 Intervals of 90 % of a Gaussian posterior whose true variance is rho times the claimed one cover 2 Phi(1.645 / sqrt(rho)) - 1.
 
 >>> round(implied_coverage(1.0), 3), round(implied_coverage(1.65), 2)
@@ -58,6 +64,7 @@ class PredictiveFigures(NamedTuple):
         high: Share of the data above their predictive median.
         chi_square: Innovation chi-square over its expectation, averaged over the frames.
         chance: Probability of innovations as large as these or larger where the predictions hold; NaN where nothing was seen.
+        chance_low: Probability of innovations as small as these or smaller.
     """
 
     inflation: Interval
@@ -68,6 +75,7 @@ class PredictiveFigures(NamedTuple):
     high: Interval
     chi_square: Interval
     chance: float
+    chance_low: float
 
 
 def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
@@ -92,6 +100,7 @@ def predictive_figures(prediction: DataPrediction) -> PredictiveFigures:
         high=mean_interval(np.where(known, transform > 0.5, np.nan)),
         chi_square=mean_interval(chi_square),
         chance=_chance(ranks[np.isfinite(ranks)]),
+        chance_low=_chance(1 - ranks[np.isfinite(ranks)]),
     )
 
 

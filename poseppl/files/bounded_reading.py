@@ -75,7 +75,8 @@ def read_text(path: FilePath, *, max_bytes: int = MAX_TEXT_BYTES) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    # a carriage return too many, as writers of text files on Windows add it, makes no blank line
+    return text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_json(path: FilePath) -> Any:

@@ -50,10 +50,11 @@ def read_table(path: FilePath) -> NumberTable:
     """Read the columns of a table.
 
     Args:
-        path: A .csv file with a head, a .parquet file, or a .nc file of variables (T, ...).
+        path: A .csv file with a head, a .parquet file, or a .nc file of variables (T, ...). Blank lines between the rows of a
+            CSV file are rows without numbers; those at its end are none.
 
     Raises:
-        InputError: The file is of another kind, cannot be read, or has no column of numbers; says where.
+        InputError: The file is of another kind or cannot be read; says where.
     """
     kind = Path(path).suffix.lower()
     if kind == ".csv":
@@ -71,8 +72,6 @@ def read_table(path: FilePath) -> NumberTable:
             table.columns[name] = read()
         except InputError as error:
             table.unread[name] = error
-    if table.unread and not table.columns:
-        raise next(iter(table.unread.values()))
     return table
 
 

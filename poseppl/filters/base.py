@@ -22,6 +22,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.compilation import with_full_precision
+from poseppl.errors import UnsuitableModelError
 from poseppl.program import CompiledModel
 
 
@@ -95,6 +96,19 @@ def filter_info(
 def identity(state: Any) -> Any:
     """The state itself."""
     return state
+
+
+def check_noise(model: CompiledModel, others: str = "particle_filter, or for linear models kalman_filter") -> None:
+    """Refuse models whose transition has no density over all coordinates, and name algorithms that take them.
+
+    Raises:
+        UnsuitableModelError: A site has no noise.
+    """
+    if model.noiseless:
+        raise UnsuitableModelError(
+            f"Site {model.noiseless[0]!r} has no noise (Delta), so that states have no density, which this algorithm needs. "
+            f"Use {others}."
+        )
 
 
 EvidenceError = Literal["weights", "runs", "none"]

@@ -35,7 +35,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
 from poseppl.filters.mode_mixture import draw_modes, mode_starts, predicted_modes, prior_density
 from poseppl.gaussians.mixture import GaussianMixture
 from poseppl.kernels.constraints import Constraints, constraints
@@ -109,8 +109,10 @@ def covariance_scaled_filter(
         The filter; its state is :class:`ModeState`.
 
     Raises:
+        UnsuitableModelError: A site of the state has no noise.
         ValueError: A number below 1, fewer starts than modes, an unknown word, or a discrete site.
     """
+    check_noise(model)
     check_at_least(1, num_particles=num_particles, num_modes=num_modes, num_directions=num_directions, num_steps=num_steps)
     check_at_least(num_modes, num_starts=num_starts)
     check_choice(Sampling, sampling=sampling)

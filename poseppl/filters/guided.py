@@ -20,7 +20,7 @@ from jax import Array
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters.adaptive_resampling import adaptive_resampling
-from poseppl.filters.base import Filter
+from poseppl.filters.base import Filter, check_noise
 from poseppl.filters.conditional_proposal import conditional_draw
 from poseppl.filters.local_proposal import local_proposal
 from poseppl.filters.sequential_monte_carlo import Draw, Lookahead, smc_filter
@@ -59,8 +59,10 @@ def guided_filter(
 
     Raises:
         ValueError: A number below 1, a threshold outside [0, 1] or an unknown scheme.
-        UnsuitableModelError: `auxiliary` for a model with finite sites.
+        UnsuitableModelError: `auxiliary` for a model with finite sites, or without a `proposal` a site without noise.
     """
+    if proposal is None:
+        check_noise(model)
     if auxiliary and model.finite_sites:
         raise UnsuitableModelError(
             f"The auxiliary filter linearises whole states, and {model.finite_sites[0]!r} takes integers. Leave auxiliary out."

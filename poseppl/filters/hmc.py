@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import check_at_least
-from poseppl.filters.base import Filter, Info, filter_info
+from poseppl.filters.base import Filter, Info, check_noise, filter_info
 from poseppl.filters.chains import ChainState, LogDensity, chain_state, drop_impossible, effective_draws
 from poseppl.kernels.hmc import HMCSettings, hmc_chains
 from poseppl.kernels.laplace import Whitening, whitening
@@ -68,6 +68,7 @@ def hmc_filter(
     Returns:
         The filter; its state is :class:`~poseppl.filters.chains.ChainState`.
     """
+    check_noise(model)
     settings = settings.check()
     check_at_least(1, num_chains=num_chains)
     scheme = resampling_scheme(resampling)

@@ -31,7 +31,7 @@ from jax import Array
 
 from poseppl.checks import check_at_least
 from poseppl.filters.assumed_density import TRACKER
-from poseppl.filters.base import Filter, Info, filter_info, filter_of_steps
+from poseppl.filters.base import Filter, Info, check_noise, filter_info, filter_of_steps
 from poseppl.filters.chains import drop_impossible, effective_draws
 from poseppl.filters.mode_chains import CANDIDATES, chains_from_modes
 from poseppl.filters.window_target import Window, empty_window, move_on, window_target
@@ -88,8 +88,10 @@ def window_filter(
         mode; likelihoods and gradients are counted by the frame.
 
     Raises:
+        UnsuitableModelError: A site of the state has no noise.
         ValueError: A number out of range.
     """
+    check_noise(model)
     settings = settings.check()
     check_at_least(1, num_chains=num_chains, window=window, num_starts=num_starts)
     check_at_least(0, num_mode_steps=num_mode_steps)

@@ -14,17 +14,25 @@ from jax import Array
 from poseppl.errors import UnsuitableModelError
 from poseppl.program import bijector
 from poseppl.program.bijector import Site
+from poseppl.program.dependent_data import (
+    DependentData,
+    check_parents_seen,
+    information_of_group,
+    log_densities_of_events,
+    log_density_of_seen,
+    moments_of_data,
+)
 from poseppl.program.execution import (
     Randomness,
     Seed,
     Trace,
     Values,
+    any_event_mask,
     derivative_only,
     draw,
-    event_log_densities,
-    event_mask,
     has_derivative,
     log_density,
+    masked_event_log_densities,
     sample_sites,
     site_log_density,
     trace_log_density,
@@ -70,6 +78,8 @@ class CompiledModel:
         params: What the programs get as `params`; may hold tracers.
         unbound: Whether params are still to be set by `with_params`.
         input_shapes: The inputs of one frame that it was compiled for, as shapes; None where it was compiled for none.
+        noiseless: Names of the state's real sites that follow from others without noise (`Delta`), at first or later.
+        dependent: How data sites depend on one another within a frame; None if they do not.
     """
 
     programs: StateSpaceModel
@@ -79,6 +89,8 @@ class CompiledModel:
     params: Any = None
     unbound: bool = False
     input_shapes: Any = None
+    noiseless: tuple[str, ...] = ()
+    dependent: DependentData | None = None
 
     @property
     def dimension(self) -> int:
@@ -222,14 +234,28 @@ class CompiledModel:
 
     def log_observation(self, x: Array, observation: Observation, inputs: Inputs = None) -> Array:
         """Log-likelihood of a frame's data, factors included; masked entries add exactly 0."""
+        if self.dependent is not None:
+            return log_density_of_seen(self.observation_sites, self.dependent, self._data_trace(x, inputs), observation)
         arguments = self._arguments(inputs, x)
         return log_density(self.programs.observation, arguments, observation.values, observation.mask)
 
     def log_data(self, x: Array, observation: Observation, inputs: Inputs = None) -> dict[str, Array]:
-        """Log-likelihood of each event of a frame's data by site, NaN where it is masked; factors are left out."""
-        trace = trace_program(self.programs.observation, self._arguments(inputs, x), values=observation.values)
-        seen = {name: event_mask(mask, trace[name]["fn"].event_dim) for name, mask in observation.mask.items()}
-        return {name: jnp.where(mask, event_log_densities(trace[name]), jnp.nan) for name, mask in seen.items()}
+        """Log-likelihood of each event of a frame's data by site, NaN where it is masked; factors are left out.
+
+        That of an event which depends on others of its frame is given those of them that were seen and come before it.
+        """
+        trace_of = self._data_trace(x, inputs)
+        trace = trace_of(observation.values)
+        found = {name: masked_event_log_densities(trace[name], mask) for name, mask in observation.mask.items()}
+        if self.dependent is not None:
+            found |= log_densities_of_events(self.observation_sites, self.dependent, trace_of, observation)
+        seen = {name: any_event_mask(mask, trace[name]["fn"]) for name, mask in observation.mask.items()}
+        return {name: jnp.where(seen[name], values, jnp.nan) for name, values in found.items()}
+
+    def _data_trace(self, x: Array, inputs: Inputs) -> Callable[[Values], Trace]:
+        """Trace of the observation program at `x`, given data."""
+        arguments = self._arguments(inputs, x)
+        return lambda values: trace_program(self.programs.observation, arguments, values=values)
 
     def extras(self, x: Array, inputs: Inputs = None) -> dict[str, Array]:
         """The `numpyro.deterministic` sites of the observation program at `x`, by name."""
@@ -319,10 +345,15 @@ class CompiledModel:
         Raises:
             ValueError: A site that is not Gaussian, or is masked by the program, or a factor.
         """
+        if self.dependent is not None:
+            return moments_of_data(self.observation_sites, self.dependent, self._data_trace(x, inputs))
         return observation_moments(self.observation_sites, self._feasible_trace(x, inputs))
 
     def observation_jacobian(self, x: Array, inputs: Inputs = None) -> Array:
         """Derivative (k, d) by `x` of the mean that :meth:`observation_moments` gives."""
+        if self.dependent is not None:
+            derivative: Array = jax.jacrev(lambda state: self.observation_moments(state, inputs)[0])(x)
+            return derivative
         return observation_jacobian(self.observation_sites, lambda state: self._feasible_trace(state, inputs), x)
 
     def _feasible_trace(self, x: Array, inputs: Inputs) -> Any:
@@ -351,10 +382,16 @@ class CompiledModel:
         """
 
         def trace_of(state: Array) -> Any:
-            arguments = self._arguments(inputs, state)
-            return trace_program(self.programs.observation, arguments, values=observation.values)
+            return self._data_trace(state, inputs)(observation.values)
 
-        return observation_information(trace_of, observation.mask, x, majorised=majorised, spread=spread)
+        groups = () if self.dependent is None else self.dependent.gaussian
+        left_out = frozenset(name for group in groups for name in group)
+        found = observation_information(trace_of, observation.mask, x, majorised=majorised, spread=spread, left_out=left_out)
+        for group in groups:
+            found = found + information_of_group(
+                self.observation_sites, group, lambda state: self._data_trace(state, inputs), x, observation
+            )
+        return found
 
     # Static parameters
 
@@ -387,6 +424,8 @@ class CompiledModel:
         if isinstance(values, Observation):
             return values
         observation = observe(self.observation_sites, values, mask, frames)
+        if self.dependent is not None:
+            check_parents_seen(self.observation_sites, self.dependent, observation.mask)
         self._resolution.warn(observation)
         return observation
 

@@ -29,6 +29,7 @@ from numpyro.distributions.distribution import Unit
 from poseppl.program.closed_forms import SummedDensity
 from poseppl.program.count_densities import stable
 from poseppl.program.explanation import refuse
+from poseppl.program.partly_seen import can_be_partly_seen, is_partly_seen, partly_seen_log_densities
 
 Program = Callable[..., Any]
 Trace = dict[str, dict[str, Any]]
@@ -271,8 +272,24 @@ def site_log_density(site: Mapping[str, Any], mask: Array | None) -> Array:
     if isinstance(distribution, SummedDensity) and site.get("scale") is None:
         return distribution.summed_log_prob(site["value"], mask)
     if mask is not None and not is_factor(site):
-        distribution = distribution.mask(event_mask(mask, distribution.event_dim))
-    return jnp.sum(event_log_densities({**site, "fn": distribution}))
+        return jnp.sum(masked_event_log_densities(site, mask))
+    return jnp.sum(event_log_densities(site))
+
+
+def masked_event_log_densities(site: Mapping[str, Any], mask: Array) -> Array:
+    """Log-densities of the events of a site, 0 where they were not seen; of what was seen of them, where that is known."""
+    distribution = site["fn"]
+    whole = event_log_densities({**site, "fn": distribution.mask(event_mask(mask, distribution.event_dim))})
+    base = unwrap(distribution)
+    if not can_be_partly_seen(base) or is_masked(distribution) or site.get("scale") is not None:
+        return whole
+
+    def partly() -> Array:
+        densities = partly_seen_log_densities(base, site["value"], mask)
+        return jnp.sum(densities.reshape(*whole.shape, -1), -1).astype(whole.dtype)
+
+    found: Array = jax.lax.cond(is_partly_seen(mask), partly, lambda: whole)
+    return found
 
 
 def event_log_densities(site: Mapping[str, Any]) -> Array:
@@ -286,6 +303,12 @@ def event_log_densities(site: Mapping[str, Any]) -> Array:
         # its density is the same everywhere, and its bounds may move from frame to frame
         log_prob = jnp.where(distribution.support(value), log_prob, -jnp.inf)
     return log_prob if site.get("scale") is None else site["scale"] * log_prob
+
+
+def any_event_mask(mask: Array, distribution: dist.Distribution) -> Array:
+    """Which events were seen, in batch shape: all entries, or any of a distribution that can be seen in part."""
+    axes = tuple(range(mask.ndim - distribution.event_dim, mask.ndim))
+    return jnp.any(mask, axes) if can_be_partly_seen(unwrap(distribution)) else jnp.all(mask, axes)
 
 
 def event_mask(mask: Array, event_dim: int) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 
 from poseppl.program import schema
 from poseppl.program.compiled import CompiledModel
-from poseppl.program.execution import Randomness
+from poseppl.program.dependent_data import dependent_data
+from poseppl.program.execution import Randomness, trace_program
 from poseppl.program.large_integers import with_large_integers
 
 
@@ -65,7 +66,14 @@ class StateSpaceModel(NamedTuple):
         drawn = {"initial": initial, "transition": transition, "observation": observation}
         randomness |= {which: declared.randomness for which, declared in drawn.items()}
         shapes = jax.eval_shape(lambda leaves: leaves, inputs)
-        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes)
+        arguments = example, state, inputs
+        dependent = dependent_data(observation.sites, lambda values: trace_program(self.observation, arguments, values=values))
+        noiseless = tuple(
+            name
+            for name, site in sites.items()
+            if not site.discrete and (initial.sites[name].noiseless or transition.sites[name].noiseless)
+        )
+        return CompiledModel(self, sites, observation.sites, randomness, params, unbound, shapes, noiseless, dependent)
 
     def __getattr__(self, name: str) -> Any:
         """Say what to do where a model is used that is not compiled."""

@@ -28,8 +28,9 @@ from jax.scipy.linalg import block_diag, solve_triangular
 from poseppl.errors import UnsuitableModelError
 from poseppl.program.closed_forms import WhitenedJacobian
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import event_mask, is_masked, site_log_density, unwrap
+from poseppl.program.execution import any_event_mask, is_masked, site_log_density, unwrap
 from poseppl.program.normal_sites import is_plain
+from poseppl.program.partly_seen import whitening_factor
 from poseppl.program.robust_errors import RobustError
 
 TraceOf = Callable[[Array], dict[str, dict[str, Any]]]
@@ -126,7 +127,13 @@ def observation_jacobian(sites: Mapping[str, Any], trace_of: TraceOf, x: Array) 
 
 
 def observation_information(
-    trace_of: TraceOf, mask: Mapping[str, Array], x: Array, *, majorised: Array | bool = False, spread: Array | None = None
+    trace_of: TraceOf,
+    mask: Mapping[str, Array],
+    x: Array,
+    *,
+    majorised: Array | bool = False,
+    spread: Array | None = None,
+    left_out: frozenset[str] = frozenset(),
 ) -> Array:
     """Gauss-Newton curvature (d, d) of -log p(z | x).
 
@@ -138,12 +145,13 @@ def observation_information(
             never goes too far.
         spread: Covariance (d, d) of the state about `x`: that of a robust site is then taken at squared errors as large as they
             are expected to be, and not at those of `x` alone.
+        left_out: Sites that are not counted.
     """
     residual: list[str] = []
     other: list[str] = []
     trace = trace_of(x)
     for name, site in trace.items():
-        if site["type"] == "sample":
+        if site["type"] == "sample" and name not in left_out:
             has_residual = isinstance(unwrap(site["fn"]), dist.Normal | dist.MultivariateNormal | RobustError)
             (residual if has_residual else other).append(name)
     information = jnp.zeros((x.shape[0], x.shape[0]), x.dtype)
@@ -253,11 +261,12 @@ def _whitened_location(site: Mapping[str, Any], mask: Array | None, here: Mappin
     if isinstance(base, dist.Normal):
         white = location / jnp.broadcast_to(fixed.scale, shape)
     else:
-        lower = jnp.broadcast_to(fixed.scale_tril, (*shape, shape[-1]))
-        white = solve_triangular(lower, location[..., None], lower=True)[..., 0]
+        lower = whitening_factor(fixed, shape, mask)
+        left = location if mask is None else jnp.where(mask, location, 0.0)
+        white = solve_triangular(lower, left[..., None], lower=True)[..., 0]
     seen = jnp.ones(shape, bool)
     if mask is not None:
-        seen = seen & _over_events(event_mask(mask, distribution.event_dim), distribution)
+        seen = seen & _over_events(any_event_mask(mask, distribution), distribution)
     if site.get("scale") is not None:
         white = white * jnp.sqrt(_over_events(jnp.asarray(site["scale"]), distribution))
     while isinstance(distribution, dist.Independent | dist.MaskedDistribution | dist.ExpandedDistribution):

@@ -172,7 +172,7 @@ def _observe_site(
         index = tuple(int(i) for i in np.argwhere(np.isinf(array) & mask)[0])
         raise ValueError(f"Observation {name!r} is infinite at {index}. Expected finite values, NaN where missing.")
     event = tuple(range(mask.ndim - site.event_dim, mask.ndim))
-    if np.any(mask.any(event) != mask.all(event)):
+    if not site.divisible and np.any(mask.any(event) != mask.all(event)):
         raise ValueError(
             f"Observation {name!r} has an event that is observed in part. Its distribution has {site.event_dim} event "
             "dimension(s), which are seen or missing together: make them batch dimensions (no to_event, independent Normal) "

@@ -7,6 +7,7 @@ with what the initial program declares. Every error names the site, what was fou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -14,24 +15,43 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
+import numpyro.distributions as dist
 from jax import Array
 from numpyro.distributions import constraints
 
 from poseppl.compilation import jit
 from poseppl.program.bijector import Site, integer_bounds, is_flat_support, make_site
 from poseppl.program.dependence import output_dependence
-from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program
+from poseppl.program.execution import Program, Randomness, Seed, base_support, is_factor, is_masked, trace_program, unwrap
 from poseppl.program.explanation import explained, suggestion
+from poseppl.program.normal_sites import is_plain
 
 
 class Declared(NamedTuple):
-    """Declaration of one sample site by one program; `support` is None where it depends on arguments or draws."""
+    """Declaration of one sample site by one program.
+
+    Attributes:
+        shape: Shape of its value.
+        dtype: Its dtype.
+        event_dim: Event dimensions of its distribution.
+        support: Its support; None where it depends on arguments or draws.
+        observed: Whether it was given `obs=`.
+        noiseless: Whether it is a function of what it depends on (`Delta`).
+        divisible: Whether single entries of its events may be missing (`MultivariateNormal`).
+    """
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     event_dim: int
     support: Any
     observed: bool
+    noiseless: bool = False
+    divisible: bool = False
+
+    @property
+    def size(self) -> int:
+        """Entries of its value."""
+        return math.prod(self.shape)
 
     @property
     def kind(self) -> str:
@@ -104,7 +124,8 @@ def declare(which: str, program: Program, arguments: tuple[Any, ...], state: Ite
     for name in (name for name in found if name in fixed):
         site, fn = found[name], found[name]["fn"]
         dtype = np.dtype(jnp.result_type(site["value"]))
-        sites[name] = Declared(tuple(fn.shape()), dtype, fn.event_dim, supports[name], bool(site["is_observed"]))
+        kind = isinstance(unwrap(fn), dist.Delta), is_plain(site, dist.MultivariateNormal)
+        sites[name] = Declared(tuple(fn.shape()), dtype, fn.event_dim, supports[name], bool(site["is_observed"]), *kind)
     factors = tuple(name for name, site in found.items() if is_factor(site))
     weighed = tuple(name for name in sites if found[name].get("scale") is not None or is_masked(found[name]["fn"]))
     deterministic = tuple(name for name, site in found.items() if site["type"] == "deterministic")

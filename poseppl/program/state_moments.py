@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import numpyro.distributions as dist
 from jax import Array
 from numpyro.distributions import biject_to
@@ -74,15 +75,15 @@ def moments_form(sites: Mapping[str, Site], trace_of: TraceOf) -> MomentsForm:
     return MomentsForm(None, chained, chained and _bends(sites, trace_of))
 
 
-def same_frame_dependence(sites: Mapping[str, Site], trace_of: TraceOf) -> dict[str, list[str]]:
-    """For each site those of its own frame that its distribution depends on."""
-    return _dependence(sites, trace_of, lambda name, site: {name: site["fn"]})
+def same_frame_dependence(sites: Mapping[str, Site], trace_of: TraceOf, *, factors: bool = False) -> dict[str, list[str]]:
+    """For each site, or besides for each factor, the sites of its own frame that its distribution depends on."""
+    return _dependence(sites, trace_of, lambda name, site: {name: site["fn"]}, factors)
 
 
 def state_moments(sites: Mapping[str, Site], trace_of: TraceOf, form: MomentsForm) -> tuple[Array, Array]:
     """Mean (d,) and covariance (d, d) of the flat state, of a program whose form has no obstacle."""
     if form.chained:
-        return _chained_moments(sites, trace_of)
+        return chained_moments(sites, trace_of)
     trace = sample_sites(trace_of({name: jnp.zeros(site.shape, site.dtype) for name, site in sites.items()}))
     joint = joint_normal(sites, trace)
     if joint is not None:
@@ -106,16 +107,21 @@ def _flat_moments(site: Site, distribution: dist.Distribution) -> tuple[Array, A
 
 
 def _dependence(
-    sites: Mapping[str, Site], trace_of: TraceOf, parts_of: Callable[[str, Mapping[str, Any]], Mapping[Any, Any]]
+    sites: Mapping[str, Site],
+    trace_of: TraceOf,
+    parts_of: Callable[[str, Mapping[str, Any]], Mapping[Any, Any]],
+    factors: bool = False,
 ) -> dict[Any, list[str]]:
     """For each part (a tree of arrays) that is told of each traced site, the sites that it depends on."""
     counts: dict[Any, int] = {}
 
     def leaves(values: dict[str, Array]) -> list[Any]:
         found = []
-        for name, site in sample_sites(trace_of(values)).items():
+        trace = trace_of(values)
+        sampled = {name: site for name, site in trace.items() if site["type"] == "sample"} if factors else sample_sites(trace)
+        for name, site in sampled.items():
             for key, part in parts_of(name, site).items():
-                parts = jax.tree.leaves(part)
+                parts = [leaf for leaf in jax.tree.leaves(part) if isinstance(leaf, Array | np.ndarray | float | int)]
                 counts[key] = len(parts)
                 found += parts
         return found
@@ -145,7 +151,8 @@ def _chain(sites: Mapping[str, Site], trace_of: TraceOf, deviation: Array) -> tu
     return mean + deviation, [found[name] for name in sites]
 
 
-def _chained_moments(sites: Mapping[str, Site], trace_of: TraceOf) -> tuple[Array, Array]:
+def chained_moments(sites: Mapping[str, Site], trace_of: TraceOf) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d) of sites that may depend on one another."""
     nothing = _no_deviation(sites)
     mean, pull, parts = jax.vjp(lambda deviation: _chain(sites, trace_of, deviation), nothing, has_aux=True)
     (jacobian,) = jax.vmap(pull)(jnp.eye(len(nothing), dtype=nothing.dtype))

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
+from poseppl.files.store import Note
 from poseppl.filters.base import Filter
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
@@ -31,10 +32,21 @@ from poseppl.program.built_once import built_once
 from poseppl.program.observation import number_array
 from poseppl.runs.collectors import collect_draws
 from poseppl.runs.compiled_scan import frame_keys, is_finite
-from poseppl.runs.contents import FLAT
+from poseppl.runs.contents import FLAT, HISTORY
+from poseppl.runs.filter_history import (
+    HISTORY_AXES,
+    HISTORY_MIB,
+    MIB,
+    bytes_of_frame,
+    history_of_frame,
+    history_variables,
+    no_room,
+    with_genealogy_alone,
+)
 from poseppl.runs.frame_sequence import Constant
 from poseppl.runs.infer import filter_of
-from poseppl.runs.labels import Names, coordinates, labelled, labelled_summary
+from poseppl.runs.labels import Names, checked, coordinates, labelled, labelled_summary
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.outcome import angles_of
 from poseppl.runs.results import VERSION, encoded
 from poseppl.runs.run import Collect, Progress
@@ -56,6 +68,7 @@ def infer_batch(
     collect: Collect | None = None,
     names: Sequence[Any] | None = None,
     attrs: Mapping[str, Any] | None = None,
+    history_mib: float = HISTORY_MIB,
     progress: Progress | None = None,
 ) -> xr.DataTree:
     """Filter many series.
@@ -73,6 +86,7 @@ def infer_batch(
         collect: What is kept of a frame, of :func:`~poseppl.runs.collectors.collect_draws`; 20 draws and summaries if None.
         names: Names of the series (S,); 0, 1, ... if None.
         attrs: Provenance: anything that JSON can hold.
+        history_mib: Room for what smoothers start from, of all series, MiB; as :func:`poseppl.infer` takes it.
         progress: Who is told how many series are done.
 
     Returns:
@@ -93,8 +107,10 @@ def infer_batch(
     if len(called) != number or len(set(called)) != number:
         raise InputError(f"{len(set(called))} different names", field="names", expected=f"{number}, one for each series")
     rows = _stacked_inputs(inputs, ends, frames)
-    series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect)
     keys = jax.random.split(rng_key, number)
+    note = progress.note if progress else _LOGGER.warning
+    keep = _has_room(built, (keys, observations, rows), number * frames, history_mib, note)
+    series = _series_program(built, collect_draws(model, max_draws=_DRAWS) if collect is None else collect, keep)
     parts = []
     size = -(-number // -(-number // chunk))
     for start in range(0, number, size):
@@ -106,9 +122,15 @@ def infer_batch(
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
     failures = list(_failures(whole, ends, called))
     for text in failures:
-        (progress.note if progress else _LOGGER.warning)(text)
+        note(text)
     warnings = [*model.rounding_notes(observations).values(), *failures]
-    told = {**built.provenance, **(attrs or {}), **angles_of(model), **({"warnings": warnings} if warnings else {})}
+    told = {
+        **built.provenance,
+        **(attrs or {}),
+        **angles_of(model),
+        **fingerprint_of(model),
+        **({"warnings": warnings} if warnings else {}),
+    }
     return _result(whole, model, stacked, ends, called, told)
 
 
@@ -126,15 +148,31 @@ def one_series(batch: xr.DataTree, name: Any) -> xr.DataTree:
     return one
 
 
+def _has_room(filter: Filter, series: Any, num_frames: int, room: float, note: Note) -> bool:
+    """Whether the history of all frames of all series is kept."""
+    key, observations, inputs = rows_of(series, 0)
+    state, _ = jax.eval_shape(filter.init, key, *rows_of((observations, inputs), 0))
+    needed = bytes_of_frame(filter, state) * num_frames / MIB
+    if needed > room > 0:
+        note(no_room(needed, room))
+    return 0 < needed <= room
+
+
 @built_once
-def _series_program(filter: Filter, collect: Collect) -> Any:
-    """`(keys, observations, inputs) -> (outputs, info, finite)`, each (S, T, ...), of a chunk of series."""
+def _series_program(filter: Filter, collect: Collect, keep: bool) -> Any:
+    """`(keys, observations, inputs) -> (outputs, info, finite, history)`, each (S, T, ...), of a chunk of series."""
 
     def of_frame(key: Array, frame: Any, advance: Any, inputs: Any) -> Any:
         key_filter, key_collect = frame_keys(key, frame)
         state, info = advance(key_filter)
         told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-        return state, (collect(key_collect, state, info, inputs), told, is_finite(state, filter.model))
+        history = history_of_frame(filter, state, info) if keep else None
+        return state, (
+            collect(key_collect, state, with_genealogy_alone(filter, info), inputs),
+            told,
+            is_finite(state, filter.model),
+            history,
+        )
 
     def of_series(key: Array, observations: Observation, inputs: Any) -> Any:
         first, row = rows_of((observations, inputs), 0)
@@ -262,7 +300,7 @@ def _until_end(inputs: Any, frames: int) -> NDArray[np.int64]:
 
 def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[str]:
     """Sentences on the series in which data were impossible, or states are not finite."""
-    _, info, finite = kept
+    _, info, finite, _ = kept
     within = np.arange(finite.shape[1]) < ends[:, None]
     for what, frames in (
         ("the data are impossible under the model; such frames are predicted, not updated", info.failed & finite),
@@ -277,7 +315,7 @@ def _failures(kept: Any, ends: NDArray[np.int64], names: list[Any]) -> Iterator[
 def _result(
     kept: Any, model: CompiledModel, data: Mapping[str, NDArray[Any]], ends: NDArray[np.int64], names: list[Any], attrs: Any
 ) -> xr.DataTree:
-    outputs, info, finite = kept
+    outputs, info, finite, history = kept
     chains, draws = outputs.state.shape[2:4]
     frames = finite.shape[1]
     beyond = np.arange(frames) >= ends[:, None]
@@ -305,6 +343,11 @@ def _result(
         "summary": labelled_summary({name: blank(values) for name, values in outputs.summary.items()}, of_series, known),
         "observed_data": labelled(data, of_series, known),
     }
+    variables = history_variables(history)
+    if variables:
+        groups[HISTORY] = checked(
+            {name: (("series", *HISTORY_AXES[name]), np.asarray(each)) for name, each in variables.items()}, known
+        )
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = {"poseppl_result": VERSION, **encoded(attrs)}
     return tree

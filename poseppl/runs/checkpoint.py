@@ -34,7 +34,7 @@ class CheckpointError(PosepplError):
     """A checkpoint that does not belong to this run."""
 
 
-def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any) -> dict[str, Any]:
+def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any, history: bool = False) -> dict[str, Any]:
     """Describe a run, so that a checkpoint of another one is recognised.
 
     Args:
@@ -42,6 +42,7 @@ def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any) -> dict[s
         chunk: Frames a part.
         num_frames: T.
         state: The filter's state, for its shapes.
+        history: Whether the filter's history is kept.
 
     Returns:
         What JSON can hold.
@@ -52,6 +53,7 @@ def fingerprint(data: Any, *, chunk: int, num_frames: int, state: Any) -> dict[s
         "chunk": chunk,
         "data, inputs and seed": key_of({}, jax.tree.leaves(data)),
         "state": shapes,
+        "history": history,
         "jax": jax.__version__,
         "device": jax.default_backend(),
     }

@@ -69,8 +69,8 @@ def collect_draws(
 
     Args:
         model: The model that the filter was built for.
-        max_draws: How many draws are kept, of each chain (every k-th), or of all weighted particles (resampled, as one chain).
-            Chains of unequal weights are resampled as wholes; equal ones stay as they are.
+        max_draws: How many draws are kept: at most so many of each chain (every k-th); of weighted particles exactly so many,
+            resampled as one chain. Chains of unequal weights are resampled as wholes; equal ones stay as they are.
         extras: Functions of a state; the model's own deterministic sites if None.
         mean_only: Extras of which only the mean is kept.
         quantiles: Levels of the quantiles.
@@ -119,7 +119,7 @@ def collect_draws(
         # particles of no weight may hold anything
         states = jnp.where(weights[:, None] > 0, state.particles, state.particles[jnp.argmax(weights)])
         values = values_of(states, inputs)
-        numbers = (min(_NUM_QUANTILE_DRAWS, states.shape[0]), min(max_draws, states.shape[0]))
+        numbers = (_NUM_QUANTILE_DRAWS, max_draws)
         exact, keys = getattr(state, "marginals", None), jax.random.split(rng_key)
         if exact is None or len(values) > 1:
             chosen, thinned = systematic_draws(keys, log_weights, numbers)

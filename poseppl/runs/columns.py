@@ -10,7 +10,7 @@ named as its coordinates are, or one variable ``y`` (T, k) of a file that has su
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ FRAME = "frame"
 
 
 def columns_of(
-    table: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], path: FilePath
+    table: Mapping[str, NDArray[Any]], shapes: Mapping[str, tuple[int, ...]], path: FilePath, others: Iterable[str] = ()
 ) -> dict[str, NDArray[Any]]:
     """Arrays (T, ...) by name, of such shapes.
 
@@ -31,14 +31,17 @@ def columns_of(
         table: Columns by name.
         shapes: Shapes of a frame's values by name.
         path: The file, for messages.
+        others: Columns that the file has besides, for messages.
 
     Raises:
         InputError: A column is missing, or a variable has another shape.
     """
-    return {name: _array(table, name, shape, path) for name, shape in shapes.items()}
+    return {name: _array(table, name, shape, path, others) for name, shape in shapes.items()}
 
 
-def _array(table: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...], path: FilePath) -> NDArray[Any]:
+def _array(
+    table: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...], path: FilePath, others: Iterable[str]
+) -> NDArray[Any]:
     if name in table:
         if table[name].shape[1:] != shape:
             entries = f"; in a CSV file the columns {name}[0], ..." if shape else ""
@@ -48,7 +51,8 @@ def _array(table: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...],
     names = [f"{name}[{','.join(map(str, index))}]" for index in itertools.product(*map(range, shape))] if shape else [name]
     missing = [each for each in names if each not in table]
     if missing:
-        raise InputError(f"no column {missing[0]!r}", file=path, expected=f"{', '.join(names[:6])}; it has {', '.join(table)}")
+        expected = f"{', '.join(names[:6])}; it has {', '.join([*table, *others])}"
+        raise InputError(f"no column {missing[0]!r}", file=path, expected=expected)
     return np.stack([table[each] for each in names], -1).reshape(-1, *shape)
 
 
@@ -65,6 +69,7 @@ def frames_of(table: Mapping[str, NDArray[Any]], path: FilePath) -> NDArray[np.i
     wrong = np.flatnonzero((numbers != np.round(numbers)) | ~(numbers > before))
     if len(wrong):
         row = int(wrong[0])
-        found = f"{numbers[row]:g} in row {row}" + (f", after {before[row]:g}" if row else "")
+        number = "no number" if np.isnan(numbers[row]) else f"{numbers[row]:g}"
+        found = f"{number} in row {row}" + (f", after {before[row]:g}" if row else "")
         raise InputError(found, file=path, field=FRAME, expected="whole numbers that increase, rows counted from 0")
     return numbers.astype(np.int64)

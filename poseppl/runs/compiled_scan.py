@@ -24,6 +24,7 @@ from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.large_integers import are_exact
+from poseppl.runs.filter_history import bytes_of_frame, history_of_frame, with_genealogy_alone
 from poseppl.runs.frame_sequence import FrameSequence, Layout
 from poseppl.runs.predictive import Predict, Prediction
 from poseppl.runs.recompilation import tell_defined_anew, tell_filter_defined_anew
@@ -51,6 +52,7 @@ class Kept(NamedTuple):
         unique_ancestors: How many particles of the frame before have offspring.
         finite: Whether all particles of positive weight were finite, and their integers exact.
         prediction: The frame's data against their :class:`~poseppl.runs.predictive.Prediction`; None if that is not asked for.
+        history: What smoothers need of it, see :mod:`poseppl.runs.filter_history`; None if it is not kept.
     """
 
     outputs: Any
@@ -58,6 +60,7 @@ class Kept(NamedTuple):
     unique_ancestors: Any
     finite: Any
     prediction: Prediction | None
+    history: Any
 
 
 def frame_keys(rng_key: Array, frame: Any) -> tuple[Array, Array]:
@@ -87,9 +90,11 @@ def _key_like(rng_key: Array, data: Array) -> Array:
     return jax.random.wrap_key_data(data, impl=jax.random.key_impl(rng_key)) if typed else data
 
 
-def _keep(outputs: Any, state: FilterState, info: Info, model: CompiledModel | None, prediction: Prediction | None) -> Kept:
+def _keep(
+    outputs: Any, state: FilterState, info: Info, model: CompiledModel | None, prediction: Prediction | None, history: Any
+) -> Kept:
     told = info._replace(ancestors=jnp.zeros(0, jnp.int32))
-    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, model), prediction)
+    return Kept(outputs, told, _num_unique(info.ancestors), is_finite(state, model), prediction, history)
 
 
 def _num_unique(ancestors: Any) -> Any:
@@ -108,11 +113,16 @@ def is_finite(state: FilterState, model: CompiledModel | None = None) -> Array:
     return jnp.all((right | ~alive) & ~jnp.isnan(state.log_weights))
 
 
-class Programs(NamedTuple):
-    """The jitted functions of a run: the filter's state before the first frame or its `init`, a frame, and a scan of frames."""
+class _Starts(NamedTuple):
+    """The jitted functions that a run begins with: the filter's state before the first frame, or its `init`."""
 
     before: Any
     init: Any
+
+
+class _Programs(NamedTuple):
+    """The jitted functions of its frames: one of them, and a scan."""
+
     frame: Any
     scan: Any
     made: dict[Any, dict[str, Any]]
@@ -120,11 +130,8 @@ class Programs(NamedTuple):
 
 
 @built_once
-def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout) -> Programs:
-    """The programs; kept, with what is compiled for them, by the filter."""
-    tell_filter_defined_anew(filter)
-    tell_defined_anew(filter, "collector", collect)
-    tell_defined_anew(filter, "predictive check", predict)
+def _starts(filter: Filter, layout: Layout) -> _Starts:
+    """How a run begins, whatever is kept of it."""
 
     def before(observation: Observation, varying: list[Any], constant: list[Any]) -> Any:
         build: Any = filter.initial_state
@@ -134,6 +141,16 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
         rng_key: Array, keys: tuple[Array, ...], observation: Observation, varying: list[Any], constant: list[Any]
     ) -> tuple[Any, Info]:
         return filter.init(_key_like(rng_key, keys[0]), observation, layout.join(varying, constant))
+
+    return _Starts(jit(before), jit(init))
+
+
+@built_once
+def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout: Layout, keep: bool) -> _Programs:
+    """The programs, with or without the filter's history; kept, with what is compiled for them, by the filter."""
+    tell_filter_defined_anew(filter)
+    tell_defined_anew(filter, "collector", collect)
+    tell_defined_anew(filter, "predictive check", predict)
 
     @jit  # so that it is traced once, whether for shapes or to be compiled
     def one_frame(
@@ -154,7 +171,9 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
             return filter.step(key_filter, state, observation, inputs)
 
         state, info = step(before) if begun is None else jax.lax.cond(first, lambda state: (state, begun), step, before)
-        return state, _keep(collect(key_collect, state, info, inputs), state, info, filter.model, prediction)
+        history = history_of_frame(filter, state, info) if keep else None
+        outputs = collect(key_collect, state, with_genealogy_alone(filter, info), inputs)
+        return state, _keep(outputs, state, info, filter.model, prediction, history)
 
     def scan_frames(
         state: Any,
@@ -187,7 +206,7 @@ def _programs(filter: Filter, collect: Collect, predict: Predict | None, layout:
 
         return jax.lax.scan(body, state, (keys, frames, active, observations, varying))
 
-    return Programs(jit(before), jit(init), one_frame, jit(scan_frames), {})
+    return _Programs(one_frame, jit(scan_frames), {})
 
 
 class Calls:
@@ -200,9 +219,12 @@ class Calls:
         sequence: The data.
         rng_key: Key of the run.
         single: Whether frames come one at a time.
+        history_bytes: Room for the filter's history; without room for all of it none is kept.
 
     Attributes:
         filter: The filter.
+        history_bytes: What the whole history takes.
+        keeps_history: Whether it is kept.
         state: A state of the right shapes; nothing is compiled for it.
         blank: What is kept of a frame, of the right shapes.
     """
@@ -215,13 +237,18 @@ class Calls:
         sequence: FrameSequence,
         rng_key: Array,
         single: bool = False,
+        history_bytes: float = 0,
     ) -> None:
         self.filter, self._sequence, self._rng_key = filter, sequence, rng_key
         self._keys: tuple[Any, ...] = ()
         self._keys_from, self._checks = -_LONG, predict is not None
-        self._programs: Programs = _programs(filter, collect, predict, sequence.layout)
+        self._starting: _Starts = _starts(filter, sequence.layout)
+        blank, begun = self._blank_state()
+        self.history_bytes = bytes_of_frame(filter, blank) * sequence.num_frames
+        self.keeps_history = 0 < self.history_bytes <= history_bytes
+        self._programs: _Programs = _programs(filter, collect, predict, sequence.layout, self.keeps_history)
         self._made = self._programs.made.setdefault(kind_of(self._first_data()), {})
-        self.state, self._begun, self.blank = self._once("blank", self._blank)
+        self.state, self._begun, self.blank = self._once("blank", lambda: self._blank(blank, begun))
         size = sum(leaf.nbytes for leaf in jax.tree.leaves((sequence.frame(0), self.blank)))
         self._length = _SINGLE if single else _SHORT if size > _LARGE else _LONG
         self._begin: Any = None
@@ -274,23 +301,25 @@ class Calls:
 
     def _compiled_start(self) -> Any:
         if self.filter.initial_state is None:
-            lowered = self._programs.init.lower(*self._first_data())
+            lowered = self._starting.init.lower(*self._first_data())
         else:
-            lowered = self._programs.before.lower(*self._first_data()[2:])
+            lowered = self._starting.before.lower(*self._first_data()[2:])
         return compile_to_run_once(lowered, self.state.log_weights.size, self.state.particles.size)
 
     def _compiled_scan(self) -> Any:
         lowered = self._programs.scan.lower(*self._scan_data(self.state, self._begun, 0, 1))
         return compile_lowered(lowered, self.state.log_weights.size, self.state.particles.size)
 
-    def _blank(self) -> tuple[Any, Info | None, Kept]:
-        """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
-        sequence, begun = self._sequence, None
+    def _blank_state(self) -> tuple[Any, Info | None]:
+        """Shapes of the state, and of its diagnosis by `init`."""
         if self.filter.initial_state is None:
-            state, begun = self._programs.init.eval_shape(*self._first_data())
-        else:
-            state = self._programs.before.eval_shape(*self._first_data()[2:])
-        frame = *sequence.frame(0), sequence.constant
+            shapes: tuple[Any, Info] = self._starting.init.eval_shape(*self._first_data())
+            return shapes
+        return self._starting.before.eval_shape(*self._first_data()[2:]), None
+
+    def _blank(self, state: Any, begun: Info | None) -> tuple[Any, Info | None, Kept]:
+        """Zeros in the shapes of the state, of its diagnosis by `init`, and of what is kept of a frame."""
+        frame = *self._sequence.frame(0), self._sequence.constant
         state, kept = self._programs.frame.eval_shape(*self._first_data()[:2], np.int32(0), state, begun, *frame)
         blank: tuple[Any, Info | None, Kept] = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), (state, begun, kept))
         return blank

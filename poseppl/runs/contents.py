@@ -20,6 +20,9 @@ from poseppl.program import CompiledModel
 FLAT = "unconstrained_posterior"
 """The group of the draws of the flat state, ``state`` (chain, draw, frame, dof), as ArviZ calls it."""
 
+HISTORY = "filter_history"
+"""The group of what smoothers start from, see :mod:`poseppl.runs.filter_history`."""
+
 _HOMES = {"dof": FLAT, "camera": "camera"}
 """Groups that name a dimension first; ``posterior`` names the others."""
 

@@ -53,6 +53,7 @@ class Run(NamedTuple):
         resumed: How many frames came from a checkpoint.
         method: What the filter says of itself, by name, for the result.
         prediction: Each frame's data against their prediction, with a leading T; None if that was not asked for.
+        history: What smoothers need of the filter, see :mod:`poseppl.runs.filter_history`; None where it is not kept.
         warnings: What the user was warned of, but for the frames in ``failed``.
     """
 
@@ -66,6 +67,7 @@ class Run(NamedTuple):
     resumed: int
     method: Mapping[str, Any]
     prediction: Prediction | None = None
+    history: Any = None
     warnings: tuple[str, ...] = ()
 
 
@@ -182,7 +184,7 @@ class Course:
         failed = tuple(self._numbers[index] for index in np.flatnonzero(whole.info.failed).tolist())
         told = (*seconds, self.resumed, self._method(whole.info, state))
         last = jax.tree.map(np.asarray, state)
-        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction
+        parts = whole.outputs, whole.info, whole.unique_ancestors, last, failed, *told, whole.prediction, whole.history
         return Run(*parts, tuple(self._warnings))
 
     def _method(self, info: Info, state: Any) -> Mapping[str, Any]:

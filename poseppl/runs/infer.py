@@ -9,20 +9,34 @@ They assemble what stands in :mod:`poseppl.runs.run`, :mod:`~poseppl.runs.smooth
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+import jax
 import numpy as np
 import xarray as xr
 from jax import Array
 from numpy.typing import ArrayLike
 
+from poseppl.checks import check_key
 from poseppl.errors import InputError
 from poseppl.filters.base import Filter
 from poseppl.program import CompiledModel, Observation, StateSpaceModel
+from poseppl.program.clamped import ClampedModel
 from poseppl.runs.checkpoint import Checkpoint
 from poseppl.runs.collectors import collect_draws
-from poseppl.runs.contents import FLAT, arrays_of, check_coordinates
+from poseppl.runs.contents import FLAT, arrays_of
+from poseppl.runs.filter_history import HISTORY_MIB
+from poseppl.runs.frame_gaps import (
+    Gaps,
+    data_of_all_frames,
+    inputs_of_all_frames,
+    tell_filled,
+    tell_gaps,
+    truth_of_all_frames,
+)
+from poseppl.runs.model_fingerprint import check_same_model
 from poseppl.runs.outcome import history_of_result, result_of_run, smoothed_result
 from poseppl.runs.predictive import Predict
 from poseppl.runs.results import provenance
@@ -30,6 +44,7 @@ from poseppl.runs.run import Collect, Progress, run_filter
 from poseppl.runs.smoothing import run_smoother
 from poseppl.smoothers.base import History, Smoother
 
+_LOGGER = logging.getLogger("poseppl")
 Data = Observation | Mapping[str, ArrayLike]
 """Arrays by the name of their observation site, with NaN where nothing was seen, or what `model.observe` made of them."""
 
@@ -50,6 +65,8 @@ def infer(
     progress: Progress | None = None,
     checkpoint: Checkpoint | None = None,
     on_failure: Literal["continue", "stop"] = "continue",
+    history_mib: float = HISTORY_MIB,
+    fill_gaps: bool = False,
 ) -> xr.DataTree:
     """Filter a sequence.
 
@@ -71,18 +88,27 @@ def infer(
         progress: Who is told how the run goes.
         checkpoint: Where the run is saved, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
+        history_mib: Room for all particles of the filter, MiB, which smoothers start from; 0 keeps none. A run that needs more
+            keeps none, and says so: smoothers then start from the draws.
+        fill_gaps: Whether to insert frames without data where `frames` has gaps. Their inputs repeat the frame before
+            (:func:`~poseppl.runs.frame_gaps.inputs_of_all_frames`). Without it one transition leads across, with a warning.
 
     Returns:
         The result, which ArviZ's functions take, before ArviZ 1 by :func:`poseppl.to_arviz`; see :mod:`poseppl.runs.results`.
 
     Raises:
         ValueError: The model is not compiled, the filter is one of another model, or data or inputs do not fit.
-        InputError: The truth or the frame numbers do not fit.
+        InputError: The truth or the frame numbers do not fit, or a gap is too long to be filled.
         RunError: The run cannot go on.
     """
     built = filter_of(filter, model)
     observations = model.observe(data)
     _check_labels(model, observations, truth, frames)
+    gaps, note = Gaps([] if frames is None else frames), progress.note if progress else _LOGGER.warning
+    warnings = () if fill_gaps else tell_gaps(gaps, note)
+    if gaps and fill_gaps:
+        observations, inputs, truth = _filled(model, gaps, observations, inputs, truth, note)
+        frames = gaps.numbers
     run = run_filter(
         built,
         rng_key,
@@ -94,8 +120,10 @@ def infer(
         checkpoint=checkpoint,
         on_failure=on_failure,
         frame_numbers=None if frames is None else np.asarray(frames).tolist(),
+        history_mib=history_mib,
     )
-    return result_of_run(run, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
+    told = run._replace(warnings=(*warnings, *run.warnings))
+    return result_of_run(told, model, observations, truth=truth, frames=frames, rate=rate, attrs=attrs)
 
 
 def smooth(
@@ -111,8 +139,8 @@ def smooth(
     """Smooth what a filter left: every frame given all data, also those after it.
 
     Args:
-        filtered: The result of :func:`infer`, whose draws the smoother starts from; or a history, all particles of
-            ``run_filter(..., collect=collect_history)``, which smoothers that follow ancestors need.
+        filtered: The result of :func:`infer`, with the filter's history; or a history itself, of
+            ``run_filter(..., collect=collect_history)``.
         smoother: The smoother; it knows the model.
         rng_key: PRNG key; the same key gives the same result.
         inputs: The filter's inputs.
@@ -125,15 +153,16 @@ def smooth(
 
     Raises:
         ValueError: The smoother does not know its model, the data of a history are missing, the result is smoothed already or
-            one of another model, or data or inputs do not fit.
+            one of another model or of other params, or data or inputs do not fit.
         SmoothingError: The smoothed states are not finite.
     """
+    check_key(rng_key)
     model = smoother.model
     if model is None:
         raise ValueError(
             "The smoother does not know its model. Use a builder of poseppl.smoothers, or Smoother(..., model=model)."
         )
-    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model)
+    history, held = (filtered, {}) if isinstance(filtered, History) else _read(filtered, model, rng_key)
     given = held if data is None else data
     if not given:
         raise ValueError(
@@ -142,6 +171,8 @@ def smooth(
     observations = model.observe(given)
     collect = collect_draws(model) if collect is None else collect
     run = run_smoother(smoother, rng_key, history, observations, inputs, collect=collect)
+    if smoother.reweighs and isinstance(filtered, xr.DataTree) and set(model.finite_values) == set(model.sites):
+        run = run._replace(method={**run.method, "closed form": provenance(filtered).get("closed form", False)})
     told = {"smoother": _name(smoother), **(attrs or {})}
     if isinstance(filtered, History):
         return result_of_run(run, model, observations, attrs=told)
@@ -170,6 +201,23 @@ def _check_labels(model: CompiledModel, observations: Observation, truth: ArrayL
         raise InputError(f"{len(given)} numbers from {given.min()} to {given.max()}", field="frames", expected=expected)
 
 
+def _filled(
+    model: CompiledModel,
+    gaps: Gaps,
+    observations: Observation,
+    inputs: Any,
+    truth: ArrayLike | None,
+    note: Callable[[str], None],
+) -> tuple[Observation, Any, ArrayLike | None]:
+    """Data, inputs and truth of all frames; refuses clamped sites, whose values in a gap nobody knows."""
+    if isinstance(model, ClampedModel):
+        expected = "frames without gaps, with the clamped values of each"
+        raise InputError("the clamped values of missing frames are unknown", field="fill_gaps", expected=expected)
+    tell_filled(gaps, inputs, note)
+    all_inputs = inputs_of_all_frames(inputs, gaps.frames)
+    return data_of_all_frames(observations, gaps), all_inputs, truth_of_all_frames(truth, gaps)
+
+
 def filter_of(filter: Any, model: CompiledModel) -> Filter:
     """The filter, or what its builder makes of the model.
 
@@ -191,17 +239,17 @@ def filter_of(filter: Any, model: CompiledModel) -> Filter:
     return built
 
 
-def _read(result: Any, model: CompiledModel) -> tuple[History, dict[str, Any]]:
-    """The draws of a result, and its data by name."""
+def _read(result: Any, model: CompiledModel, rng_key: Array) -> tuple[History, dict[str, Any]]:
+    """The history of a result, and its data by name."""
     if not isinstance(result, xr.DataTree) or FLAT not in result.children:
         raise ValueError(
             f"What the filter left is a {type(result).__name__}. Expected the result of infer, or the outputs of "
             "run_filter(..., collect=collect_history)."
         )
-    check_coordinates(result, model)
+    check_same_model(result, model)
     if "smoother" in provenance(result):
         raise ValueError("The result is smoothed already. Expected that of a filter, which the smoother starts from.")
-    return history_of_result(result), arrays_of(result, "observed_data")
+    return history_of_result(result, jax.random.fold_in(rng_key, 0)), arrays_of(result, "observed_data")
 
 
 def _name(smoother: Smoother) -> str:

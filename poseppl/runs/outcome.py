@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
+from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.contents import arrays_of, flat_draws, frame_numbers, group_of, names_of
+from poseppl.runs.contents import HISTORY, arrays_of, flat_draws, frame_numbers, group_of, names_of
+from poseppl.runs.filter_history import history_variables
+from poseppl.runs.model_fingerprint import fingerprint_of
 from poseppl.runs.results import Names, Truth, build_result, provenance
 from poseppl.runs.run import Run
 from poseppl.runs.smoothing import SmoothingRun
@@ -18,6 +22,8 @@ from poseppl.smoothers.base import History
 
 _KEPT = ("observed_data", "faults", "truth", "camera", "body", "inputs", "predictive")
 """Groups of a filter's result that its smoothing has, too."""
+_GAUSSIAN_DRAWS = 500
+"""Draws that stand for a frame's Gaussian where a smoother wants particles."""
 
 
 def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
@@ -27,7 +33,8 @@ def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
         run: The run.
 
     Returns:
-        ``state``, ``sites``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive`` and ``attrs``.
+        ``state``, ``sites``, ``extras``, ``sample_stats``, ``summary``, ``num_particles``, ``predictive``,
+        ``history`` and ``attrs``.
     """
     if isinstance(run, SmoothingRun):
         return _parts_of_smoothing(run, {})
@@ -44,7 +51,7 @@ def parts_of_run(run: Run | SmoothingRun) -> dict[str, Any]:
         attrs["warnings"] = list(run.warnings)
     parts = _parts(run, stats, particles.shape[0] if weighted else None, attrs)
     checks = {} if run.prediction is None else run.prediction.by_name()
-    return parts | {"predictive": checks or None}
+    return parts | {"predictive": checks or None, "history": history_variables(run.history)}
 
 
 def result_of_run(
@@ -70,7 +77,7 @@ def result_of_run(
         The result; see :mod:`poseppl.runs.results`.
     """
     parts = parts_of_run(run)
-    told = {**(attrs or {}), **parts["attrs"], **angles_of(model)}
+    told = {**(attrs or {}), **parts["attrs"], **angles_of(model), **fingerprint_of(model)}
     rounded = [] if observations is None else list(model.rounding_notes(observations).values())
     if rounded:
         told["warnings"] = [*rounded, *told.get("warnings", [])]
@@ -119,12 +126,37 @@ def smoothed_result(
     )
 
 
-def history_of_result(tree: xr.DataTree) -> History:
-    """The draws of a result as a filter's history; those of weighted particles were resampled, and have no genealogy."""
-    state = flat_draws(tree).transpose("frame", "chain", "draw", "dof").values
-    particles = state.reshape(state.shape[0], -1, state.shape[-1])
-    frames, count = particles.shape[:2]
+def history_of_result(tree: xr.DataTree, rng_key: Array) -> History:
+    """What smoothers start from: the filter's particles, draws of its Gaussians, or else the draws of the result.
+
+    Args:
+        tree: The result of a filter.
+        rng_key: PRNG key of the draws of Gaussians.
+    """
+    kept = arrays_of(tree, HISTORY)
     failed = np.asarray(tree["sample_stats"].dataset["failed"].values, bool)
+    if "state" in kept:
+        ancestors = kept.get("ancestor", np.zeros((len(failed), 0), np.int32))
+        return History(kept["state"], kept["log_weight"], ancestors, failed)  # type: ignore[arg-type]
+    if "mean" in kept:
+        return _equal_weights(_gaussian_draws(kept, rng_key), failed)
+    draws = flat_draws(tree).transpose("frame", "chain", "draw", "dof").values
+    return _equal_weights(draws.reshape(len(draws), -1, draws.shape[-1]), failed)
+
+
+def _gaussian_draws(moments: Mapping[str, Any], rng_key: Array) -> NDArray[Any]:
+    """Draws (T, N, d) of Gaussians, of which some coordinates may have no variance."""
+    mean, covariance = moments["mean"], np.asarray(moments["covariance"], np.float64)
+    values, vectors = np.linalg.eigh(covariance)
+    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    generator = np.random.default_rng(np.asarray(jax.random.key_data(rng_key)).ravel().tolist())
+    noise = generator.standard_normal((len(mean), _GAUSSIAN_DRAWS, mean.shape[-1]))
+    draws: NDArray[Any] = mean[:, None] + noise @ np.swapaxes(roots, 1, 2)
+    return draws.astype(mean.dtype)
+
+
+def _equal_weights(particles: NDArray[Any], failed: NDArray[Any]) -> History:
+    frames, count = particles.shape[:2]
     log_weights = np.full((frames, count), -np.log(count), particles.dtype)
     return History(particles, log_weights, np.zeros((frames, 0), np.int32), failed)  # type: ignore[arg-type]
 
@@ -138,6 +170,7 @@ def _parts_of_smoothing(run: SmoothingRun, filtered: Mapping[str, ArrayLike]) ->
         "acceptance_rate": run.info.acceptance if moves else np.full(num_frames, np.nan),
         "num_transition": np.full(num_frames, run.info.num_transition / num_frames),
         "num_gradient": np.full(num_frames, run.info.num_gradient / num_frames),
+        "unreachable": run.info.unreachable,
     }
     return _parts(run, stats, run.num_particles, {"frames_run": num_frames, "divergences": int(run.info.divergences)})
 

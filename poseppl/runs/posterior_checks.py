@@ -30,8 +30,9 @@ from poseppl.errors import InputError
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.population import propagate
-from poseppl.runs.contents import arrays_of, check_coordinates, flat_draws
+from poseppl.runs.contents import arrays_of, flat_draws
 from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.runs.model_fingerprint import check_same_model
 from poseppl.runs.results import provenance
 
 GROUP = "posterior_checks"
@@ -70,11 +71,11 @@ def check_posterior(
 
     Raises:
         InputError: The result is not smoothed.
-        ValueError: It is one of other coordinates, or inputs or data do not fit.
+        ValueError: It is one of other coordinates or params, or inputs or data do not fit.
     """
     check_at_least(1, num_draws=num_draws)
     if data is None:  # whoever has data of another form may name coordinates otherwise, too
-        check_coordinates(result, model)
+        check_same_model(result, model)
     known = provenance(result)
     if "smoother" not in known:
         raise InputError("the result is not smoothed", expected="the result of smooth; infer(..., predict=) checks a filter")

@@ -23,8 +23,9 @@ from poseppl.checks import check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
 from poseppl.program import CompiledModel, Observation
-from poseppl.runs.contents import arrays_of, check_coordinates, flat_draws, group_of
+from poseppl.runs.contents import arrays_of, flat_draws, group_of
 from poseppl.runs.frame_sequence import stacked_inputs
+from poseppl.runs.model_fingerprint import check_same_model
 
 
 def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, inputs: Any = None) -> xr.DataTree:
@@ -40,11 +41,11 @@ def add_predictive(result: xr.DataTree, model: CompiledModel, rng_key: Array, in
         The result with both groups (a shallow copy).
 
     Raises:
-        ValueError: The result is one of other coordinates, or an array of the inputs does not have T rows.
+        ValueError: The result is one of other coordinates or params, or an array of the inputs does not have T rows.
         InputError: The result holds no data, or the model has no data sites.
     """
     check_key(rng_key)
-    check_coordinates(result, model)
+    check_same_model(result, model)
     if not model.observation_sites:
         raise InputError("the model has a heuristic likelihood alone, which predicts no data", expected="data sites")
     held = arrays_of(result, "observed_data")

@@ -30,6 +30,10 @@ group                        variables
                              ``transform``, ``innovation``, ``state_variance``, ``noise_variance`` (frame, entry),
                              ``chi_square`` and ``chi_square_transform`` (frame,); of a smoothed result those of its filter
 ``filtered``                 of a smoothed result its filter's ``state_mean``, ``state_sd`` and ``ess``
+``filter_history``           of a filter's result what smoothers start from: ``state`` (frame, particle, dof),
+                             ``log_weight`` and ``ancestor`` (frame, particle) of weighted particles, the index of the one
+                             before that each descends from; or ``mean`` (frame, dof) and ``covariance`` (frame, dof,
+                             other_dof)
 ``hindcasts``                added by :func:`poseppl.diagnostics.add_hindcasts`
 ``posterior_checks``         added by :func:`poseppl.runs.posterior_checks.check_posterior`
 ``diagnostics``              added by :func:`poseppl.diagnostics.diagnose`
@@ -56,7 +60,8 @@ from numpy.typing import ArrayLike, NDArray
 from poseppl.errors import FilePath, InputError
 from poseppl.files.netcdf_reading import read_netcdf
 from poseppl.files.netcdf_writing import write_netcdf
-from poseppl.runs.contents import FLAT, group_of
+from poseppl.runs.contents import FLAT, HISTORY, group_of
+from poseppl.runs.filter_history import HISTORY_AXES
 from poseppl.runs.labels import QUANTILES as QUANTILES, Names as Names, checked, coordinates, labelled, labelled_summary
 
 VERSION = 2
@@ -99,6 +104,7 @@ def build_result(
     root: str | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
     predictive: Mapping[str, ArrayLike] | None = None,
+    history: Mapping[str, ArrayLike] | None = None,
     frames: ArrayLike | None = None,
     rate: float | None = None,
     num_particles: int | None = None,
@@ -124,6 +130,7 @@ def build_result(
         root: The marker that relative errors are measured from.
         inputs: What else the model was given, by name, so that a smoother finds it again.
         predictive: Predictive checks, (frame, entry), (frame, dof) or (frame,) each.
+        history: What the filter leaves for smoothers, by name.
         frames: (frame,) frame numbers; 0, 1, ... if None.
         rate: Frames a second.
         num_particles: Number of weighted particles behind the draws of a frame; None where the draws are Markov chains.
@@ -159,6 +166,9 @@ def build_result(
         groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
         groups["predictive"] = _predictive(predictive, known)
+    if history:
+        parts = {name: (HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
+        groups[HISTORY] = checked(parts, known)
     tree = xr.DataTree.from_dict(groups | dict(others or {}))
     tree.attrs = _root_attrs(rate, num_particles, attrs or {})
     return tree

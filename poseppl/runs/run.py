@@ -28,6 +28,7 @@ from poseppl.program.observation import check_frame_shapes
 from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
 from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
+from poseppl.runs.filter_history import MIB, no_room
 from poseppl.runs.frame_sequence import Constant as Constant, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
 
@@ -64,6 +65,7 @@ def run_filter(
     checkpoint: Checkpoint | None = None,
     on_failure: OnFailure = "continue",
     frame_numbers: Sequence[int] | None = None,
+    history_mib: float = 0,
 ) -> Run:
     """Run a filter over a sequence.
 
@@ -82,6 +84,8 @@ def run_filter(
         checkpoint: Where the run is saved after each chunk, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
+        history_mib: Room for what smoothers need of the filter (:mod:`poseppl.runs.filter_history`), MiB. A history that needs
+            more is not kept, and `progress` is told.
 
     Returns:
         What was kept, and how it went.
@@ -104,14 +108,18 @@ def run_filter(
     note = progress.note if progress else _LOGGER.warning
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
-    calls = Calls(filter, collect, predict, sequence, rng_key)
+    calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * MIB)
+    if calls.history_bytes > history_mib * MIB > 0:
+        note(no_room(calls.history_bytes / MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
     course.warn(*coarse_inputs(inputs))
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
         if checkpoint is not None:
             data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-            checkpoint.open(fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state), note)
+            checkpoint.open(
+                fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state, history=calls.keeps_history), note
+            )
             saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank)
         course.compile(resumed=sum(len(kept.finite) for _, kept in saved))
         for state, kept in saved:

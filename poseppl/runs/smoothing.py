@@ -33,9 +33,12 @@ from poseppl.runs.recompilation import tell_defined_anew
 from poseppl.runs.run import Collect
 from poseppl.smoothers.base import History, Smoothed, Smoother, SmoothingInfo
 
+_MOST_UNREACHABLE = 0.05
+"""Share of a frame's smoothed states above which a smoothing that cannot reach them is refused."""
+
 
 class SmoothingError(PosepplError):
-    """A smoothing whose result is not finite."""
+    """A smoothing whose result is not finite, or that could not go back from frame to frame."""
 
 
 class SmoothingRun(NamedTuple):
@@ -87,7 +90,7 @@ def run_smoother(
 
     Raises:
         ValueError: The history is no History, the data are no Observation, or an array does not have T rows.
-        SmoothingError: The result is not finite.
+        SmoothingError: The result is not finite, or no state that the filter left leads to those of the next frame.
     """
     if not isinstance(history, History):
         raise ValueError(
@@ -109,8 +112,22 @@ def run_smoother(
     finite, outputs = jax.tree.map(np.asarray, _collecting(smoother, collect)(rng_key, smoothed, whole))
     if not finite:
         raise SmoothingError(_breakdown(smoother, smoothed))
+    info = jax.tree.map(np.asarray, smoothed.info)
+    _check_reachable(info.unreachable)
     count = smoothed.particles.shape[1] if smoothed.particles.ndim == 3 else None
-    return SmoothingRun(outputs, jax.tree.map(np.asarray, smoothed.info), count, *seconds, smoother.provenance)
+    return SmoothingRun(outputs, info, count, *seconds, smoother.provenance)
+
+
+def _check_reachable(unreachable: np.ndarray[Any, Any]) -> None:
+    """Refuse a smoothing of which too much is the filter's."""
+    frame = int(np.argmax(unreachable))
+    if unreachable[frame] > _MOST_UNREACHABLE:
+        raise SmoothingError(
+            f"frame {frame} (counted from 0): {unreachable[frame]:.0%} of the smoothed states cannot come from any state that "
+            "the filter left there, so nothing can be said of earlier frames. A state with parts that have no noise needs all "
+            "of a particle filter's particles (keep its history, and take more), rauch_tung_striebel_smoother, or "
+            "particle_gibbs_smoother"
+        )
 
 
 def _breakdown(smoother: Smoother, smoothed: Smoothed) -> str:

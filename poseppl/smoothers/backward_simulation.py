@@ -85,16 +85,22 @@ def trace_back(rng_key: Array, history: History, inputs: Any, last: Array, step:
         history: The filter's history.
         inputs: Inputs of all frames, or None.
         last: Indices (M,) of particles of the last frame.
-        step: `(rng_key, chosen (M,), frame) -> (earlier (M,), acceptance)`.
+        step: `(rng_key, chosen (M,), frame) -> (earlier (M,), (acceptance, share of unreachable trajectories))`.
         cost: Transition densities that a step evaluates.
     """
     num_frames = history.particles.shape[0]
     keys = jax.random.split(rng_key, max(num_frames - 1, 1))[: num_frames - 1]
-    indices, acceptance = backward_pass(step, keys, *history[:3], inputs, last)
+    indices, (acceptance, unreachable) = backward_pass(step, keys, *history[:3], inputs, last)
     trajectories = jnp.take_along_axis(history.particles, indices[..., None], axis=1)
     log_weights = jnp.full(indices.shape, -jnp.log(indices.shape[1]), trajectories.dtype)
     ess = jax.vmap(partial(_effective_number, history.particles.shape[1], trajectories.dtype))(indices)
-    info = smoothing_info(num_frames, ess, acceptance=jnp.append(acceptance, 1.0), num_transition=(num_frames - 1) * cost)
+    info = smoothing_info(
+        num_frames,
+        ess,
+        acceptance=jnp.append(acceptance, 1.0),
+        num_transition=(num_frames - 1) * cost,
+        unreachable=jnp.append(unreachable, 0.0),
+    )
     return Smoothed(trajectories, log_weights, info)
 
 
@@ -113,7 +119,7 @@ def _effective_number(num_particles: int, dtype: Any, indices: Array) -> Array:
     return indices.shape[0] ** 2 / jnp.sum(counts**2)
 
 
-def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: Array, frame: Earlier) -> tuple[Array, Array]:
+def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: Array, frame: Earlier) -> tuple[Array, Any]:
     """Draw earlier indices (M,) by inversion: first a block of about sqrt(N) particles, then one of it."""
     earlier, log_weights, later, _, inputs = frame
     count, block = earlier.shape[0], max(1, round(earlier.shape[0] ** 0.5))
@@ -122,7 +128,7 @@ def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: 
     rows = tile_rows(tile, chosen.shape[0], columns.shape[0])
     heights = 1.0 - jax.random.uniform(rng_key, chosen.shape, log_weights.dtype)
 
-    def draw(part: tuple[Array, Array]) -> Array:
+    def draw(part: tuple[Array, Array]) -> tuple[Array, Array]:
         xs, heights = part
 
         def invert(densities: Array, sums: Array) -> Array:
@@ -131,7 +137,7 @@ def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: 
             drawn: Array = which * block + _invert(inside, rest)[0]
             return drawn
 
-        drawn: Array = with_densities(
+        drawn: tuple[Array, Array] = with_densities(
             lambda: log_transition_matrix(model, xs, columns, inputs),
             lambda densities: ((densities * weights).reshape(-1, block) @ jnp.ones(block, weights.dtype)).reshape(rows, -1),
             invert,
@@ -140,8 +146,9 @@ def _exact_step(model: CompiledModel, tile: int | None, rng_key: Array, chosen: 
         )
         return drawn
 
-    drawn = jax.lax.map(draw, (split_rows(later[chosen], rows), split_rows(heights, rows)))
-    return join_rows(drawn, chosen.shape[0]).astype(jnp.int32), jnp.ones((), log_weights.dtype)
+    tiles = jax.lax.map(draw, (split_rows(later[chosen], rows), split_rows(heights, rows)))
+    drawn, unreachable = (join_rows(part, chosen.shape[0]) for part in tiles)
+    return drawn.astype(jnp.int32), (jnp.ones((), weights.dtype), jnp.mean(unreachable, dtype=weights.dtype))
 
 
 def _invert(masses: Array, heights: Array) -> tuple[Array, Array]:
@@ -155,7 +162,7 @@ def _invert(masses: Array, heights: Array) -> tuple[Array, Array]:
 
 def _metropolis_step(
     model: CompiledModel, num_moves: int, deal: Array, rng_key: Array, chosen: Array, frame: Earlier
-) -> tuple[Array, Array]:
+) -> tuple[Array, Any]:
     """Move earlier indices (M,) from the ancestors, or from draws by weight where the ancestors are no genealogy."""
     earlier, log_weights, later, ancestors, inputs = frame
     key_start, key_moves = jax.random.split(rng_key)
@@ -176,5 +183,6 @@ def _metropolis_step(
 
     has_genealogy = ancestors.shape == log_weights.shape
     start = ancestors[chosen] if has_genealogy else _draw_by_weight(key_start, log_weights, deal)
-    (indices, _), acceptance = jax.lax.scan(move, (start, log_densities(start)), jax.random.split(key_moves, num_moves))
-    return indices, jnp.mean(acceptance)
+    (indices, values), acceptance = jax.lax.scan(move, (start, log_densities(start)), jax.random.split(key_moves, num_moves))
+    unreachable = ~(values > -jnp.inf)
+    return indices, (jnp.mean(acceptance), jnp.mean(unreachable, dtype=values.dtype))

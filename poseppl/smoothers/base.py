@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.compilation import with_full_precision
-from poseppl.filters.base import Info
+from poseppl.filters.base import Info, check_noise
 from poseppl.gaussians.marginals import Marginals
 from poseppl.particles.weights import normalise
 from poseppl.program import CompiledModel, Observation
@@ -48,6 +48,8 @@ class SmoothingInfo(NamedTuple):
         divergences: Number of divergent trajectories, int32.
         num_transition: Evaluations of the transition density, a float (they may be many).
         num_gradient: Evaluations of the gradient of a frame's density, a float.
+        unreachable: Share of each frame's smoothed weight or trajectories (T,) that no state of the next frame can come from,
+            in [0, 1]: they are then the filter's, and not smoothed.
     """
 
     ess: Array
@@ -55,6 +57,7 @@ class SmoothingInfo(NamedTuple):
     divergences: Array
     num_transition: Array
     num_gradient: Array
+    unreachable: Array
 
 
 class Smoothed(NamedTuple):
@@ -82,6 +85,8 @@ class Smoother:
         joint: Whether the particles of one index are a draw of a whole trajectory; else only each frame's marginal is known.
         follows_ancestors: Whether it needs all of the filter's particles and their ancestors, not only draws.
         closed_form: Whether its means come from a formula, without Monte Carlo error, whatever is drawn from them.
+        reweighs: Whether it draws nothing and gives the filter's particles new weights, which are exact where these are all
+            values of the state.
         model: The model; None for a smoother whose builder is not decorated with
             :func:`~poseppl.program.built_once.built_once`, which sets it.
     """
@@ -90,6 +95,7 @@ class Smoother:
     joint: bool
     follows_ancestors: bool = False
     closed_form: bool = False
+    reweighs: bool = False
     model: CompiledModel | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -101,6 +107,10 @@ class Smoother:
         return {"closed form": self.closed_form, "joint": self.joint}
 
 
+NOISELESS = "backward_simulation_smoother or particle_gibbs_smoother, or for linear models rauch_tung_striebel_smoother"
+"""Smoothers of models with sites that have no noise."""
+
+
 def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> History:
     """Collector for :func:`poseppl.runs.run.run_filter`: all particles with their weights and ancestors."""
     particles = state.particles.reshape(-1, state.particles.shape[-1])
@@ -108,10 +118,15 @@ def collect_history(rng_key: Array, state: Any, info: Info, inputs: Any) -> Hist
 
 
 def check_continuous(model: CompiledModel) -> None:
-    """Raise `ValueError` for a model with discrete sites, which have no gradient."""
+    """Refuse models whose trajectories have no density with a gradient.
+
+    Raises:
+        ValueError: A site takes integers, or has no noise.
+    """
     discrete = [name for name, site in model.sites.items() if site.discrete]
     if discrete:
         raise ValueError(f"Site {discrete[0]!r} is discrete, and has no gradient: use particle_gibbs_smoother.")
+    check_noise(model, NOISELESS)
 
 
 def smoothing_info(
@@ -122,8 +137,9 @@ def smoothing_info(
     divergences: Any = 0,
     num_transition: Any = 0.0,
     num_gradient: Any = 0.0,
+    unreachable: Any = 0.0,
 ) -> SmoothingInfo:
-    """Fill in a diagnosis; scalars `ess` and `acceptance` count for all T frames."""
+    """Fill in a diagnosis; scalars `ess`, `acceptance` and `unreachable` count for all T frames."""
     dtype = jnp.result_type(float)
     return SmoothingInfo(
         ess=jnp.broadcast_to(jnp.asarray(ess, dtype), (num_frames,)),
@@ -131,4 +147,5 @@ def smoothing_info(
         divergences=jnp.asarray(divergences, jnp.int32),
         num_transition=jnp.asarray(num_transition, dtype),
         num_gradient=jnp.asarray(num_gradient, dtype),
+        unreachable=jnp.broadcast_to(jnp.asarray(unreachable, dtype), (num_frames,)),
     )

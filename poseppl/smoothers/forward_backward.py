@@ -10,7 +10,8 @@ Each step needs the N x N densities p(x_(t+1)^j | x_t^i), which are made a tile 
 it is in the cache: by K w_t for the denominators and by (w_(t+1|T) / K w_t) K for the sums. Time is O(N^2 T), memory O(N T).
 
 Particles stay where the filter put them: what the filter does not cover, smoothing cannot mend. A later particle that can be
-reached from no earlier one says nothing about them, and its weight is shared out as the filter's.
+reached from no earlier one says nothing about them, and its
+weight is shared out as the filter's; `SmoothingInfo.unreachable` is the sum of such weights.
 """
 
 from __future__ import annotations
@@ -46,27 +47,30 @@ def forward_backward_smoother(model: CompiledModel, *, tile: int | None = None) 
     """
     check_tile(tile)
 
-    def reweigh(smoothed: Array, frame: Any) -> tuple[Array, tuple[Array, Array]]:
+    def reweigh(smoothed: Array, frame: Any) -> tuple[Array, tuple[Array, ...]]:
         """Smoothed weights of one frame (N,) from those of the next."""
         earlier, log_weights, later, inputs = frame
         weights = jnp.exp(log_weights)
-        support = _support(model, later, smoothed, earlier, weights, inputs, tile)
+        support, unreachable = _support(model, later, smoothed, earlier, weights, inputs, tile)
         updated = normalise(log_weights + jnp.log(support))
         result = jnp.where(updated.degenerate, weights, updated.weights)
-        return result, (jnp.where(updated.degenerate, log_weights, updated.log_weights), updated.ess)
+        return result, (jnp.where(updated.degenerate, log_weights, updated.log_weights), updated.ess, unreachable)
 
     def smooth(rng_key: Array, history: History, observations: Observation, inputs: Any = None) -> Smoothed:
         num_frames, num_particles, _ = history.particles.shape
         last = normalise(history.log_weights[-1])
         later = rows_of((history.particles, inputs), slice(1, None))
         frames = (history.particles[:-1], history.log_weights[:-1], *later)
-        _, (log_weights, ess) = jax.lax.scan(reweigh, last.weights, frames, reverse=True)
+        _, (log_weights, ess, unreachable) = jax.lax.scan(reweigh, last.weights, frames, reverse=True)
         info = smoothing_info(
-            num_frames, jnp.append(ess, last.ess), num_transition=float(num_frames - 1) * float(num_particles) ** 2
+            num_frames,
+            jnp.append(ess, last.ess),
+            num_transition=float(num_frames - 1) * float(num_particles) ** 2,
+            unreachable=jnp.append(unreachable, 0.0),
         )
         return Smoothed(history.particles, jnp.concatenate([log_weights, last.log_weights[None]]), info)
 
-    return Smoother(smooth, joint=False)
+    return Smoother(smooth, joint=False, reweighs=True)
 
 
 def _support(
@@ -77,23 +81,26 @@ def _support(
     weights: Array,
     inputs: Any,
     tile: int | None,
-) -> Array:
-    """Weight that each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j."""
+) -> tuple[Array, Array]:
+    """Weight that each earlier particle (N,) gets from the later ones: sum_j w_(t+1|T)^j K_ji / (K w)_j.
+
+    The second value is the weight of later particles that come from no earlier one.
+    """
     num_later, num_earlier = later.shape[0], earlier.shape[0]
     rows = tile_rows(tile, num_later, num_earlier)
 
-    def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
+    def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, Array]:
         xs, shares = part
 
-        gained = with_densities(
+        gained, unreachable = with_densities(
             lambda: log_transition_matrix(model, xs, earlier, inputs),
             lambda densities: densities @ weights,
             lambda densities, sums: jnp.where(sums > 0, shares / sums, 0.0) @ densities,
             shares > 0,
             weights > 0,
         )
-        return total + gained, None
+        return total + gained, jnp.sum(jnp.where(unreachable, shares, 0.0))
 
     padded = jnp.concatenate([smoothed, jnp.zeros(-num_later % rows, smoothed.dtype)]).reshape(-1, rows)
-    total, _ = jax.lax.scan(add, jnp.zeros_like(weights), (split_rows(later, rows), padded))
-    return total
+    total, unreachable = jax.lax.scan(add, jnp.zeros_like(weights), (split_rows(later, rows), padded))
+    return total, jnp.sum(unreachable)

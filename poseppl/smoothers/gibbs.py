@@ -28,12 +28,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.checks import RangeError, check_at_least, check_choice
+from poseppl.filters.base import check_noise
 from poseppl.gaussians.block_tridiagonal import block_cholesky, solve, solve_upper
 from poseppl.gaussians.linear_transitions import linear_transitions, quadratic_prior, transition_structure
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
-from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_chains
 from poseppl.smoothers.gibbs_moves import Frames, Settings, move_frame, prepare_frames
 from poseppl.smoothers.likelihood_mixture import (
@@ -85,8 +86,10 @@ def gibbs_smoother(
         The smoother.
 
     Raises:
+        UnsuitableModelError: A site has no noise.
         ValueError: A setting out of range; when it is run, `blocked` with a transition that is not linear.
     """
+    check_noise(model, NOISELESS)
     check_at_least(1, num_chains=num_chains, num_draws=num_draws)
     check_at_least(0, num_warmup=num_warmup)
     check_choice(Target, target=target)

@@ -64,7 +64,7 @@ def with_densities(
     consume: Callable[[Array, Array], Any],
     needed: Array,
     possible: Array,
-) -> Any:
+) -> tuple[Any, Array]:
     """Give a tile of densities to `consume`, each row scaled by a number of its own where the range makes it necessary.
 
     Args:
@@ -77,19 +77,20 @@ def with_densities(
         possible: Which columns have weight at all (N,); the largest entry is sought among them.
 
     Returns:
-        The result.
+        The result, and which of the needed rows are zero in all possible columns (B,).
     """
 
-    def scaled() -> Any:
+    def scaled() -> tuple[Any, Array]:
         logs = log_densities()
         logs = jnp.where(possible & ~jnp.isnan(logs), logs, -jnp.inf)
         peaks = jnp.max(logs, 1, keepdims=True)
         densities = jnp.exp(jnp.where(jnp.isfinite(peaks), logs - peaks, 0.0))
-        return consume(densities, measure(densities))
+        return consume(densities, measure(densities)), needed & ~jnp.isfinite(peaks[:, 0])
 
     densities = jnp.exp(log_densities())
     sums = measure(densities)
     totals = jnp.sum(sums.reshape(sums.shape[0], -1), 1)
     limits = np.finfo(totals.dtype)
     kept = jnp.all((totals < limits.max**0.5) & ((totals > limits.tiny**0.5) | ~needed))
-    return jax.lax.cond(kept, lambda: consume(densities, sums), scaled)
+    found: tuple[Any, Array] = jax.lax.cond(kept, lambda: (consume(densities, sums), jnp.zeros_like(needed)), scaled)
+    return found

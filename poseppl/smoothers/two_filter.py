@@ -37,23 +37,24 @@ from poseppl.checks import check_at_least, check_choice
 from poseppl.gaussians.gaussian import factorise
 from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import append, rows_of
-from poseppl.particles.weights import normalise, weighted_covariance, weighted_mean, without_nan
+from poseppl.particles.weights import Normalised, normalise, weighted_covariance, weighted_mean, without_nan
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_likelihoods, log_transition_matrix, log_transitions
 from poseppl.smoothers.artificial_prior import floor_of, pair_moments, summarise
-from poseppl.smoothers.base import History, Smoothed, Smoother, smoothing_info
+from poseppl.smoothers.base import History, Smoothed, Smoother, check_continuous, smoothing_info
 from poseppl.smoothers.tiles import check_tile, join_rows, split_rows, tile_rows
 
 Method = Literal["exact", "linear"]
 
 
 class _Backward(NamedTuple):
-    """Backward particles (N, d) of one frame, with log w~ (N,) and log gamma (N,), for one frame or for many."""
+    """Backward particles (N, d) of one frame, with log w~ (N,), log gamma (N,) and whether no weight was left; or of many."""
 
     particles: Array
     log_weights: Array
     log_prior: Array
+    degenerate: Array
 
 
 @built_once
@@ -89,6 +90,7 @@ def two_filter_smoother(
         raise ValueError(
             f"Sites {discrete} are integers. Use forward_backward_smoother, as Gaussian proposals do not fit them."
         )
+    check_continuous(model)
 
     def meet(rng_key: Array, later: Array, earlier: Array, log_weights: Array, inputs: Any) -> Array:
         """Log of sum_i w^i p(later_j | earlier_i) (N,), or an estimate of it."""
@@ -105,23 +107,24 @@ def two_filter_smoother(
         later_inputs = rows_of(inputs, slice(1, None))
         backward = _information_filter(model, widening, key_backward, history, observations, inputs)
 
-        def combine(row: Any) -> tuple[Array, Array]:
+        def combine(row: Any) -> tuple[Array, Array, Array]:
             key, ours, earlier, log_weights, inputs = row
             together = normalise(ours.log_weights - ours.log_prior + meet(key, ours.particles, earlier, log_weights, inputs))
-            return together.log_weights, together.ess
+            return together.log_weights, together.ess, together.degenerate | ours.degenerate
 
         keys = jax.random.split(key_meet, num_frames - 1)
         rows = (keys, backward, history.particles[:-1], history.log_weights[:-1], later_inputs)
-        log_weights, ess = jax.lax.map(combine, rows)
-        start, start_ess = _first_frame(model, method, tile, key_first, history, rows_of((backward, later_inputs), 0))
+        log_weights, ess, unreachable = jax.lax.map(combine, rows)
+        start = _first_frame(model, method, tile, key_first, history, rows_of((backward, later_inputs), 0))
         pairs = num_particles if method == "exact" else num_pairs
         info = smoothing_info(
             num_frames,
-            jnp.concatenate([start_ess[None], ess]),
+            jnp.concatenate([start.ess[None], ess]),
             num_transition=float(num_frames - 1) * num_particles * (1.0 + pairs),
+            unreachable=jnp.concatenate([start.degenerate[None], unreachable]),
         )
         particles = jnp.concatenate([history.particles[:1], backward.particles])
-        return Smoothed(particles, jnp.concatenate([start[None], log_weights]), info)
+        return Smoothed(particles, jnp.concatenate([start.log_weights[None], log_weights]), info)
 
     return Smoother(smooth, joint=False)
 
@@ -145,7 +148,7 @@ def _information_filter(
     drawn, log_proposal = factorise(mean, inflation * covariance + floor).draw(key_last, num_particles)
     log_prior = final[0].log_density(drawn)
     log_weights = log_prior - log_proposal + log_observation(drawn, *final[1:])
-    last = _Backward(drawn, normalise(log_weights).log_weights, log_prior)
+    last = _backward(drawn, log_weights, log_prior)
 
     def step(later: _Backward, row: Any) -> tuple[_Backward, _Backward]:
         key, prior, regression, observation, inputs, next_inputs = row
@@ -156,7 +159,7 @@ def _information_filter(
         log_prior = prior.log_density(drawn)
         moved = log_transitions(model, successors, drawn, next_inputs)
         log_weights = log_prior + log_observation(drawn, observation, inputs) + moved - later.log_prior[chosen] - log_proposal
-        result = _Backward(drawn, normalise(log_weights).log_weights, log_prior)
+        result = _backward(drawn, log_weights, log_prior)
         return result, result
 
     # frame t = 1..T-2: prior of t, regression of t on t + 1, data and inputs of t, inputs of t + 1
@@ -165,6 +168,11 @@ def _information_filter(
     rows = (keys, current[0], following[1], current[2], current[3], following[3])
     _, earlier = jax.lax.scan(step, last, rows, reverse=True)
     return append(earlier, last)
+
+
+def _backward(particles: Array, log_weights: Array, log_prior: Array) -> _Backward:
+    normalised = normalise(log_weights)
+    return _Backward(particles, normalised.log_weights, log_prior, normalised.degenerate)
 
 
 def _log_observations(model: CompiledModel, xs: Array, observation: Observation, inputs: Any) -> Array:
@@ -207,8 +215,8 @@ def _log_predictive_of_pairs(
 
 def _first_frame(
     model: CompiledModel, method: Method, tile: int | None, rng_key: Array, history: History, after: tuple[_Backward, Any]
-) -> tuple[Array, Array]:
-    """Log-weights (N,) of the forward particles of frame 0, and their effective number."""
+) -> Normalised:
+    """Weights of the forward particles of frame 0."""
     backward, inputs = after
     earlier, log_weights = history.particles[0], history.log_weights[0]
     information = normalise(backward.log_weights - backward.log_prior).log_weights
@@ -224,8 +232,7 @@ def _first_frame(
         met = backward.particles[systematic(key_slots, information, earlier.shape[0])]
         met = jax.random.permutation(key_deal, met)
         support = log_transitions(model, met, earlier, inputs)
-    together = normalise(log_weights + support)
-    return together.log_weights, together.ess
+    return normalise(log_weights + support)
 
 
 def _log_sum(terms: Array, axis: int) -> Array:

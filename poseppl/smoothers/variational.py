@@ -46,6 +46,7 @@ import numpy as np
 from jax import Array
 
 from poseppl.checks import check_at_least
+from poseppl.filters.base import check_noise
 from poseppl.gaussians.block_tridiagonal import (
     BlockCholesky,
     BlockTridiagonal,
@@ -64,7 +65,7 @@ from poseppl.particles.weights import weighted_covariance, weighted_mean
 from poseppl.program import CompiledModel, Observation
 from poseppl.program.built_once import built_once
 from poseppl.program.population import log_initials, log_transitions
-from poseppl.smoothers.base import History, Smoothed, Smoother
+from poseppl.smoothers.base import NOISELESS, History, Smoothed, Smoother
 from poseppl.smoothers.effective import smoothed_draws
 from poseppl.smoothers.likelihood_mixture import (
     LikelihoodMixture,
@@ -131,8 +132,10 @@ def variational_smoother(
         The smoother; ``info.divergences`` counts the rounds in which the free energy rose beyond rounding: 0.
 
     Raises:
+        UnsuitableModelError: A site has no noise.
         ValueError: A number below 1.
     """
+    check_noise(model, NOISELESS)
     check_at_least(1, num_rounds=num_rounds, num_draws=num_draws)
     settings = (mixture or MixtureSettings())._replace(num_components=num_components).check()
 

@@ -56,26 +56,26 @@ def viterbi_smoother(model: CompiledModel, *, tile: int | None = None) -> Smooth
         first, later = split_first(inputs)
         start = _usable(log_initials(model, particles[0], first)) + seen[0]
         frames = (particles[:-1], particles[1:], seen[1:], later)
-        best, bests = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
+        best, (bests, unreachable) = jax.lax.scan(partial(_forward, model, tile), _levelled(start), frames)
         last = jnp.argmax(best)
         # the search for a predecessor costs several times a maximum: it is made for the particles of the path alone
         _, path = jax.lax.scan(partial(_predecessor, model), last, (bests, frames), reverse=True)
         trajectory = jnp.take_along_axis(particles, jnp.append(path, last)[:, None, None], axis=1)
         cost = float(num_frames - 1) * float(num_particles) ** 2
-        info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost)
+        info = smoothing_info(num_frames, jnp.ones(()), num_transition=cost, unreachable=jnp.append(unreachable, False))
         return Smoothed(trajectory, jnp.zeros((num_frames, 1), trajectory.dtype), info)
 
     return Smoother(smooth, joint=True, closed_form=True)
 
 
-def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Array]:
-    """Log-densities delta (N,) of one frame from that of the frame before, and these (N,)."""
+def _forward(model: CompiledModel, tile: int | None, best: Array, frame: Any) -> tuple[Array, Any]:
+    """Log-densities delta (N,) of one frame from that of the frame before; these (N,), and whether no path goes on."""
     earlier, later, seen, inputs = frame
     rows = tile_rows(tile, later.shape[0], earlier.shape[0])
 
     heights = jax.lax.map(lambda xs: jnp.max(_paths(model, xs, earlier, best, inputs), 1), split_rows(later, rows))
-    reached = _usable(join_rows(heights, later.shape[0]))
-    return _levelled(reached + seen), best
+    reached = join_rows(heights, later.shape[0])
+    return _levelled(_usable(reached) + seen), (best, ~jnp.any(jnp.isfinite(reached)))
 
 
 def _predecessor(model: CompiledModel, index: Array, row: tuple[Array, Any]) -> tuple[Array, Array]:

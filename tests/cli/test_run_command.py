@@ -33,6 +33,10 @@ def transition(params, state, inputs):
 def observation(params, state, inputs):
     numpyro.sample("y", dist.Normal(state["level"].repeat(2), params["noise"]))
 
+def free():
+    walk = lambda params, state, inputs: numpyro.sample("level", dist.Normal(state["level"], 0.5))
+    return StateSpaceModel(initial, walk, observation)
+
 def shifted():
     return StateSpaceModel(initial, transition, observation)
 
@@ -125,6 +129,9 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
         (["model.py", "--data", "data.csv", "--inputs", "pull"], "no column 'pull'"),
         (["model.py", "--data", "data.csv", "--inputs", "push", "--frames", "20:30"], "--frames: there is no such row"),
         (["model.py", "--data", "bad.csv", "--inputs", "push", "--param", "noise=1"], "bad.csv, line 3, push: 'x'"),
+        (["model.py", "--data", "words.csv", "--inputs", "push", "--param", "noise=1"], "words.csv, line 3, push: 'n/a'"),
+        (["model.py:free", "--data", "text.csv", "--param", "noise=1"], "text.csv, line 2, y[0]: 'n/a'"),
+        (["model.py:free", "--data", "dates.csv", "--param", "noise=1"], "no column 'y[0]' (expected y[0], y[1]; it has date)"),
         (["model.py", "--data", "few.csv", "--inputs", "push", "--param", "noise=1"], "few.csv: no column 'y[0]'"),
         (["model.py", "--data", "data.txt"], "data.txt: a file of the kind"),
         (["model.py", "--data", "semi.csv"], "semi.csv, line 1: its head is one column, 'push;y' (expected commas between"),
@@ -146,6 +153,9 @@ def test_forecasts_are_scored_and_compared(folder, capsys):
 )
 def test_what_does_not_fit_is_said(folder, capsys, words, message):
     (folder / "bad.csv").write_text("push,y[0],y[1]\n1,2,3\nx,2,3\n")
+    (folder / "words.csv").write_text("date,push\n1 May,3\n2 May,n/a\n")
+    (folder / "text.csv").write_text("date,y[0],y[1]\n1 May,n/a,3\n2 May,2,n/a\n")
+    (folder / "dates.csv").write_text("date\n1 May\n")
     (folder / "few.csv").write_text("push,z\n1,2\n2,3\n")
     (folder / "semi.csv").write_text("push;y\n1;2\n")
     (folder / "twice.csv").write_text("frame,push,y[0],y[1]\n0,1,2,3\n1,1,2,3\n1,1,2,3\n")
@@ -191,6 +201,22 @@ def test_a_word_among_numbers_is_told_where_nothing_uses_its_column(folder, caps
     assert "nothing uses" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("y\n1\n\n\n2\n  \n3\n\n \n", [1, np.nan, np.nan, 2, np.nan, 3]),
+        ('y\n\n1\n""\n', [np.nan, 1, np.nan]),
+        ("\n\ny,z\n1,2\n\n3,4\n\n", [1, np.nan, 3]),
+        ("y,z\r\r\n1,2\r\r\n3,4\r\r\n", [1, 3]),
+    ],
+)
+def test_blank_lines_within_a_table_are_rows_without_numbers(tmp_path, text, values):
+    """Those before its head and at its end are none, nor are those of doubled line ends."""
+    path = tmp_path / "table.csv"
+    path.write_bytes(text.encode())
+    np.testing.assert_array_equal(read_table(path).columns["y"], values)
+
+
 @pytest.mark.full
 def test_tables_of_three_kinds_are_one(folder):
     pandas = pytest.importorskip("pandas")
@@ -219,3 +245,18 @@ def test_seconds_since_1970_are_read_in_double_precision(folder, capsys):
     words = ["run", "model.py", "--data", "timed.csv", "--param", "noise=1", "--inputs", "push", "--inputs", "time"]
     assert main([*words, "--quiet"]) == 0
     assert "inputs['time']: numbers as large as 1700000005 are 128 apart" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fill", [False, True])
+def test_gaps_are_reported_or_filled(folder, capsys, fill):
+    """The smoother and the forecasts get the inputs of all frames, too."""
+    lines = [f"{t + 40 * (t > 2)},{PUSH[t]},{a},{b}" for t, (a, b) in enumerate(ROWS)]
+    (folder / "gap.csv").write_text("\n".join(["frame,push,y[0],y[1]", *lines]))
+    words = ["run", "model.py", "--data", "gap.csv", "--inputs", "push", "--param", "noise=0.3", "--filter", "kalman"]
+    more = ["--fill-gaps", "--hindcast", "2"] * fill
+    assert main([*words, *more, "--smooth", "rauch-tung-striebel"]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert (
+        "frames 3 to 42 are missing: " + ("40 frames without data are inserted; their inputs" if fill else "one trans") in told
+    )
+    assert load_result("poseppl-gap-rauch-tung-striebel.nc")["posterior"].sizes["frame"] == (46 if fill else 6)

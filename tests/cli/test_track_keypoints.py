@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +31,7 @@ def test_a_recording_is_tracked(data_dir: Path, capsys: pytest.CaptureFixture[st
     told = "".join(capsys.readouterr())
     assert "keypoints are taken for body25b" in told
     assert "its calibration is off by" in told
+    assert re.search(r"out.nc: (info|warning|error): .*out-laplace.nc: (info|warning|error): ", told, re.DOTALL)
     tree = load_result("out.nc")
     assert tree["posterior"].sizes["frame"] == 4
     assert "pose/cam01_json" in provenance(tree)["input"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_result
 
-from poseppl.cli.console import print_verdict
+from poseppl.cli.console import print_verdict, print_verdicts
 from poseppl.diagnostics import diagnose
 
 
@@ -28,7 +28,25 @@ def test_the_worst_verdict_is_printed_and_the_others_are_counted(capsys: pytest.
     assert printed(capsys, quiet=True, **wrong) == ("", f"poseppl: {line}{more}")
 
 
+NO_PROBLEMS = (
+    "info: No problems detected by 8 of 12 checks. Not run: predictions, weakly informed coordinates, updates (no predictive "
+    "checks); forecasts (no hindcasts).\n"
+)
+
+
 @pytest.mark.full
 def test_a_good_run_is_told_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
-    assert printed(capsys, quiet=False) == ("info: Nothing to complain of.\n", "")
+    assert printed(capsys, quiet=False) == (NO_PROBLEMS, "")
     assert printed(capsys, quiet=True) == ("", "")
+
+
+def test_each_of_two_results_that_were_written_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    """An error of the smoothed one is not hidden by a filter that is right."""
+    failed = np.zeros(60, bool)
+    failed[2] = True
+    right, wrong = (synthetic_result(num_frames=60, sample_stats=stats) for stats in (None, {"failed": failed}))
+    print_verdicts({Path("run.nc"): right, Path("run-laplace.nc"): wrong}, quiet=False)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("run.nc: info: No problems") and second.startswith(
+        "run-laplace.nc: error: Impossible data in frame 12"
+    )

@@ -13,6 +13,7 @@ from same_data import DOFS, run_on, scene
 from poseppl.diagnostics import compare, comparison_table
 from poseppl.diagnostics.batches import CONFIDENCE, log_ratio, mean_interval
 from poseppl.diagnostics.paired_comparison import LEAST_COVERAGE, TIE, compare_losses
+from poseppl.diagnostics.replicates import variance_against_time
 from poseppl.diagnostics.verdicts.comparison import findings
 from poseppl.errors import InputError
 
@@ -187,6 +188,32 @@ def test_variance_between_seeds_is_that_of_the_mean() -> None:
     np.testing.assert_allclose(points["seconds"], 0.1)
     pair = compare({"a": run_on(DATA, seed=0), "b": run_on(DATA, seed=1)})["variance"].dataset
     np.testing.assert_allclose(pair["variance_se"], np.sqrt(2) * pair["variance"])
+
+
+def test_the_error_of_a_variance_between_seeds_is_the_jackknifes() -> None:
+    """By leaving each of five seeds out and computing the sample variance of the other four anew."""
+    means = np.random.default_rng(3).normal(size=(5, 4, 2))
+    sd = np.array([0.5, 3.0])
+    figures = xr.Dataset(
+        {
+            "mean": (("run", "frame", "dof"), means),
+            "sd": (("run", "frame", "dof"), np.broadcast_to(sd, means.shape)),
+            "ess": (("run", "frame", "dof"), np.ones(means.shape)),
+            "seconds": ("run", np.array([1.0, 2.0, 1.0, 3.0, 3.0])),
+            "method": ("run", ["particle"] * 5),
+            "setting": ("run", ["one"] * 5),
+            "seed": ("run", list("01234")),
+        },
+        {"run": list("abcde"), "dof": ["x", "y"]},
+    )
+    found = variance_against_time(figures)
+    each = (means.var(0, ddof=1) / sd**2).mean(0)
+    left = np.stack([(np.delete(means, seed, 0).var(0, ddof=1) / sd**2).mean(0) for seed in range(5)])
+    np.testing.assert_allclose(found["variance_by_dof"][0], each)
+    np.testing.assert_allclose(found["variance"][0], each.mean())
+    np.testing.assert_allclose(found["variance_by_dof_se"][0], np.sqrt(4 * left.var(0)))
+    np.testing.assert_allclose(found["variance_se"][0], np.sqrt(4 * left.mean(1).var()))
+    np.testing.assert_allclose([found["seconds"][0], found["seconds_se"][0]], [2.0, np.sqrt(1.0 / 5)])
 
 
 def test_a_seed_counts_once() -> None:

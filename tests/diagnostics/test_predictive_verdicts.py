@@ -134,8 +134,59 @@ def test_bias_and_width_are_warnings() -> None:
     )
     (bias,) = check_predictions(kalman(rising, PRECISE))
     assert bias.severity == "warning" and "above the predicted median" in bias.text
-    (wide,) = check_predictions(kalman(walks(PRECISE, 2), PRECISE, step=2.0))
-    assert wide.severity == "warning" and "Under-confident" in wide.text
+
+
+def coverage_of_states(prediction: DataPrediction, data: np.ndarray, truth: np.ndarray) -> float:
+    """Share of true states (T, k) in 90 % intervals of the states after their data."""
+    gain = prediction.state_variance / (prediction.state_variance + prediction.noise_variance)
+    mean = data - prediction.innovation + gain * prediction.innovation
+    return float(np.mean(np.abs(truth - mean) < norm.ppf(0.95) * np.sqrt((1 - gain) * prediction.state_variance)))
+
+
+@pytest.mark.parametrize("noise", [PRECISE, NOISY])
+def test_noise_three_times_too_large_is_a_warning(noise: float) -> None:
+    """Nearly all data and states lie in their intervals. A noise that is right is not accused, in few frames either."""
+    for seed in range(10):
+        data = walks(noise, seed)
+        wrong = kalman(data, 9 * noise)
+        (found,) = check_predictions(wrong)
+        assert found.severity == "warning" and found.text.startswith("Under-confident predictions: 90 % intervals of the data")
+        assert "The noise is wider" in found.text and found.text.endswith(
+            "This judges the data, not the states (coordinates, joints)."
+        )
+        assert coverage_of_states(wrong, data, walks(0.0, seed)) > 0.96
+    assert sum("Under-confident" in str(check_predictions(shorter(noise, seed))) for seed in range(100)) <= 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "cause", "covered"),
+    [
+        ({"step": 2.0}, "The transition is wider", 0.9),
+        ({"step": 1.0, "noise": 0.2}, "The transition and the noise are wider", 1.0),
+    ],
+)
+def test_what_is_too_wide_is_named(wrong: dict[str, float], cause: str, covered: float) -> None:
+    """A transition that is too wide makes neighbouring innovations unlike, and the states' intervals are right all the same."""
+    data = walks(PRECISE, 2)
+    prediction = kalman(data, **{"noise": PRECISE, **wrong})
+    (found,) = check_predictions(prediction)
+    assert found.severity == "warning" and cause in found.text
+    assert abs(coverage_of_states(prediction, data, walks(0.0, 2)) - covered) < 0.02
+
+
+def test_autocorrelated_errors_do_not_make_states_under_confident() -> None:
+    """Motion that is steadier than the transition: errors of predictions have less than half of the claimed variance.
+
+    The intervals of the states after their data are right, and there is no warning.
+    """
+    steady = np.where(np.arange(FRAMES)[:, None] // 5 % 8 == np.arange(ENTRIES) % 8, 0.7, 0.0)
+    data, truth = (walks(noise, 5, steady.copy()) for noise in (PRECISE, 0.0))
+    prediction = kalman(data, PRECISE)
+    figures = predictive_figures(prediction)
+    assert figures.inflation.estimate + figures.inflation.half_width < 0.5 and figures.by_products.estimate > 1.3
+    (found,) = check_predictions(prediction)
+    assert found.severity == "info" and "errors are autocorrelated" in found.text
+    assert abs(coverage_of_states(prediction, data, truth) - 0.9) < 0.02
 
 
 def test_too_little_to_tell_is_left_untold() -> None:
@@ -166,3 +217,24 @@ def test_a_result_is_judged_by_its_predictions() -> None:
 def test_coverage_that_an_inflation_implies() -> None:
     assert implied_coverage(1.0) == pytest.approx(0.9)
     assert implied_coverage(4.0) == pytest.approx(2 * norm.cdf(1.6449 / 2) - 1, abs=1e-4)
+
+
+@pytest.mark.parametrize("gains", [(0.5, 0.9), (0.9, 0.5)])
+def test_products_are_those_of_a_gain_that_changes(gains: tuple[float, float]) -> None:
+    """Two frames of many entries, whose errors have 1.5 times the variance that is claimed: the first gain alone decides."""
+    rng, number, inflation = np.random.default_rng(0), 40_000, 1.5
+    error = np.sqrt(inflation * gains[0]) * rng.standard_normal(number)
+    first = error + np.sqrt(1 - gains[0]) * rng.standard_normal(number)
+    # the first update leaves (1 - G) e - G v; a step brings the variance to what the second frame needs
+    left = error - gains[0] * first
+    step = inflation * gains[1] - ((1 - gains[0]) ** 2 * inflation * gains[0] + gains[0] ** 2 * (1 - gains[0]))
+    moved = left + np.sqrt(step) * rng.standard_normal(number)
+    second = moved + np.sqrt(1 - gains[1]) * rng.standard_normal(number)
+    z, state = np.stack([first, second]), np.repeat([gains], number, axis=0).T
+    unknown = np.full(2, np.nan)
+    found = predictive_figures(DataPrediction(norm.cdf(z), z, state, 1 - state, unknown, unknown, unknown))
+    weight = gains[0] * (1 - gains[0])
+    # a product's variance is at most 1 / weight times that of two innovations; 0.05 are what innovations are cut off at
+    assert abs(found.by_products.estimate - inflation) < 4 * inflation / weight / np.sqrt(number) + 0.05
+    mean = np.mean(gains)
+    assert abs(found.by_squares.estimate - inflation) < 4 * 2 / mean / np.sqrt(2 * number) + 0.05

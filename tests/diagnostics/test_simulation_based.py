@@ -66,6 +66,14 @@ def test_chance_is_uniform_where_ranks_are():
     assert np.mean(np.array(pooled) < 0.1) > 0.5
 
 
+def test_many_coordinates_are_judged_together():
+    """Of two hundred tests of twenty coordinates no more than one in ten is below a tenth; each alone would accuse most."""
+    rng = np.random.default_rng(1)
+    names = tuple(map(str, range(20)))
+    chances = [calibration_of(rng.uniform(size=(40, 1, 20)), names).chance for _ in range(200)]
+    assert 0.02 < np.mean(np.array(chances) < 0.1) < 0.1 + 4 * np.sqrt(0.09 / 200)
+
+
 @pytest.mark.full
 def test_ties_are_broken_at_random():
     ranks = randomised_ranks(np.zeros((9, 4)), np.zeros(4), np.array([0.0, 0.25, 0.5, 0.99]))

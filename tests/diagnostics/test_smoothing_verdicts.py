@@ -130,3 +130,47 @@ def test_what_cannot_be_checked(runs: list[Smoothing]) -> None:
     single = runs[0].smoothed.copy()
     single[FLAT] = xr.DataTree(single[FLAT].to_dataset().isel(draw=slice(3)))
     assert "posterior_checks" not in check_posterior(single, MODEL, jax.random.key(0)).children
+
+
+def summed(**groups: dict[str, np.ndarray]) -> xr.DataTree:
+    """A result that holds nothing but these variables, (frame, dof) or (frame,)."""
+
+    def dataset(values: dict[str, np.ndarray]) -> xr.Dataset:
+        return xr.Dataset({name: (("frame", "dof")[: each.ndim], each) for name, each in values.items()})
+
+    return xr.DataTree.from_dict({name: dataset(values) for name, values in groups.items()})
+
+
+def test_steps_are_told_by_their_ratio_and_its_error() -> None:
+    """Steps of 3 times the variance: of a draw and of the transition's other draw, (1 + 3) / 2 of what two draws differ by."""
+    rng, frames, runs = np.random.default_rng(0), 401, 300
+    variance = np.array([0.01, 4.0])
+    found = []
+    for _ in range(runs):
+        steps, others = np.sqrt(variance) * rng.standard_normal((2, frames, 2))
+        first = np.array([[np.nan], *[[1.0]] * (frames - 1)])
+        checks = {"step_square": first * (np.sqrt(3) * steps + others) ** 2, "step_expected": first * 2 * variance}
+        found.append(smoothing_figures(summed(posterior_checks=checks)).steps)
+    estimates, errors_told = np.array([each[:2] for each in found]).T
+    assert abs(estimates.mean() - 3) < 4 * estimates.std() / np.sqrt(runs)
+    assert np.sqrt(np.square(errors_told).mean()) == pytest.approx(estimates.std(), rel=4 / np.sqrt(2 * runs))
+    # the interval is Student's of 20 batches
+    assert found[0].half_width == pytest.approx(2.093 * found[0].standard_error, rel=1e-3)
+
+
+@pytest.mark.parametrize("excess", [0.0, 0.7])
+def test_the_distance_is_over_the_smoothed_variance_and_without_the_last_frame(excess: float) -> None:
+    """Means that differ by the loss of variance and by so much of the smoothed variance more; the last frames are alike."""
+    rng = np.random.default_rng(1)
+    before = rng.uniform(1.0, 2.0, (9, 2)) * [1.0, 100.0]
+    after = before * rng.uniform(0.2, 0.9, (9, 2))
+    after[-1] = before[-1]
+    draws, draws_before = np.full(9, 40.0), np.full(9, 90.0)
+    apart = np.sqrt(before - after + excess * after + before / 90 + after / 40)
+    apart[-1] = 0.0
+    tree = summed(
+        filtered={"state_mean": np.zeros((9, 2)), "state_sd": np.sqrt(before), "ess": draws_before},
+        summary={"state_mean": apart, "state_sd": np.sqrt(after)},
+        sample_stats={"ess": draws},
+    )
+    assert smoothing_figures(tree).distance.estimate == pytest.approx(excess, abs=1e-9)

@@ -134,3 +134,27 @@ def test_a_result_is_judged_where_its_data_do_not_reach() -> None:
             assert found.severity == (severity if known is not None else "info")
             assert known is None or tree["predictive/predicted_mean"].dims == ("frame", "dof")
             assert ("(depth)" in found.text) == (found.severity == "error")
+
+
+def test_an_excess_is_handed_on_from_frame_to_frame() -> None:
+    """The inflation by the recursion of X_t, frame by frame, where what is inherited changes."""
+    frames = 7
+    rng = np.random.default_rng(2)
+    predicted, deviation = rng.uniform(1.0, 2.0, (frames, 1)), rng.uniform(0.7, 0.9, (frames, 1))
+    slope, explained = rng.uniform(0.2, 0.95, (frames, 1)), rng.uniform(0.0, 0.09, (frames, 1))
+    centre, mean = rng.standard_normal((2, frames, 1))
+    error, ess = rng.uniform(0.1, 0.2, (frames, 1)), rng.uniform(5.0, 50.0, frames)
+    excess, total = 0.0, 0.0
+    for t in range(frames):
+        told = explained[t, 0] * predicted[t, 0]
+        variance = deviation[t, 0] ** 2
+        by_chance = error[t, 0] ** 2 + variance / ess[t]
+        lost = predicted[t, 0] - variance - told
+        moved = (mean[t, 0] - centre[t, 0]) ** 2 - told - by_chance
+        excess = ((1 - explained[t, 0]) * slope[t, 0]) ** 2 * excess + lost + moved
+        total += excess
+    found = unreached_figures(StatePrediction(centre, predicted, error, slope, explained), mean, deviation, ess)
+    assert found is not None
+    assert found.inflation.estimate == pytest.approx(1 + total / np.square(deviation).sum())
+    assert found.explained == pytest.approx((explained * predicted).sum() / predicted.sum())
+    assert found.lost == pytest.approx(1 - np.square(deviation).sum() / predicted.sum())

@@ -167,3 +167,24 @@ def test_a_result_is_judged_where_its_updates_are_told() -> None:
             found = verdicts(tree)[0]
             assert found.severity == (severity if checks.memory is not None else "info")
             assert ("by importance sampling" in found.text) == (found.severity == "error")
+
+
+def test_what_each_frame_adds_is_handed_on_by_all_later_memories() -> None:
+    """C, D and V of the last frame as sums over frames of products of matrices that change, and do not commute."""
+    frames, rng = 4, np.random.default_rng(4)
+    memory, apart = rng.normal(size=(frames, 3, 3)), rng.normal(size=(frames, 2, 3))
+    roots = rng.normal(size=(2, frames, 2, 3, 3))
+    surer = roots[0] @ roots[0].swapaxes(-1, -2)
+    noise = (roots[1] @ roots[1].swapaxes(-1, -2))[:, 0]
+    found = _excess(memory, surer, apart, noise)
+    for t in range(frames):
+        less, displacement, chance = np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros((3, 3))
+        for s in range(t + 1):
+            passed = np.eye(3)
+            for later in range(s + 1, t + 1):
+                passed = memory[later] @ passed
+            less += passed @ surer[s] @ passed.T
+            displacement += np.einsum("ij,nj->ni", passed, apart[s])
+            chance += passed @ noise[s] @ passed.T
+        expected = np.einsum("nii->ni", less) + displacement**2 - np.diag(chance)
+        np.testing.assert_allclose(found[t], expected, rtol=1e-9)

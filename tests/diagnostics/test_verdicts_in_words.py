@@ -28,8 +28,17 @@ def test_frames_in_words(frames: list[int], words: str) -> None:
     assert frame_ranges(frames) == words
 
 
-def test_nothing_to_complain_of() -> None:
-    assert _texts(synthetic_result(num_frames=60)).startswith("info: Nothing to complain of.")
+@pytest.mark.parametrize(("weighted", "number"), [(False, 7), (True, 5)])
+def test_a_good_result_says_which_checks_were_not_run(weighted: bool, number: int) -> None:
+    """Checks of Markov chains, silhouettes and smoothers are for results of another kind, and count for nothing."""
+    unchecked = "predictions, weakly informed coordinates, updates (no predictive checks)"
+    result = synthetic_result(num_frames=60, with_truth=False, weighted=weighted)
+    found = verdicts(result)
+    assert found[0].text == (
+        f"No problems detected by {number} of {number + 5} checks. Not run: {unchecked}; forecasts (no hindcasts); coverage "
+        "(no truth)."
+    )
+    assert {verdict.severity for verdict in found} == {"info"}
 
 
 def test_a_coordinate_that_mixes_badly_is_named_with_its_frames() -> None:
@@ -48,7 +57,7 @@ def test_failures_and_rejection_by_frame() -> None:
     texts = _texts(synthetic_result(sample_stats={"failed": failed, "acceptance_rate": acceptance}))
     assert texts.startswith("error: Impossible data in frame 12:")
     assert "Rejection rate up to 70 % in frames 30-31" in texts and "lower step_size or raise target_acceptance" in texts
-    assert "Nothing" not in texts
+    assert "No problems" not in texts
 
 
 @pytest.mark.parametrize(
@@ -112,6 +121,17 @@ def test_coverage_of_coordinates_and_joints() -> None:
     assert "info: 90 % intervals of coordinates cover 90 % (± 1) of the truth: calibrated." in _texts(
         synthetic_result(num_frames=60)
     )
+
+
+def test_joints_that_differ_from_the_body_are_said_to() -> None:
+    """Intervals of joints leave it out; those of coordinates do not depend on it."""
+    tree = synthetic_result(num_frames=60, truth_scale=2.5)
+    tree.attrs["residual_mm"] = "5.64"
+    of_coordinates, of_joints = (text for text in _texts(tree).splitlines() if "90 % intervals of" in text)
+    words = "too narrow (they leave out that the body differs from the recording by 5.6 mm): raise --noise"
+    assert words in of_joints and "leave out" not in of_coordinates
+    tree.attrs["residual_mm"] = '"none"'
+    assert "leave out" not in _texts(tree)
 
 
 def test_degenerate_particles() -> None:

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from law_problems import MASKED, problem, replicate, z_scores
+from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.filters import AnnealedState, annealed_filter
-from poseppl.filters.annealed import _cross, annealing_exponent
+from poseppl.filters.annealed import Annealing, _cross, _Layer, _refine, annealing_exponent, predict_by_transition
+from poseppl.particles.resampling import systematic
 from poseppl.particles.weights import effective_sample_size
 
 
@@ -154,3 +156,29 @@ def test_one_particle_and_equal_particles(num_particles):
 def test_settings_out_of_range_are_refused(settings, word):
     with pytest.raises(ValueError, match=word):
         annealed_filter(problem().model, **{"num_particles": 10, **settings})
+
+
+@pytest.mark.full
+def test_layers_disperse_by_the_transitions_own_variance():
+    """From 20,000 pairs of draws, whatever states they start from; times the factor of the layer."""
+    model, number = linear_gaussian(2, Q=[[0.3, 0.0], [0.0, 2.0]]).compile(), 20_000
+    predict = predict_by_transition(model, number, None)
+    keys = jax.random.split(jax.random.key(0), 4)
+    previous = 30.0 * jax.random.normal(keys[2], (number, 2))
+    disperse = jax.jit(lambda keys, previous: predict(keys, previous, None)[1](keys[0], jnp.zeros((number, 2)), 0.25))
+    found = np.asarray(disperse((keys[0], keys[1]), previous))
+    # a mean of squares of so many pairs, and one of as many draws
+    np.testing.assert_allclose(found.var(0), 0.25 * np.array([0.3, 2.0]), rtol=5 * np.sqrt(4 / number))
+
+
+def test_the_factor_of_the_noise_falls_from_layer_to_layer():
+    """Of four layers three disperse, here by a step of the factor itself; lines lead back to where each began."""
+    start = 10.0 * jnp.arange(50.0)[:, None]
+
+    def values(x):
+        return -1e-3 * x[:, 0]
+
+    first = _Layer(start, values(start), jnp.arange(50))
+    settings = Annealing(4, 0.5, None, systematic)
+    last = _refine(jax.random.key(0), first, lambda _, centres, shrinking: centres + shrinking, values, settings)
+    np.testing.assert_allclose(last.particles - start[last.ancestors], 0.5 + 0.25 + 0.125, rtol=1e-4)

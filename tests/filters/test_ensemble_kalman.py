@@ -12,9 +12,11 @@ from law_problems import frame, problem, run
 from oracles.kalman import kalman_filter as exact_filter, simulate
 from poseppl_models.finite_hmm import finite_hmm
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
+from scipy.stats import chi2
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import ensemble_kalman_filter
+from poseppl.filters.ensemble_kalman import _DRIFT
 from poseppl.gaussians.ensemble import PredictedData, adapted_inflation, increment, moved, predicted_data, relaxed
 from poseppl.gaussians.localisation import Localisation, localise_by_name, localise_by_position
 from poseppl.program import StateSpaceModel
@@ -213,3 +215,51 @@ def test_unsuitable_models_are_refused():
     model = counts.compile()
     with pytest.raises(ValueError, match="site 'y' is no plain Normal"):
         ensemble_kalman_filter(model, 5).init(jax.random.key(0), model.observe({"y": 3}))
+
+
+@pytest.mark.parametrize(("factor", "drift"), [(1.1, 0.3), (2.0, 5.0)])
+def test_one_step_of_adaptive_inflation_is_a_product_of_gaussians(factor, drift):
+    """Precisions add up: that of the factor up to now, and that of a chi-square of the entries that are seen."""
+    rng = np.random.default_rng(8)
+    count, members = 3, 12
+    deviations = rng.normal(size=(members, count))
+    deviations -= deviations.mean(0)
+    residual = 4.0 * rng.normal(size=count)
+    spread = np.trace(np.linalg.solve(R, np.cov(deviations.T))) / count
+    # where deviations are as inflated as is thought, r' R^-1 r / p is that chi-square over p, times b s + 1
+    scale = factor**2 * spread + 1
+    variance = chi2.var(count) * (scale / (count * spread)) ** 2
+    observed = (residual @ np.linalg.solve(R, residual) / count - 1) / spread
+    precisions = np.array([1 / drift**2, 1 / variance])
+    exact = precisions @ [factor**2, observed] / precisions.sum()
+    predicted = PredictedData(*map(jnp.asarray, (deviations, residual, R, float(count))))
+    assert exact > 1.2 and abs(exact - factor**2) > 0.05
+    np.testing.assert_allclose(adapted_inflation(jnp.asarray(factor), predicted, drift) ** 2, exact, rtol=1e-4)
+
+
+@pytest.mark.full
+def test_inflation_is_adapted_by_members_that_are_not_inflated():
+    """The next factor is that of the innovations against the first prediction as it was drawn."""
+    model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()
+    data, key = np.array([2.5, -2.0]), jax.random.key(0)
+    drawn = jax.jit(ensemble_kalman_filter(model, 40).init)(key, model.unobserved())[0].particles
+    built = ensemble_kalman_filter(model, 40, inflation=1.5, adaptive=True)
+    state = jax.jit(built.init)(key, model.observe({"y": data}))[0]
+    predicted = predicted_data(drawn, jnp.broadcast_to(0.25 * jnp.eye(2), (40, 2, 2)), jnp.asarray(data), jnp.ones(2, bool))
+    expected = adapted_inflation(jnp.asarray(1.5), predicted, _DRIFT)
+    np.testing.assert_allclose(state.inflation, expected, rtol=1e-6)
+    assert abs(float(expected) - 1.5) > 1e-5
+
+
+@pytest.mark.full
+def test_states_and_data_have_tapers_of_their_own():
+    """Data that no state hangs together with move nothing, whatever they are to each other."""
+    model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()
+    built = ensemble_kalman_filter(model, 20, localisation=Localisation(np.array([[1.0, 0.0], [0.0, 0.0]]), np.ones((2, 2))))
+    key = jax.random.key(0)
+    drawn, moved_ones = (
+        np.asarray(jax.jit(built.init)(key, data)[0].particles)
+        for data in (model.unobserved(), model.observe({"y": [2.5, -2.0]}))
+    )
+    np.testing.assert_array_equal(moved_ones[:, 1], drawn[:, 1])
+    assert np.abs(moved_ones[:, 0] - drawn[:, 0]).max() > 0.1

@@ -108,6 +108,8 @@ def test_inflation_is_the_bias_of_the_inverse_covariance():
     traces = np.asarray(jnp.trace(inverses, axis1=1, axis2=2) / dimension, float)
     expected = (num_draws - 1) / (num_draws - dimension - 2)
     assert abs(traces.mean() - expected) < 5 * traces.std(ddof=1) / np.sqrt(replicates)
+    # chains of one draw are as many draws as there are chains
+    assert float(covariance_inflation(draws[0, :, None])) == pytest.approx(expected, rel=1e-5)
     assert float(covariance_inflation(jax.random.normal(jax.random.key(1), (4000, 5, 5)))) < 1.01
 
 

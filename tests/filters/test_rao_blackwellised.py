@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 import pytest
 from law_problems import run, z_scores
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
-from test_switching import posed
+from test_switching import TRANSITION, in_two_coordinates, posed
 
 from poseppl.errors import UnsuitableModelError
 from poseppl.filters import kalman_filter, rao_blackwellised_filter, switching_filter
@@ -103,3 +103,26 @@ def test_a_model_without_finite_sites_or_inputs_is_one_gaussian():
     )
     np.testing.assert_allclose(state.marginals.mean, exact.marginals.mean, rtol=1e-5)
     np.testing.assert_allclose(info.log_evidence, its_info.log_evidence, rtol=1e-5)
+
+
+@pytest.mark.full
+def test_transitions_that_depend_on_the_value_before_and_draws_that_hang_together():
+    """Two coordinates of which the past value decides the mean; both frames against the sum over all histories."""
+    posed, number = in_two_coordinates(TRANSITION, True, np.array([[np.nan, np.nan], [1.2, -0.5]])), 20_000
+    built = rao_blackwellised_filter(posed.model, number)
+    states, infos = jax.jit(lambda key, data: run(built, key, data, None))(jax.random.key(0), posed.observations)
+    weights, means = np.exp(np.asarray(states.log_weights, float)), np.asarray(states.real.mean, float)
+    ess = 1 / np.square(weights).sum(1)
+    for t, (mean, covariance) in enumerate(zip(posed.exact.means, posed.exact.covariances, strict=True)):
+        error = np.sqrt(np.diag(covariance)[1:] / ess[t])
+        assert (np.abs(weights[t] @ means[t] - mean[1:]) < 5 * error).all()
+        # a draw is its Gaussian's: of its own covariance, on average over particles
+        drawn = np.asarray(states.particles[t, :, 1:], float)
+        found = np.cov(drawn.T, aweights=weights[t])
+        limit = 5 * np.sqrt(np.outer(*2 * [np.diag(covariance)[1:]]) * 2 / ess[t])
+        assert (np.abs(found - covariance[1:, 1:]) < limit).all()
+        apart = drawn - means[t]
+        own = np.asarray(states.real.covariance[t], float)
+        white = np.linalg.solve(np.linalg.cholesky(own), apart[..., None])[..., 0]
+        assert (np.abs(white.T @ white / number - np.eye(2)) < 5 * np.sqrt(2 / number)).all()
+    assert abs(infos.log_evidence.sum() - posed.exact.log_evidence.sum()) < 5 / np.sqrt(ess.min())

@@ -100,3 +100,64 @@ def test_several_finite_sites_are_refused():
     ).compile()
     with pytest.raises(UnsuitableModelError, match=r"finite sites \['k'\]. Expected a single one"):
         switching_filter(model)
+
+
+ROOTS = np.array([[[0.5, 0.0], [0.4, 0.3]], [[0.2, 0.0], [-0.6, 0.7]]])
+"""Square roots of the covariances of two coordinates, given k."""
+CENTRES = np.array([[1.0, -2.0], [0.0, 1.5]])
+
+
+def in_two_coordinates(transition, by_past, data, first=FIRST):
+    """x_t ~ N(A x_(t-1) + c, S_k S_k'), c being the centre of k_t, or twice that of k_(t-1); x is seen with noise."""
+    turn = np.array([[0.6, 0.3], [-0.2, 0.5]])
+
+    def start(params, inputs):
+        k = numpyro.sample("k", dist.Categorical(probs=first))
+        numpyro.sample("x", dist.MultivariateNormal(jnp.asarray(CENTRES)[k], scale_tril=jnp.asarray(ROOTS)[k]))
+
+    def move(params, state, inputs):
+        k = numpyro.sample("k", dist.Categorical(probs=jnp.asarray(transition)[state["k"]]))
+        centre = 2 * jnp.asarray(CENTRES)[state["k"]] if by_past else jnp.asarray(CENTRES)[k]
+        mean = jnp.asarray(turn) @ state["x"] + centre
+        numpyro.sample("x", dist.MultivariateNormal(mean, scale_tril=jnp.asarray(ROOTS)[k]))
+
+    def look(params, state, inputs):
+        numpyro.sample("y", dist.Normal(state["x"], 0.5).to_event(1))
+
+    model = StateSpaceModel(start, move, look).compile()
+
+    def later(j, k):
+        return turn, 2 * CENTRES[j] if by_past else CENTRES[k], ROOTS[k] @ ROOTS[k].T
+
+    def law(k):
+        return CENTRES[k], ROOTS[k] @ ROOTS[k].T
+
+    exact = enumerate_all(first, transition, law, later, (np.eye(2), np.zeros(2), 0.25 * np.eye(2)), data)
+    return Problem(None, model, model.observe({"y": data}), None, exact)
+
+
+def moments_of(states):
+    """Means (T, 3) and covariances (T, 3, 3) of the mixture, in the order k, x."""
+    masses, means, scales = (np.asarray(each, float) for each in (states.log_masses, states.means, states.scales))
+    weights = np.exp(masses)
+    values = np.broadcast_to(np.arange(2.0)[:, None], (len(means), 2, 1))
+    centres = np.concatenate([values, means], 2)
+    mean = np.einsum("tk,tki->ti", weights, centres)
+    apart = centres - mean[:, None]
+    covariance = np.einsum("tk,tki,tkj->tij", weights, apart, apart)
+    covariance[:, 1:, 1:] += np.einsum("tk,tkij,tklj->til", weights, scales, scales)
+    return mean, covariance
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("by_past", [False, True])
+def test_two_moments_of_a_mixture_of_pasts_are_kept(by_past):
+    """Frames: one that is seen, and one that is not, whose moments are exact where all are linear; k swaps where it decides."""
+    transition = np.array([[1e-6, 1 - 1e-6], [1 - 1e-6, 1e-6]]) if by_past else TRANSITION
+    posed = in_two_coordinates(transition, by_past, np.array([[0.2, 0.4], [np.nan, np.nan]]))
+    built = switching_filter(posed.model, 10)
+    states, infos = jax.jit(lambda key, data: run(built, key, data, None))(jax.random.key(0), posed.observations)
+    mean, covariance = moments_of(states)
+    np.testing.assert_allclose(infos.log_evidence, posed.exact.log_evidence, atol=1e-4)
+    np.testing.assert_allclose(mean, posed.exact.means, atol=1e-4)
+    np.testing.assert_allclose(covariance, posed.exact.covariances, atol=1e-4)

@@ -15,7 +15,8 @@ from poseppl_models.linear_gaussian import linear_gaussian
 from scipy.stats import norm
 
 from poseppl.filters import TemperedState, tempered_filter
-from poseppl.filters.tempering import Tempering, temper
+from poseppl.filters.tempered import _prior_covariance
+from poseppl.filters.tempering import Tempering, next_increment, temper
 from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, OwnKernel
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.particles.resampling import systematic
@@ -228,3 +229,42 @@ def test_the_effective_number_is_what_means_of_runs_differ_by(step_size, low, hi
     assert low < 1 / told < high
     # of 160 means: their variance errs by a tenth, the families of a run are few; and temperatures keep half of the weights
     assert 0.5 < told / differ < 2.5
+
+
+def test_draws_stay_with_the_ancestors_that_they_are_told_of():
+    """Each prior is a narrow Gaussian about its own context; a chain of five states stays with the one where it began."""
+    contexts = 10.0 * jnp.arange(NUM)[:, None]
+
+    def prior(x, context):
+        return -0.5 * jnp.sum((x - context) ** 2)
+
+    particles = contexts + jax.random.normal(jax.random.key(0), (NUM, 1))
+    settings = SETTINGS._replace(chain_length=5)
+    found = jax.jit(
+        lambda key: temper(
+            key, particles, contexts, prior, lambda x: -0.5 * x[0] ** 2 / 1e6, jnp.eye(1), jnp.log(0.1), settings
+        )
+    )(jax.random.key(1))
+    assert np.abs(np.asarray(found.particles - contexts[found.ancestors])).max() < 6
+    assert len(np.unique(found.ancestors)) > 10
+
+
+def test_the_effective_number_that_is_asked_for_is_a_share_of_what_is_possible():
+    values = jnp.where(jnp.arange(NUM) % 2 == 0, -jnp.inf, -3.0 * jnp.linspace(0.0, 1.0, NUM) ** 2)
+    delta = next_increment(values, 0.6, jnp.asarray(20.0))
+    weights = np.where(np.isfinite(values), np.exp(float(delta) * np.asarray(values)), 0.0)
+    assert weights.sum() ** 2 / (weights**2).sum() == pytest.approx(0.6 * NUM / 2, rel=1e-3)
+    assert next_increment(values, 0.6, jnp.asarray(0.01)) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("given_ancestor", [True, False])
+def test_the_scale_of_moves_is_the_covariance_of_the_prior(given_ancestor):
+    """Of 20,000 draws about ancestors that are far apart, or about none."""
+    root = np.array([[1.0, 0.0], [0.8, 0.5]])
+    centres = 50.0 * jax.random.normal(jax.random.key(3), (20_000, 2)) if given_ancestor else jnp.zeros((20_000, 2))
+
+    def draw(seed):
+        return centres + jax.random.normal(jax.random.key(seed), centres.shape) @ root.T
+
+    found = _prior_covariance(draw(0), lambda: draw(1), needed=True, given_ancestor=given_ancestor)
+    np.testing.assert_allclose(found, root @ root.T, atol=5 * np.sqrt(2 / 20_000))

@@ -16,7 +16,7 @@ from poseppl_models.growth import growth
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.filters import Filter, window_filter
-from poseppl.filters.window import predict
+from poseppl.filters.window import WindowState, _pasts, predict
 from poseppl.filters.window_target import empty_window, move_on, window_target
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.program import Observation
@@ -185,3 +185,22 @@ def test_numbers_out_of_range_are_refused():
         window_filter(problem().model, window=0)
     with pytest.raises(ValueError, match="at least 1"):
         window_filter(problem().model, 0)
+
+
+def test_pasts_that_are_moved_lead_to_the_newest_state():
+    """Every other past is a trajectory as it is; the rest are moved so that the transition's mean is the newest state."""
+    matrices = linear_gaussian_matrices(2, A=np.eye(2))
+    model = linear_gaussian_model(matrices).compile()
+    trajectories = jax.random.normal(jax.random.key(0), (4, 5, 3, 2))
+    newest = jax.random.normal(jax.random.key(1), (6, 2))
+    past = WindowState(trajectories[:, :, -1], jnp.zeros((4, 5)), jnp.zeros(()), trajectories, None)
+    pasts = np.asarray(_pasts(model, jax.random.key(2), past, newest, None))
+    known = np.asarray(trajectories.reshape(20, 3, 2))
+    assert pasts.shape == (6, 2, 2)
+    for number, found in enumerate(pasts):
+        if number % 2:
+            np.testing.assert_allclose(found[-1], newest[number], rtol=1e-5)
+        shape = found - found[-1]
+        near = np.abs(known[:, 1:] - known[:, -1:] - shape).max((1, 2)).argmin()
+        np.testing.assert_allclose(known[near, 1:] - known[near, -1], shape, atol=1e-5)
+        assert number % 2 or np.allclose(found, known[near, 1:])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from poseppl.gaussians.chain_mixture import fit_mixture
+from poseppl.gaussians.chain_mixture import _far_apart, fit_mixture
 from poseppl.gaussians.mixture import GaussianMixture, draw_mixture, factorise_mixture, log_mixture, mixture_curvature
 
 WEIGHTS = np.array([0.7, 0.3])
@@ -120,3 +120,18 @@ def test_a_coordinate_that_is_the_same_in_all_draws_has_no_variance():
     assert all(np.isfinite(leaf).all() for leaf in (*mixture, residuals))
     assert np.asarray(mixture.covariances)[:, 1, 1].max() < 1e-15
     np.testing.assert_allclose(mixture.means[:, 1], 0.0)
+
+
+def test_one_component_is_the_mean_and_covariance_of_the_draws():
+    draws = np.random.default_rng(5).normal(size=(3, 4, 2))
+    (_, means, covariances), residuals = fit_mixture(jnp.asarray(draws), 1)
+    flat = draws.reshape(-1, 2)
+    np.testing.assert_allclose(means[0], flat.mean(0), rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(covariances[0], np.cov(flat.T), rtol=1e-4)
+    np.testing.assert_allclose(residuals, draws - flat.mean(0), atol=1e-6)
+
+
+def test_components_start_far_from_all_that_came_before():
+    """By hand: the outermost point, the one at the other end, and then one that is far from both; in white units."""
+    places = jnp.array([[0.0, 0.0], [10.0, 0.0], [9.0, 0.0], [5.0, 0.03], [4.0, 0.0]])
+    assert sorted(np.asarray(_far_apart(places, jnp.diag(jnp.array([1.0, 1e-4])), 3))) == [0, 1, 3]

@@ -42,3 +42,18 @@ def test_what_is_known_exactly_and_what_nothing_tells() -> None:
     np.testing.assert_allclose(EFFECTIVE(known, family), EFFECTIVE(known[:, ::2], family), rtol=1e-5)
     np.testing.assert_allclose(EFFECTIVE(100 * draws + 7, family), EFFECTIVE(draws, family), rtol=1e-3)
     assert EFFECTIVE(jnp.ones((1, 2)), jnp.zeros(1, jnp.int32)) == 1
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5])
+def test_one_large_family_among_many_of_one_member(alike: float) -> None:
+    """The mean's variance is alike sum w_a^2 + (1 - alike) / N; two thousand coordinates tell it in a single sample."""
+    family = np.r_[np.zeros(50, int), np.arange(1, 51)]
+    masses = np.bincount(family) / 100
+    rng = np.random.default_rng(2)
+    common, own = rng.standard_normal((2, 100, 2000))
+    draws = np.sqrt(alike) * common[family] + np.sqrt(1 - alike) * own
+    true = alike * np.square(masses).sum() + (1 - alike) / 100
+    variance = 1 - true  # of the sample about its own mean
+    found = 1 / float(EFFECTIVE(jnp.asarray(draws, jnp.float32), jnp.asarray(family)))
+    # each coordinate is measured in its own standard deviation, which the large family moves: a tenth
+    np.testing.assert_allclose(found, true / variance, rtol=0.15)

@@ -170,3 +170,18 @@ def test_refused_inputs_and_clamping_twice(full):
         full.clamp(FREE).log_initial(X, None)
     with pytest.raises(ValueError, match="clamped already"):
         full.clamp(FREE).clamp(["a"])
+
+
+@pytest.mark.full
+def test_a_trajectory_is_given_with_the_state_before_each(full):
+    """The log-density of the free sites of three frames, given the others, by the formula."""
+    rng = np.random.default_rng(5)
+    states, given = rng.normal(size=(3, 5)), rng.normal(size=(3, 1))
+    clamped = full.clamp(FREE)
+    unseen = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), full.unobserved())
+    found = clamped.log_joint(jnp.asarray(states)[:, INDICES], unseen, Clamped.of_trajectory(states, jnp.asarray(given)))
+    expected = log_normal(states[0, 0], given[0, 0], 1.0) + log_normal(states[0, 3:], 1.0, 2.0)
+    for t in (1, 2):
+        mean = np.asarray(A) @ states[t - 1] + given[t, 0]
+        expected += log_normal(states[t, 0], mean[0] + states[t, 1], 1.0) + log_normal(states[t, 3:], mean[3:], 2.0)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)

@@ -121,7 +121,7 @@ def test_a_builder_stands_for_its_filter(filter):
 @pytest.mark.full
 def test_a_result_is_smoothed():
     result = filtered(truth=POSED.exact.means, rate=25.0, attrs={"model": "toy"})
-    smoother = poseppl.backward_simulation_smoother(POSED.model, 100)
+    smoother = poseppl.backward_simulation_smoother(POSED.model, 1000)
     smoothed = poseppl.smooth(result, smoother, KEY, inputs=POSED.inputs, attrs={"seed": 3})
     xr.testing.assert_identical(smoothed["observed_data"].to_dataset(), result["observed_data"].to_dataset())
     xr.testing.assert_identical(smoothed["truth"].to_dataset(), result["truth"].to_dataset())
@@ -129,7 +129,7 @@ def test_a_result_is_smoothed():
     assert (known["model"], known["seed"], known["smoother"]) == ("toy", 3, "backward_simulation_smoother")
     assert smoothed.attrs["rate"] == 25.0
     assert smoothed["sample_stats/log_evidence"].equals(result["sample_stats/log_evidence"])
-    assert smoothed["unconstrained_posterior/state"].shape == (1, 100, 5, 2)
+    assert smoothed["unconstrained_posterior/state"].shape == (1, 200, 5, 2)
     # the future moves the first frame; nothing moves the last
     apart = abs(smoothed["summary/state_mean"] - result["summary/state_mean"]).max("dof").values
     assert apart[0] > 2 * apart[-1]
@@ -186,7 +186,7 @@ def test_what_is_no_model_filter_smoother_or_result_is_said():
     with pytest.raises(ValueError, match="left is a Problem"):
         poseppl.smooth(POSED, genealogy_smoother(POSED.model), KEY)
     with pytest.raises(ValueError, match="no ancestor"):
-        poseppl.smooth(filtered(), genealogy_smoother(POSED.model), KEY, POSED.inputs)
+        poseppl.smooth(filtered(history_mib=0), genealogy_smoother(POSED.model), KEY, POSED.inputs)
 
 
 def run_with(collect, filter=None):

@@ -18,7 +18,7 @@ from scipy.stats import kstest
 from poseppl.filters import Filter, kalman_filter, particle_filter
 from poseppl.program import CompiledModel, StateSpaceModel
 from poseppl.runs.checkpoint import Checkpoint
-from poseppl.runs.predictive import _explained, _left, _stratified, predictive_checks
+from poseppl.runs.predictive import _explained, _left, _rank, _stratified, predictive_checks
 from poseppl.runs.run import Run, run_filter
 
 FRAMES = 300
@@ -273,3 +273,27 @@ def test_weighted_draws_have_the_weighted_distribution() -> None:
     assert found.shape == (500, 20, 2) and (np.diff(found, axis=1) >= 0).all()
     for value in (-0.8, 0.1, 1.3):
         np.testing.assert_allclose((found < value).mean((0, 1)), weights @ (states < value), atol=1 / 500)
+
+
+def test_ranks_among_eight_draws_are_uniform() -> None:
+    """For any number of draws: 3000 sequences of one frame, and the chi-square by four of the draws among the other four."""
+    model = linear_gaussian(2, m=[1.0, -1.0]).compile()
+    predict, empty = predictive_checks(model, 8, of_state=False), model.unobserved()
+    state, _ = PARTICLE.init(jax.random.key(0), LINEAR.unobserved(), None)
+    state = state._replace(particles=state.particles[:, :2])  # of no matter to a first frame
+    data = np.random.default_rng(6).normal([1.0, -1.0], np.sqrt(1.25), (3000, 2))
+
+    def ranks(key: jax.Array, y: jax.Array) -> tuple[Any, Any]:
+        seen = empty._replace(values={"y": y}, mask={"y": jnp.ones(2, bool)})
+        told = predict(key, state, True, seen, None).data
+        return told.transform, told.chi_square_transform
+
+    found = jax.jit(jax.vmap(ranks))(jax.random.split(jax.random.key(0), 3000), jnp.asarray(data))
+    for each in (found[0][:, 0], found[0][:, 1], found[1]):
+        assert kstest(np.asarray(each), "uniform").pvalue > 0.01
+
+
+def test_ranks_of_draws_that_are_equal_to_the_data() -> None:
+    """Of five places among four draws the value has the second, third or fourth, by chance."""
+    draws, ties = jnp.array([2.0, 1.0, 3.0, 2.0]), jnp.array([0.0, 0.5, 1.0])
+    np.testing.assert_allclose(_rank(ties, draws[:, None], jnp.full(3, 2.0)), [0.2, 0.5, 0.8], rtol=1e-6)

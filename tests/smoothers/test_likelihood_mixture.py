@@ -18,7 +18,10 @@ from poseppl.gaussians.weighted_em import choose_seeds, fit_fixed, fit_free
 from poseppl.smoothers import History
 from poseppl.smoothers.likelihood_mixture import (
     MixtureSettings,
+    _default_scales,
     _divide,
+    _fit_frame,
+    _Frame,
     fit_likelihood_mixture,
     log_components,
     mixture_of_gaussians,
@@ -204,3 +207,35 @@ def test_a_precision_is_shrunk_by_the_square_of_its_gain():
         components = GaussianMixture(*(jnp.asarray(part) for part in ([0.0], [[1.0]], [[[variance]]])))
         divided = _divide(components, jnp.zeros(1), jnp.eye(1), jnp.asarray(0.9))
         np.testing.assert_allclose(divided.precisions, [[[left]]], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("dimension", [1, 4])
+def test_widths_of_components_are_silvermans(dimension):
+    """As SciPy's density estimate has them for as many points as there are components; never wider than the particles."""
+    alive, unit = jnp.arange(12) < 9, jnp.arange(1.0, dimension + 1)
+    points = np.random.default_rng(0).normal(size=(dimension, 9))
+    factor = scipy.stats.gaussian_kde(points, "silverman").factor
+    np.testing.assert_allclose(_default_scales(alive, unit), factor * np.asarray(unit), rtol=1e-5)
+    np.testing.assert_allclose(
+        _default_scales(jnp.arange(12) < 1, unit), np.minimum((4 / (dimension + 2)) ** (1 / (dimension + 4)), 1) * unit
+    )
+
+
+@pytest.mark.full
+def test_a_precision_that_chance_may_have_made_is_shrunk():
+    """Of 20 particles, with 0.6 of the prediction's variance: a sample variance has the relative variance 2 / N."""
+    particles = np.random.default_rng(1).normal(size=(20, 1))
+    particles = 1.0 + (particles - particles.mean()) / particles.std() * np.sqrt(0.6 * 4.0)
+    frame = _Frame(
+        jax.random.key(0),
+        jnp.asarray(particles),
+        jnp.full(20, -jnp.log(20.0)),
+        jnp.zeros(1),
+        jnp.full((1, 1), 4.0),
+        jnp.array(True),
+    )
+    found = _fit_frame(frame, MixtureSettings(num_components=1, covariance="free"))
+    gain = 1 / 0.6 - 1
+    shrink = 1 - (2 / 20) / gain**2
+    np.testing.assert_allclose(found.precisions[0, 0, 0], shrink * gain / 4.0, rtol=1e-3)
+    np.testing.assert_allclose(found.gradients[0, 0], shrink * 1.0 / 4.0, rtol=1e-3)

@@ -223,3 +223,25 @@ def test_the_best_path_begins_by_the_initial_density():
     history = History(particles, weights, jnp.zeros((2, 2), jnp.int32), jnp.zeros(2, bool))
     found = smooth(viterbi_smoother(model), history, model.observe({"y": np.full((2, 1), np.nan)}), None)
     np.testing.assert_allclose(found.particles[:, 0, 0], [0.0, 1.5])
+
+
+@pytest.mark.full
+def test_two_filters_of_a_linear_gaussian_model_have_nearly_equal_weights():
+    """Their proposals are all but exact there, of data that tell little; weights that miss a factor would be uneven."""
+    matrices = linear_gaussian_matrices(1, R=[[100.0]])
+    model, ys = linear_gaussian_model(matrices).compile(), np.full((4, 1), 3.0)
+    observations = model.observe({"y": ys})
+    posed = Smoothing(model, observations, None, *rauch_tung_striebel(matrices, kalman_filter(matrices, ys)))
+    history, _ = filtered_history(jax.random.key(0), posed, 1000)
+    found = smooth(two_filter_smoother(model, inflation=1.0), history, observations, jnp.zeros(4))
+    assert (np.asarray(found.info.ess) > 900).all()
+
+
+@pytest.mark.full
+def test_the_effective_number_counts_the_particles_that_trajectories_pass():
+    """Of 60 trajectories, by counting alike states of each frame."""
+    history, observations, inputs = history_for_conduct()
+    found = smooth(backward_simulation_smoother(MODEL, 60), history, observations, inputs)
+    for particles, ess in zip(np.asarray(found.particles), np.asarray(found.info.ess), strict=True):
+        counts = np.unique(particles, axis=0, return_counts=True)[1]
+        assert ess == pytest.approx(60**2 / np.square(counts).sum(), rel=1e-5)

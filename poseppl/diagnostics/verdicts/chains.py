@@ -13,6 +13,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     WARNING,
     Findings,
     Verdict,
+    not_run,
     settings_among,
     statistic,
     where,
@@ -37,7 +38,10 @@ DIVERGENT_FRAME = 0.1
 def divergences(tree: xr.DataTree) -> Findings:
     """Divergent trajectories, as a share of all and of those of single frames."""
     counts = statistic(tree, "divergences")
-    if counts is None or is_weighted(tree) or not (counts > 0).any():
+    if counts is None or is_weighted(tree):
+        yield not_run()
+        return
+    if not (counts > 0).any():
         return
     trajectories = _trajectories(tree)
     share, by_frame = float(counts.mean() / trajectories), counts / trajectories
@@ -71,6 +75,7 @@ def mixing(tree: xr.DataTree) -> Findings:
     """Coordinates with large inefficiency factors, the worst by name, and frames of few effective draws."""
     data = tree["diagnostics"].dataset
     if is_weighted(tree):
+        yield not_run()
         return
     tau, ess = np.asarray(data["tau"].values), np.asarray(data["ess"].values)
     names, bad = names_of(tree, "dof"), tau > TAU_BAD
@@ -96,6 +101,7 @@ def agreement(tree: xr.DataTree) -> Findings:
     """Chains that disagree, by R-hat."""
     data = tree["diagnostics"].dataset
     if "rhat" not in data or np.isnan(data["rhat"].values).all():
+        yield not_run("" if is_weighted(tree) else "one chain, or few draws")
         return
     rhat = data["rhat"].values
     share, apart = float((rhat > RHAT_HIGH).mean()), float((rhat > RHAT_APART).mean())
@@ -113,6 +119,7 @@ def rejection(tree: xr.DataTree) -> Findings:
     """Rejection rates that are too high or too low."""
     data = tree["diagnostics"].dataset
     if "rejection_rate" not in data or is_weighted(tree):
+        yield not_run()
         return
     rate = data["rejection_rate"].values
     high = rate > REJECTION_HIGH

@@ -13,8 +13,9 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import told
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, of_walk, settings_among
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, of_walk, settings_among
 from poseppl.runs.contents import group_of, variable
+from poseppl.runs.results import provenance
 
 Calibration = Literal["over-confident", "under-confident", "calibrated", "undecided"]
 
@@ -46,6 +47,8 @@ def calibration(share: float, standard_error: float) -> Calibration:
 def coverage(tree: xr.DataTree) -> Findings:
     """Coverage of the 90 % intervals of coordinates and joints."""
     data = tree["diagnostics"].dataset
+    if not any(name in data and np.isfinite(data[name].sel(level=LEVEL)) for name in _SITES):
+        yield not_run("no truth")
     for name, what in _SITES.items():
         if name in data:
             share, error = (float(data[each].sel(level=LEVEL)) for each in (name, f"{name}_se"))
@@ -60,7 +63,7 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdic
         wider = of_walk(tree, "raise --sigma-angle or --sigma-position")
         places = "take --markers learned, " if _markers_may_be_learned(tree) else ""
         more = settings_among(tree, "num_updates", "num_draws", "num_particles")
-        advice = f"over-confident, intervals are too narrow: {places}raise --noise, {wider}, or {more}"
+        advice = f"over-confident, intervals are too narrow{_of_body(tree, what)}: {places}raise --noise, {wider}, or {more}"
         return Verdict(ERROR if share < COVERAGE_ERROR else WARNING, f"{text}: {advice}.")
     if kind == "under-confident" and share <= WIDE:
         return Verdict(INFO, f"{text}: somewhat wider than they need to be.")
@@ -69,6 +72,14 @@ def _verdict(tree: xr.DataTree, what: str, share: float, error: float) -> Verdic
         return Verdict(WARNING, f"{text}: under-confident, intervals are too wide: lower --noise, or {narrower}.")
     tail = "calibrated" if kind == "calibrated" else "compatible with 90 %, but the sequence is too short to tell"
     return Verdict(INFO, f"{text}: {tail}.")
+
+
+def _of_body(tree: xr.DataTree, what: str) -> str:
+    """What joints of a recording differ by from the model's body, which no interval includes."""
+    residual = provenance(tree).get("residual_mm")
+    if what != "joints" or not isinstance(residual, int | float) or residual < 0.1:
+        return ""
+    return f" (they leave out that the body differs from the recording by {residual:.1f} mm)"
 
 
 def _markers_may_be_learned(tree: xr.DataTree) -> bool:
@@ -81,6 +92,8 @@ def _markers_may_be_learned(tree: xr.DataTree) -> bool:
 def forecasts(tree: xr.DataTree) -> Findings:
     """Coverage of forecasts; nothing where the result has none of `poseppl.diagnostics.add_hindcasts`."""
     data = group_of(tree, "hindcasts")
+    if not data:
+        yield not_run("" if "smoother" in provenance(tree) else "no hindcasts")
     for site in data["site"].values.tolist() if data else ():
         here = data.sel(site=site)
         share, error = float(here["overall"]), float(here["overall_se"])

@@ -6,7 +6,17 @@ import numpy as np
 import xarray as xr
 
 from poseppl.diagnostics.selection import told
-from poseppl.diagnostics.verdicts.verdict import ERROR, ESS_LOW, WARNING, Findings, Verdict, settings_among, statistic, where
+from poseppl.diagnostics.verdicts.verdict import (
+    ERROR,
+    ESS_LOW,
+    WARNING,
+    Findings,
+    Verdict,
+    not_run,
+    settings_among,
+    statistic,
+    where,
+)
 from poseppl.runs.results import is_weighted, provenance
 
 LOW_SHARE = 0.1
@@ -16,6 +26,7 @@ LOW_SHARE = 0.1
 def mode_seeking(tree: xr.DataTree) -> Findings:
     """Particles that a seeker of modes has gathered, whose spread tells nothing, whatever the data."""
     if not _seeks_mode(tree):
+        yield from [] if is_weighted(tree) else [not_run()]
         return
     others = ["--set target=posterior"] if "target" in told(tree, "settings") else suited_filter(tree)
     advice = f": for these, use {others[0]}" if others else ""
@@ -27,6 +38,7 @@ def degeneracy(tree: xr.DataTree) -> Findings:
     """Degeneracy of weighted particles."""
     exact = provenance(tree).get("closed form")  # whose weights are so, however few there are
     if not is_weighted(tree) or exact or _seeks_mode(tree):
+        yield not_run()
         return
     number, more = int(tree.attrs["num_particles"]), settings_among(tree, "num_particles")
     effective, unique = statistic(tree, "ess"), statistic(tree, "unique_ancestors")

@@ -20,6 +20,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     Findings,
     Verdict,
     in_one_camera,
+    not_run,
     settings_among,
     statistic,
 )
@@ -33,10 +34,14 @@ CHANCE_LOW = 0.025
 """Chance of innovations as large as these, below which they are more than chance: one side of a 95 % interval."""
 INFLATION_LOW = 0.5
 OVER_CONFIDENT = "Over-confident: use more particles or chains or another filter, or widen the model's noise or transition."
-UNDER_CONFIDENT = "Under-confident: the model's noise or transition is wider than the data need."
+UNDER_CONFIDENT = "Under-confident predictions"
+OUTER_LOW = 0.02
+"""Share of the data in the outer 10 % of their predictions, below which these are too wide."""
+NOT_OF_STATES = "This judges the data, not the states (coordinates, joints)."
 BIAS_HIGH = 0.25
 """Share of the data beyond a half on one side of their predicted medians; steady motion under a random walk gives 0.2."""
 MAX_NAMED = 4
+UNCHECKED = "no predictive checks"
 NOT_CHECKED = "infer(..., predict=poseppl.predictive_checks(model)) does"
 
 
@@ -44,18 +49,26 @@ def prediction(tree: xr.DataTree) -> Findings:
     """One-step-ahead predictions against the data that came; nothing where the result has none."""
     known, checks = provenance(tree), prediction_of(tree)
     if known.get("predictive checks") is not None:
+        yield not_run("unsuitable")
         yield Verdict(INFO, f"Predictive checks are {known['predictive checks']}.")
-    elif checks is None and "smoother" not in known and statistic(tree, "log_evidence") is not None:
-        yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
-    elif checks is not None:
-        found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
-        found = [each for each in found if not (in_one_camera(tree) and each.text.endswith(UNDER_CONFIDENT))]
-        if "smoother" not in known:
-            yield from found
-            return
-        # a smoother that is not bound to the filter's particles may be right where the filter is not
-        for each in found:
-            yield Verdict(WARNING if fits_model(tree) else each.severity, f"Of the filter that was smoothed: {each.text}")
+    elif checks is None:
+        yield not_run(UNCHECKED)
+        if "smoother" not in known and statistic(tree, "log_evidence") is not None:
+            yield Verdict(INFO, f"Whether the data came as the filter expected was not checked: {NOT_CHECKED}.")
+    else:
+        yield from _of_checks(tree, checks)
+
+
+def _of_checks(tree: xr.DataTree, checks: Prediction) -> Findings:
+    found = check_predictions(checks.data, group_of(tree, "predictive")["frame"].values)
+    found = [each for each in found if not (in_one_camera(tree) and each.text.startswith(UNDER_CONFIDENT))]
+    if "smoother" not in provenance(tree):
+        yield from found
+        return
+    # a smoother that is not bound to the filter's particles may be right where the filter is not
+    for each in found:
+        severity = WARNING if each.severity == ERROR and fits_model(tree) else each.severity
+        yield Verdict(severity, f"Of the filter that was smoothed: {each.text}")
 
 
 def prediction_of(tree: xr.DataTree) -> Prediction | None:
@@ -88,7 +101,7 @@ def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = Non
     squares = figures.by_squares  # the innovations' sizes may not allow it: smooth motion alone makes neighbours alike, too
     if found > INFLATION_HIGH and beyond_chance and not squares.estimate + squares.half_width < INFLATION_HIGH:
         share = implied_coverage(found)
-        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
+        return [Verdict(ERROR, f"{_words(figures)}; 90 % intervals of these cover about {100 * share:.0f} %. {OVER_CONFIDENT}")]
     if figures.by_chi_square.estimate > INFLATION_HIGH and figures.chance < CHANCE_LOW:
         return [Verdict(ERROR, _of_whole_frames(figures, prediction, frames))]
     high = figures.high
@@ -96,9 +109,24 @@ def check_predictions(prediction: DataPrediction, frames: ArrayLike | None = Non
         side, share = ("above", high.estimate) if high.estimate > 0.5 else ("below", 1 - high.estimate)
         text = f"{100 * share:.0f} % of the data came {side} the predicted median: the predictions are biased."
         return [Verdict(WARNING, text)]
-    if found + reach < INFLATION_LOW:
-        return [Verdict(WARNING, f"{_words(figures)}. {UNDER_CONFIDENT}")]
-    return []
+    return _too_wide(figures)
+
+
+def _too_wide(figures: PredictiveFigures) -> list[Verdict]:
+    """Predictions of the data that are wider than these need; of autocorrelated errors the states' intervals may be right."""
+    found, _, reach = figures.inflation
+    products, outer = figures.by_products, figures.outer.estimate
+    alike, unlike = products.estimate - products.half_width > 1, products.estimate + products.half_width < 1
+    nearly_all = outer < OUTER_LOW and figures.chance_low < CHANCE_LOW
+    if not nearly_all and not found + reach < INFLATION_LOW:
+        return []
+    if alike:
+        cause = "The noise is wider than the data need, or errors are autocorrelated (motion steadier than the transition)"
+    else:
+        cause = f"The transition {'is' if unlike else 'and the noise are'} wider than the data need"
+    severity = INFO if (alike or unlike) and not nearly_all else WARNING
+    text = f"{UNDER_CONFIDENT}: 90 % intervals of the data, one frame ahead, cover {100 * (1 - outer):.0f} % of them. {cause}."
+    return [Verdict(severity, f"{text} {NOT_OF_STATES}")]
 
 
 def _words(figures: PredictiveFigures) -> str:
@@ -126,6 +154,7 @@ def few_points(tree: xr.DataTree) -> Findings:
     known, prediction = provenance(tree), predicted_state_of(tree)
     points = known.get("points of the past")
     if points is None or prediction is None:
+        yield not_run(UNCHECKED if points is not None and "smoother" not in known else "")
         return
     draws = np.concatenate(flat_draws(tree).values)  # of all chains
     found = few_points_inflation(prediction, tree["summary"].dataset["state_sd"].values, points, draws)
@@ -143,6 +172,7 @@ def unreached(tree: xr.DataTree) -> Findings:
     """Coordinates that the data hardly reach; nothing where the result has no predictive checks of its state."""
     prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
     if prediction is None or ess is None:
+        yield not_run("" if "smoother" in provenance(tree) else UNCHECKED)
         return
     mean, deviation = (tree["summary"].dataset[f"state_{part}"].values for part in ("mean", "sd"))
     yield from check_unreached(prediction, mean, deviation, ess, names_of(tree, "dof"))

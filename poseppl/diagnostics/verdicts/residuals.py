@@ -12,7 +12,7 @@ import xarray as xr
 from poseppl.arrays import Floats
 from poseppl.diagnostics.batches import log_ratio
 from poseppl.diagnostics.image_errors import ImageErrors, image_errors
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, in_one_camera, of_walk
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, in_one_camera, not_run, of_walk
 from poseppl.runs.contents import names_of
 from poseppl.runs.results import provenance
 
@@ -43,6 +43,8 @@ def point_residuals(tree: xr.DataTree) -> Findings:
             yield from _overall(tree, errors, markers)
             yield from _of_markers(errors, markers)
         yield from _of_cameras(errors)
+    else:
+        yield not_run()
 
 
 def one_camera(tree: xr.DataTree) -> Findings:
@@ -54,6 +56,8 @@ def one_camera(tree: xr.DataTree) -> Findings:
         if mends:
             text = "One camera: joints tend to be nearer to it than they are, by more than intervals say"
             yield Verdict(WARNING, f"{text}: {', '.join(mends)}, or take another camera, too.")
+    else:
+        yield not_run()
 
 
 def _overall(tree: xr.DataTree, errors: ImageErrors, markers: list[str]) -> Findings:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, array_of, not_run, where
 from poseppl.runs.contents import group_of, names_of
 
 OVERLAP_LOW, OVERLAP_ERROR = 0.65, 0.5
@@ -25,6 +25,7 @@ def overlap(tree: xr.DataTree) -> Findings:
     """A body that does not fill the silhouettes it was tracked in, by camera and frame."""
     share, cameras = group_of(tree, "sample_stats").get("overlap"), names_of(tree, "camera")
     if share is None or not np.isfinite(share).any():
+        yield not_run()
         return
     means = share.mean("frame", dtype=np.float64).values
     frames = share.mean(set(share.dims) - {"frame"}, dtype=np.float64).values < OVERLAP_FRAME
@@ -45,6 +46,7 @@ def silhouette_jumps(tree: xr.DataTree) -> Findings:
     """Silhouettes that leap or swell from a frame to the next, as when they change to another person; by camera."""
     area, centre = (array_of(tree, "observed_data", f"silhouette_{part}") for part in ("area", "centre"))
     if area is None or centre is None or len(area) < 2:
+        yield not_run()
         return
     rate = float(tree.attrs.get("rate", np.inf))
     far = np.linalg.norm(np.diff(centre, axis=0), axis=-1) / np.sqrt(area[:-1])

@@ -8,7 +8,7 @@ import xarray as xr
 from poseppl.diagnostics.batches import Interval
 from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.smoothing import RESIDUAL_HIGH, STEPS_HIGH, exceeds, smoothing_figures
-from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict
+from poseppl.diagnostics.verdicts.verdict import ERROR, WARNING, Findings, Verdict, not_run
 from poseppl.runs.results import provenance
 
 STEPS_LOW = 0.5
@@ -21,8 +21,11 @@ FAR = 1.0
 def smoothing(tree: xr.DataTree) -> Findings:
     """Draws against the model, and moments against the filter's; nothing where the result is a filter's."""
     if "smoother" not in provenance(tree):
+        yield not_run()
         return
     figures = smoothing_figures(tree)
+    if not any(np.isfinite(figure.half_width) for figure in figures):
+        yield not_run("no checks of the draws")
     wrong = "the model is wrong, or the smoother missed the posterior"
     if exceeds(figures.data, RESIDUAL_HIGH):
         yield Verdict(ERROR, f"Data lie {_times(figures.data)} as far from the smoothed states as their noise allows: {wrong}.")

@@ -25,6 +25,7 @@ from poseppl.diagnostics.verdicts.verdict import (
     Verdict,
     array_of,
     in_one_camera,
+    not_run,
     of_walk,
     statistic,
     where,
@@ -86,6 +87,7 @@ def estimated_steps(tree: xr.DataTree) -> Findings:
     """Steps that are too large for the random walk, all or some, or far smaller than it; by group of coordinates."""
     steps = steps_of(tree)
     if steps is None:
+        yield not_run()
         return
     names = np.array(names_of(tree, "dof"))
     moves = np.array([name.rpartition(".")[2] in ("tx", "ty", "tz") for name in names])
@@ -127,9 +129,12 @@ def _leaps(tree: xr.DataTree, steps: Steps, group: str, names: NDArray[np.str_])
 def learned_prior(tree: xr.DataTree) -> Findings:
     """Frames in which something else than the learned activity happens, by the posterior probability of the two."""
     probability = array_of(tree, "summary", "prior_mean")
-    if probability is None or not (probability < HOLDS).any():
+    if probability is None:
+        yield not_run()
         return
     other = probability < HOLDS
+    if not other.any():
+        return
     share = float(np.mean(other))
     text = f"What was learned does not hold in {share:.0%} of the frames ({where(tree, other)}): there angles move at random"
     if share <= OTHER_SHARE:

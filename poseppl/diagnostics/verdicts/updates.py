@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from poseppl.diagnostics.predictive import implied_coverage
 from poseppl.diagnostics.updates import update_coverage, update_figures
 from poseppl.diagnostics.verdicts.particles import suited_filter
-from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, predicted_state_of
-from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Verdict, statistic
+from poseppl.diagnostics.verdicts.predictive import CHANCE_LOW, INFLATION_HIGH, UNCHECKED, predicted_state_of
+from poseppl.diagnostics.verdicts.verdict import ERROR, Findings, Verdict, not_run, statistic
 from poseppl.runs.predictive import StatePrediction
+from poseppl.runs.results import provenance
 
 LEAST_FRAMES = 10
 """Frames that have to tell."""
@@ -26,6 +27,7 @@ def updates(tree: xr.DataTree) -> Findings:
     """Updates that importance sampling contradicts; nothing where the result has no predictive checks of its state."""
     prediction, ess = predicted_state_of(tree), statistic(tree, "ess")
     if prediction is None or prediction.memory is None or ess is None:
+        yield not_run(UNCHECKED if prediction is None and "smoother" not in provenance(tree) else "")
         return
     summary, others = tree["summary"].dataset, suited_filter(tree)
     found = check_updates(prediction, summary["state_mean"].values, summary["state_sd"].values, ess, others)

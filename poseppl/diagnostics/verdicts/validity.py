@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, statistic, where
+from poseppl.diagnostics.verdicts.verdict import ERROR, INFO, WARNING, Findings, Verdict, not_run, statistic, where
 from poseppl.runs.contents import flat_draws, group_of
 from poseppl.runs.results import provenance
 
@@ -27,7 +27,8 @@ def failures(tree: xr.DataTree) -> Findings:
 
 
 def run_warnings(tree: xr.DataTree) -> Findings:
-    """What the run itself warned of."""
+    """What the run itself warned of, which is no check of its result."""
+    yield not_run()
     found = provenance(tree).get("warnings", [])
     for text in found if isinstance(found, list) else []:
         yield Verdict(WARNING, f"The run warned: {text}.")

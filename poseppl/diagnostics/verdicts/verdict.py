@@ -21,6 +21,7 @@ from poseppl.runs.results import provenance
 ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
 
+NOT_RUN = "not run"
 ESS_LOW = 10.0
 MAX_RANGES = 6
 """Ranges of frames that are spelt out."""
@@ -36,6 +37,15 @@ class Verdict(NamedTuple):
 
 Findings = Iterator[Verdict]
 """What a check yields."""
+
+
+def not_run(reason: str = "") -> Verdict:
+    """What a check yields that cannot judge a result; without a reason where it is for results of another kind.
+
+    Args:
+        reason: What is missing, in a few words.
+    """
+    return Verdict(NOT_RUN, reason)
 
 
 def frame_ranges(frames: Iterable[int]) -> str:

@@ -24,7 +24,7 @@ from poseppl.motion.tracking.refiltering import filter_again
 from poseppl.motion.tracking.scene import Scene, SceneData
 from poseppl.motion.tracking.track import affordable_draws, versions
 from poseppl.runs.algorithms import SMOOTHERS
-from poseppl.runs.contents import frame_numbers
+from poseppl.runs.contents import HISTORY, frame_numbers, group_of
 from poseppl.runs.outcome import history_of_result, smoothed_result
 from poseppl.runs.posterior_checks import check_posterior
 from poseppl.runs.results import provenance
@@ -56,8 +56,8 @@ class SmoothSettings(NamedTuple):
 def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Scene[SceneData] | None = None) -> xr.DataTree:
     """Smooth a result of :func:`poseppl.motion.tracking.track.track`.
 
-    The smoother starts from the draws that the result holds, and the model is built anew from its provenance. A smoother that
-    follows ancestors starts from all particles of the filter, which is run again.
+    The smoother starts from the filter's history, or from the draws where the result holds none. The model is built anew from
+    the provenance. A smoother that follows ancestors needs all particles of the filter, which runs again if they are not held.
 
     Args:
         tree: The result.
@@ -99,10 +99,12 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
         raise InputError(
             f"{settings.method} follows the filter's particles, which have none", field="--errors", expected="independent"
         )
-    history = filter_again(tree, problem) if smoother.follows_ancestors else history_of_result(at_mean_stature(tree))
+    key = jax.random.key(settings.seed)
+    again = smoother.follows_ancestors and "ancestor" not in group_of(tree, HISTORY)
+    history = filter_again(tree, problem) if again else history_of_result(at_mean_stature(tree), jax.random.fold_in(key, 0))
     run = run_smoother(
         smoother,
-        jax.random.key(settings.seed),
+        key,
         with_no_errors(history, problem) if lasting else history,
         problem.observations,
         problem.inputs,
@@ -119,8 +121,7 @@ def smooth(tree: xr.DataTree, settings: SmoothSettings | None = None, scene: Sce
     result = with_flesh(smoothed_result(run, tree, attrs), problem)
     if lasting or problem.pose is not None:  # the smoother's state is not that of the result
         return diagnose(result)
-    key = jax.random.fold_in(jax.random.key(settings.seed), 1)
-    checked = check_posterior(result, problem.model, key, problem.inputs, data=problem.observations)
+    checked = check_posterior(result, problem.model, jax.random.fold_in(key, 1), problem.inputs, data=problem.observations)
     return with_statures(diagnose(checked), problem.model)
 
 

@@ -26,6 +26,7 @@ from poseppl.motion.tracking.subjects import DEFAULT_MODEL
 from poseppl.motion.tracking.walk_learning import learn_walk
 from poseppl.runs.algorithms import FILTERS
 from poseppl.runs.checkpoint import Checkpoint
+from poseppl.runs.filter_history import HISTORY_MIB
 from poseppl.runs.outcome import parts_of_run
 from poseppl.runs.predictive import Predict, predictive_checks
 from poseppl.runs.results import Names, Truth, build_result
@@ -56,6 +57,7 @@ class TrackSettings(NamedTuple):
         other_motion: Whether, with a prior, the motion may be another one, too.
         seed: Of the filter.
         max_draws: Draws kept of each chain, or of all particles; as many as fit into 256 MiB if None.
+        history_mib: Room for what smoothers start from, MiB, see :mod:`poseppl.runs.filter_history`; with a prior none is kept.
         chunk: Frames between two parts of a checkpoint; as `run_filter` chooses if None.
         on_failure: "continue" or "stop" at a frame of impossible data.
         devices: How many JAX devices share the particles or chains.
@@ -72,6 +74,7 @@ class TrackSettings(NamedTuple):
     other_motion: bool = True
     seed: int = 0
     max_draws: int | None = None
+    history_mib: float = HISTORY_MIB
     chunk: int | None = None
     on_failure: Literal["continue", "stop"] = "continue"
     devices: int = 1
@@ -132,6 +135,7 @@ def track(
             checkpoint=None if checkpoint is None else Checkpoint(checkpoint, tracking.described, resume=resume),
             on_failure=settings.on_failure,
             frame_numbers=scene.frames.tolist(),
+            history_mib=settings.history_mib if problem.pose is None else 0,
         )
     except RunError as error:
         if error.done is None:

@@ -225,3 +225,23 @@ def test_damaged_files_are_read_or_refused(tmp_path: Path, qualisys: str) -> Non
                 for camera in cameras:
                     assert all(np.isfinite(part).all() for part in (camera.matrix, camera.distortion, camera.translation))
     assert refused > 60
+
+
+def test_a_picture_of_qualisys_that_is_cut_out_of_the_sensors(tmp_path: Path, qualisys: str) -> None:
+    """The principal point counts from the picture's corner, the skew is a 64th as well."""
+    text = qualisys
+    for old, new in (
+        (
+            '<fov_video bottom="1919" left="0" right="1087" top="0"/>',
+            '<fov_video bottom="1003" left="100" right="899" top="204"/>',
+        ),
+        ('centerPointU="34110.316406" centerPointV="60680.792969"', 'centerPointU="32000" centerPointV="38400"'),
+        ('focalLengthU="107599.671875" focalLengthV="107588.828125"', 'focalLengthU="64000" focalLengthV="128000"'),
+        ('skew="0.000000"', 'skew="128"'),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "Calib.qca.txt").write_text(text)
+    found = read_cameras(tmp_path / "Calib.qca.txt")[0]
+    np.testing.assert_allclose(found.matrix, [[1000, 2, 400], [0, 2000, 396], [0, 0, 1]])
+    assert found.size == (800, 800)

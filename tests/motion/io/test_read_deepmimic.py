@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from recording_samples import CHARACTER, CLIP
@@ -22,6 +24,14 @@ def test_forward_kinematics_by_hand(tmp_path):
     # the root turned a quarter about y takes z to x; the hip a quarter about z takes -y to x, which the root takes to -z
     expected = [[1000, 0, 1000], [1100, 0, 1000], [1100, 400, 1000], [1100, 400, 500]]
     np.testing.assert_allclose(motion.positions[1], expected, atol=1e-4)
+
+
+def test_the_last_frame_has_no_duration(tmp_path):
+    """Whatever stands there: the rate is that of the frames before it."""
+    rows = json.loads(CLIP)["Frames"][:2]
+    for durations, rate in (((0.5, 0.0), 2.0), ((0.25, 7.0), 4.0)):
+        frames = [[duration, *row[1:]] for duration, row in zip(durations, rows, strict=True)]
+        assert read(tmp_path, json.dumps({**json.loads(CLIP), "Frames": frames})).rate == rate
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import pytest
 from scipy.stats import norm, t
 
 from poseppl.motion.geometry import join_cameras, look_at, project
-from poseppl.motion.tracking.clock_offsets import fine_offsets
+from poseppl.motion.io import DetectedPeople
+from poseppl.motion.tracking.clock_offsets import coarse_offsets, fine_offsets
 
 pytestmark = pytest.mark.full
 
@@ -64,3 +65,35 @@ def test_noise_by_frames() -> None:
 
 def test_noise_that_lasts() -> None:
     check(*errors(15.0))
+
+
+def test_errors_of_calibration_add_up_as_independent_ones_of_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without noise nothing else is left: of three cameras two thirds of the variance of one pair."""
+    monkeypatch.setattr("poseppl.motion.tracking.clock_offsets.SYSTEMATIC", 0.02)
+    cameras = join_cameras([look_at(c, (0, 0, 0), 900.0) for c in ((3000.0, 0, 300), (0.0, 3000, 300), (-2500.0, 1500, 900))])
+    rng = np.random.default_rng(1)
+    phase, size = rng.uniform(0, 2 * np.pi, (NUM_POINTS, 3)), rng.uniform(20, SIZE, (NUM_POINTS, 3))
+    turn = 2 * np.pi * np.arange(NUM_FRAMES)[:, None, None] / RATE
+    places = size * np.sin(turn + phase) + rng.normal(size=(NUM_POINTS, 3)) * 300
+    points = np.moveaxis(np.asarray(project(cameras, jnp.asarray(places)), np.float64), 0, 1)
+    found = fine_offsets(cameras, points, np.ones(points.shape[:-1]), RATE)
+    assert found is not None
+    np.testing.assert_allclose(found.frames, 0.0, atol=0.02)
+    np.testing.assert_allclose(found.deviation[1:], 0.02 * RATE * np.sqrt(2 / 3), rtol=0.02)
+
+
+def test_whole_frames_by_which_cameras_are_late_are_found() -> None:
+    """Of four cameras in two groups, whatever pair stands out first."""
+    late = np.array([0, 3, -2, 6])
+    centres = [(3000.0, 0, 300), (0.0, 3000, 300), (-2500.0, 1500, 900), (1500.0, -2500, 600)]
+    cameras = join_cameras([look_at(centre, (0, 0, 0), 900.0) for centre in centres])
+    rng, frames = np.random.default_rng(2), 60
+    base = rng.normal(size=(6, 3)) * 300
+    times = (np.arange(frames)[:, None] - late) / RATE
+    turns = rng.uniform(0.3, 1.3, (6, 3))  # a second, each its own
+    places = base + 400 * np.sin(2 * np.pi * turns * times[..., None, None] + rng.uniform(0, 2 * np.pi, (6, 3)))
+    people = []
+    for c in range(4):
+        points = np.asarray(project(cameras, jnp.asarray(places[:, c])), np.float64)[c][:, None]
+        people.append(DetectedPeople(points, np.ones(points.shape[:-1]), np.arange(frames), "", tuple("abcdef")))
+    np.testing.assert_array_equal(coarse_offsets(cameras, people), late)

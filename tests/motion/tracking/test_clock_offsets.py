@@ -215,3 +215,26 @@ def test_the_interval_holds_errors_of_calibration(cameras: Cameras, people: list
         found = fine_offsets(both, points, confidence, 60.0)
         assert found is not None
         assert abs(found.frames[1]) < 3 * found.deviation[1] and found.deviation[1] >= SYSTEMATIC * 60.0
+
+
+def test_between_two_frames_points_are_a_part_of_the_way_and_no_surer_than_either() -> None:
+    """One person of three points, the last of which is seen in the first frame alone, listed second in the frame after."""
+    person = np.array([[0.0, 0.0], [100.0, 0.0], [50.0, 80.0]])
+    moved = person + [8.0, 4.0]
+    moved[2] = np.nan
+    other = person + 1000.0
+    found = DetectedPeople(
+        np.array([[person, other], [other, moved]]),
+        np.array([[[0.9, 0.2, 0.7], [0.5, 0.5, 0.5]], [[0.6, 0.6, 0.6], [0.3, 0.8, 0.0]]]),
+        np.array([0, 1]),
+        "",
+        ("a", "b", "c"),
+    )
+    between = resampled(found, np.array([0.25, 0.75]), np.array([10, 11]))
+    assert between.frames.tolist() == [10, 11]
+    np.testing.assert_allclose(between.points[0, 0], [[2.0, 1.0], [102.0, 1.0], [50.0, 80.0]])
+    np.testing.assert_allclose(between.confidence[0, 0], [0.3, 0.2, 0.7])
+    np.testing.assert_allclose(between.points[1, 0], [[6.0, 3.0], [106.0, 3.0], [np.nan, np.nan]])
+    np.testing.assert_allclose(between.confidence[1, 0], [0.3, 0.2, 0.0])
+    np.testing.assert_allclose(between.points[:, 1], [other, other])
+    np.testing.assert_allclose(between.confidence[:, 1], 0.5)

@@ -130,3 +130,26 @@ def test_a_result_without_joints(tmp_path: Path) -> None:
     bare = build_result(state=np.zeros((1, 5, 3, 1)), names=Names(("level",)))
     with pytest.raises(InputError, match="no joints in space"):
         export(bare, tmp_path, "walk")
+
+
+def test_a_motion_file_that_tells_no_unit_is_in_radians(tmp_path: Path) -> None:
+    """As OpenSim takes it."""
+    text = "Coordinates\nversion=1\n{}endheader\ntime\tknee\n0\t0.5\n0.1\t0.6\n"
+    for header, degrees in (("", False), ("inDegrees=yes\n", True), ("inDegrees=no\n", False)):
+        (tmp_path / "walk.mot").write_text(text.format(header))
+        found = read_mot(tmp_path / "walk.mot")
+        assert found.in_degrees is degrees
+        np.testing.assert_array_equal(found.columns["knee"], [0.5, 0.6])
+        np.testing.assert_array_equal(found.times, [0.0, 0.1])
+
+
+def test_places_of_the_pelvis_have_the_spread_of_its_draws() -> None:
+    """Five draws of the root's three coordinates, in m along OpenSim's axes; a standard deviation of few is Bessel's."""
+    rest = np.asarray(full_body().rest)
+    tree = drawn_result(np.tile(rest, (2, 1)), np.where(np.arange(len(rest)) < 3, 12.0, 0.0), np.arange(2), 30.0, num_draws=5)
+    coordinates, found = angle_estimates(tree)
+    along = [index for index, each in enumerate(coordinates) if each.unit != "degrees"]
+    draws = tree["unconstrained_posterior"]["state"].values[0, :, :, :3] / 1000.0
+    np.testing.assert_allclose(np.sort(found.spread[:, along], 1), np.sort(draws.std(0, ddof=1), 1), rtol=1e-3)
+    widths = np.quantile(draws, 0.95, axis=0) - np.quantile(draws, 0.05, axis=0)
+    np.testing.assert_allclose(np.sort((found.upper - found.lower)[:, along], 1), np.sort(widths, 1), rtol=1e-3)

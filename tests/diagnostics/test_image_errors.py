@@ -1,0 +1,45 @@
+"""Figures of errors in images, of residuals whose bias, spread and expectation are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from poseppl.diagnostics.image_errors import LEAST_SHARE, ImageErrors
+
+FRAMES, MARKERS = 4000, 2
+BIAS, SPREAD = np.array([[0.0, 0.0], [12.0, -7.0]]), np.array([2.0, 5.0])
+
+
+def normal(posterior: float = 0.0) -> ImageErrors:
+    """Two cameras, the second with a bias. A posterior of so many px takes its variance from the residuals."""
+    rng = np.random.default_rng(0)
+    left = np.sqrt(SPREAD**2 - posterior**2)
+    residual = BIAS[:, None] + left[:, None, None] * rng.standard_normal((FRAMES, 2, MARKERS, 2))
+    noise = np.broadcast_to(SPREAD[:, None], residual.shape[:3])
+    return ImageErrors(["left", "right"], residual, noise, np.full(residual.shape, posterior))
+
+
+def test_bias_and_spread_are_medians() -> None:
+    """A tenth of the points, far off to all sides, moves neither by much."""
+    errors = normal()
+    count = FRAMES * MARKERS
+    assert (np.abs(errors.bias - BIAS) < 4 * 1.2533 * SPREAD[:, None] / np.sqrt(count)).all()
+    np.testing.assert_allclose(errors.spread, SPREAD, rtol=4 * 1.17 / np.sqrt(2 * count))
+    far = errors.residual.copy()
+    far[::10] += 400 * np.random.default_rng(1).standard_normal(far[::10].shape)
+    astray = errors._replace(residual=far)
+    assert (np.abs(astray.bias - BIAS) < 0.3 * SPREAD[:, None]).all()
+    np.testing.assert_allclose(astray.spread, SPREAD, rtol=0.25)
+
+
+def test_what_a_posterior_knows_is_taken_off_the_expectation() -> None:
+    errors = normal(1.5)._replace(residual=normal(1.5).residual - BIAS[:, None])
+    np.testing.assert_allclose(errors.scale((0, 2, 3)), 1.0, rtol=4 / np.sqrt(4 * FRAMES * MARKERS))
+    square, expected = errors.sums((0, 2, 3))
+    np.testing.assert_allclose(expected, 2 * FRAMES * MARKERS * (1 - 1.5**2 / SPREAD**2), rtol=1e-9)
+    assert square == pytest.approx(expected, rel=0.05) and errors.left_out == 0
+    # a posterior nearly as wide as the noise leaves residuals without information
+    sure = errors._replace(deviation=np.full(errors.residual.shape, SPREAD[0] * np.sqrt(1 - LEAST_SHARE / 2)))
+    assert sure.left_out == pytest.approx(0.5)
+    assert np.isnan(sure.scale((0, 2, 3))[0])
