@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from poseppl.filters.base import Filter, FilterState, Info
-from poseppl.gaussians.gaussian import Gaussian
+from poseppl.gaussians.gaussian import Gaussian, RootGaussian
 from poseppl.particles.weights import normalise
 
 MIB = 2**20
@@ -45,8 +45,8 @@ def history_of_frame(filter: Filter, state: FilterState, info: Info) -> Particle
     if state.particles.ndim != 2:
         return None
     gaussian = getattr(state, "posterior", None)
-    if isinstance(gaussian, Gaussian):
-        return gaussian
+    if isinstance(gaussian, Gaussian | RootGaussian):
+        return Gaussian(gaussian.mean, gaussian.covariance)
     ancestors = with_genealogy_alone(filter, info).ancestors
     return ParticleHistory(state.particles, normalise(state.log_weights).log_weights, jnp.asarray(ancestors, jnp.int32))
 
@@ -62,7 +62,7 @@ def bytes_of_frame(filter: Filter, state: Any) -> int:
     if particles.ndim != 2:
         return 0
     number, dimension = particles.shape
-    if isinstance(getattr(state, "posterior", None), Gaussian):
+    if isinstance(getattr(state, "posterior", None), Gaussian | RootGaussian):
         return int(dimension * (dimension + 1) * particles.dtype.itemsize)
     return int(number * ((dimension + 1) * particles.dtype.itemsize + 4 * filter.genealogy))
 

@@ -162,6 +162,20 @@ def build_result(
     if edges is not None:
         skeleton = {"edges": (("edge", "end"), np.asarray(edges, np.int32).reshape(-1, 2))}
         groups["body"] = xr.Dataset(skeleton, attrs={"root": root} if root else {})
+    groups |= _of_algorithms(known, inputs, predictive, history or {})
+    tree = xr.DataTree.from_dict(groups | dict(others or {}))
+    tree.attrs = _root_attrs(rate, num_particles, attrs or {})
+    return tree
+
+
+def _of_algorithms(
+    known: Mapping[str, NDArray[Any]],
+    inputs: Mapping[str, ArrayLike] | None,
+    predictive: Mapping[str, ArrayLike] | None,
+    history: Mapping[str, ArrayLike],
+) -> dict[str, xr.Dataset]:
+    """What the algorithm was given, and what it leaves for checks and smoothers, without groups of nothing."""
+    groups = {}
     if inputs is not None:
         groups["inputs"] = _inputs(inputs, known)
     if predictive is not None:
@@ -169,9 +183,7 @@ def build_result(
     if history:
         parts = {name: (HISTORY_AXES[name], np.asarray(values)) for name, values in history.items()}
         groups[HISTORY] = checked(parts, known)
-    tree = xr.DataTree.from_dict(groups | dict(others or {}))
-    tree.attrs = _root_attrs(rate, num_particles, attrs or {})
-    return tree
+    return groups
 
 
 def _where_given(

@@ -109,9 +109,9 @@ def run_filter(
     numbers = list(range(num_frames)) if frame_numbers is None else [int(number) for number in frame_numbers]
     started = time.perf_counter()
     calls = Calls(filter, collect, predict, sequence, rng_key, history_bytes=history_mib * MIB)
-    if calls.history_bytes > history_mib * MIB > 0:
-        note(no_room(calls.history_bytes / MIB, history_mib))
     course = Course(calls, numbers, on_failure, note, started)
+    if calls.history_bytes > history_mib * MIB > 0:
+        course.warn(no_room(calls.history_bytes / MIB, history_mib))
     course.warn(*coarse_inputs(inputs))
     saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
@@ -126,18 +126,25 @@ def run_filter(
             course.take(state, kept)
             if progress:
                 progress.advance(len(kept.finite))
-        pace = _SAVED if adapts else length
-        while course.stop < num_frames:
-            start, began = course.stop, time.perf_counter()
-            state, kept = course.advance(min(start + pace, num_frames) if start else 1)
-            if adapts:
-                seconds = (time.perf_counter() - began) / (course.stop - start)
-                pace = min(max(int(_PATIENCE / max(seconds, 1e-9)), _SAVED), length)
-            if checkpoint is not None:
-                checkpoint.save(start, course.stop, state, kept)
-            if progress:
-                progress.advance(course.stop - start)
+        _go_on(course, num_frames, length, checkpoint, progress, adapts)
     return course.finish()
+
+
+def _go_on(
+    course: Course, num_frames: int, length: int, checkpoint: Checkpoint | None, progress: Progress | None, adapts: bool
+) -> None:
+    """Run the frames that are left, in parts of this length, or as many at a time as take about a quarter of a second."""
+    pace = _SAVED if adapts else length
+    while course.stop < num_frames:
+        start, began = course.stop, time.perf_counter()
+        state, kept = course.advance(min(start + pace, num_frames) if start else 1)
+        if adapts:
+            seconds = (time.perf_counter() - began) / (course.stop - start)
+            pace = min(max(int(_PATIENCE / max(seconds, 1e-9)), _SAVED), length)
+        if checkpoint is not None:
+            checkpoint.save(start, course.stop, state, kept)
+        if progress:
+            progress.advance(course.stop - start)
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
