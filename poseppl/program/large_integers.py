@@ -74,6 +74,8 @@ def are_exact(sites: Mapping[str, Site], states: Array) -> Array:
 def overflown(sites: Mapping[str, Site], states: Any) -> list[str]:
     """Names of the integer sites that some of the flat states (..., d) do not hold exactly."""
     names = unsafe_integers(sites)
+    if not names or isinstance(states, jax.core.Tracer):  # of which nothing is known yet
+        return []
     flat = np.asarray(states)
     spans = {name: flat[..., sites[name].offset : sites[name].offset + sites[name].size] for name in names}
     return [name for name, values in spans.items() if np.any(np.abs(values) >= LARGEST)]
