@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any, Protocol
 
@@ -29,7 +29,7 @@ from poseppl.runs.checkpoint import Checkpoint, fingerprint
 from poseppl.runs.compiled_scan import Calls, Collect as Collect, Kept as Kept
 from poseppl.runs.course import Course, OnFailure, Run as Run, RunError as RunError
 from poseppl.runs.filter_history import MIB, no_room
-from poseppl.runs.frame_sequence import Constant as Constant, frame_inputs as frame_inputs, frame_sequence
+from poseppl.runs.frame_sequence import Constant as Constant, FrameSequence, frame_inputs as frame_inputs, frame_sequence
 from poseppl.runs.predictive import Predict
 
 _LOGGER = logging.getLogger("poseppl")
@@ -84,8 +84,7 @@ def run_filter(
         checkpoint: Where the run is saved after each chunk, and resumed from.
         on_failure: What to do at a frame whose data are impossible: "continue" from its prediction, or "stop".
         frame_numbers: Numbers of the frames in messages; 0, 1, ... if None.
-        history_mib: Room for what smoothers need of the filter (:mod:`poseppl.runs.filter_history`), MiB. A history that needs
-            more is not kept, and `progress` is told.
+        history_mib: Room for the :mod:`poseppl.runs.filter_history`, MiB; one that needs more is not kept, with a note.
 
     Returns:
         What was kept, and how it went.
@@ -113,14 +112,8 @@ def run_filter(
     if calls.history_bytes > history_mib * MIB > 0:
         course.warn(no_room(calls.history_bytes / MIB, history_mib))
     course.warn(*coarse_inputs(inputs))
-    saved: list[tuple[Any, Kept]] = []
     with checkpoint or nullcontext():
-        if checkpoint is not None:
-            data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
-            checkpoint.open(
-                fingerprint(data, chunk=length, num_frames=num_frames, state=calls.state, history=calls.keeps_history), note
-            )
-            saved = checkpoint.load(_spans(num_frames, length), calls.state, calls.blank)
+        saved = [] if checkpoint is None else _saved(checkpoint, sequence, rng_key, calls, length, note)
         course.compile(resumed=sum(len(kept.finite) for _, kept in saved))
         for state, kept in saved:
             course.take(state, kept)
@@ -145,6 +138,16 @@ def _go_on(
             checkpoint.save(start, course.stop, state, kept)
         if progress:
             progress.advance(course.stop - start)
+
+
+def _saved(
+    checkpoint: Checkpoint, sequence: FrameSequence, rng_key: Array, calls: Calls, length: int, note: Callable[[str], None]
+) -> list[tuple[Any, Kept]]:
+    """Open a checkpoint, and load the parts that it holds of this run."""
+    data = (sequence.observations, sequence.varying, sequence.constant, jax.random.key_data(rng_key))
+    known = {"num_frames": sequence.num_frames, "state": calls.state, "history": calls.keeps_history}
+    checkpoint.open(fingerprint(data, chunk=length, **known), note)
+    return checkpoint.load(_spans(sequence.num_frames, length), calls.state, calls.blank)
 
 
 def _spans(num_frames: int, chunk: int) -> list[tuple[int, int]]:
