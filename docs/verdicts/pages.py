@@ -23,6 +23,7 @@ from verdicts import (
     default_filter,
     ensembles,
     fast_motion,
+    independent_answers,
     keypoints,
     learned_prior,
     marker_places,
@@ -70,6 +71,7 @@ def claims(experiment: str) -> Section:
 
 
 SECTIONS: Mapping[str, Mapping[str, Section]] = {
+    "checked.md": {"independent-answers": independent_answers.independent_answers},
     "choosing.md": {"default-filter": default_filter.default_filter, "choosing": choosing.choosing},
     "compared.md": {"motion-peers": motion_peers.motion_peers},
     "keypoints.md": {

@@ -66,9 +66,9 @@ class SmoothCommand(CommandWithSettings):
 def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -> None:
     """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
 
-    RESULT is a file that poseppl track wrote. Its draws are where the smoother starts, so its --max-draws is how many
-    particles a smoother sees. For genealogy and fixed-lag, which follow all particles back through their ancestors, the filter
-    of RESULT is run again with its seed; it has to be a particle filter. A result of videos holds no pictures: there it is
+    RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps up
+    to track's --history-mib; from the draws where it keeps none. Genealogy and fixed-lag follow all particles back through their
+    ancestors: where RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: there it is
     poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which
     smoother?" in the documentation.
     """
