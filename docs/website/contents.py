@@ -20,7 +20,10 @@ PARTS = (
     Part("Start", ("docs/quickstart", "notebooks/index")),
     Part(
         "Guides",
-        ("docs/your_model", "docs/choosing", "docs/keypoints", "docs/likelihoods", "docs/verdicts", "docs/checked", "docs/security"),
+        (
+            *("docs/your_model", "docs/choosing", "docs/keypoints", "docs/likelihoods", "docs/verdicts", "docs/checked"),
+            "docs/security",
+        ),
         "docs/*.md",
     ),
     Part("Background", ("docs/conventions", "docs/compared", "docs/measurements", "docs/architecture")),

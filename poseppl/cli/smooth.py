@@ -68,7 +68,7 @@ def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -
 
     RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps up
     to track's --history-mib; from the draws where it keeps none. Genealogy and fixed-lag follow all particles back through their
-    ancestors: where RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: there it is
+    ancestors: where RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
     poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which
     smoother?" in the documentation.
     """

@@ -27,14 +27,18 @@ from numpy.typing import NDArray
 from poseppl.checks import check_at_least, check_key
 from poseppl.compilation import jit
 from poseppl.errors import InputError
+from poseppl.particles.resampling import systematic
 from poseppl.particles.stacks import rows_of
 from poseppl.program import CompiledModel
 from poseppl.program.large_integers import check_exact
 from poseppl.program.population import propagate
-from poseppl.runs.contents import check_coordinates, flat_draws, frame_numbers, names_of
+from poseppl.runs.contents import HISTORY, check_coordinates, flat_draws, frame_numbers, group_of, names_of
 from poseppl.runs.frame_sequence import stacked_inputs
 from poseppl.runs.labels import Names, coordinates, labelled
 from poseppl.runs.results import encoded, provenance
+
+_START = 2**31 - 1
+"""Number that the key of the draws to start from is folded with, beside those of frames."""
 
 
 def forecast(
@@ -58,7 +62,8 @@ def forecast(
         inputs: Inputs of the new frames with a leading H, constant parts wrapped in :class:`~poseppl.runs.run.Constant`; None
             where the model takes none.
         start: Number of the frame that the forecast starts after; the last one if None.
-        num_draws: Draws of each chain, evenly chosen or repeated; as many as the result holds if None.
+        num_draws: Draws: of all the filter's particles where the result keeps them, else of each chain, evenly chosen or
+            repeated; as many as the result holds if None.
         attrs: Provenance: anything that JSON can hold; that of the result is kept.
 
     Returns:
@@ -75,10 +80,9 @@ def forecast(
     check_coordinates(result, model)
     numbers = frame_numbers(result)
     last = _position(result, numbers, start)
-    draws = flat_draws(result).transpose("chain", "draw", "frame", "dof").values[:, :, last]
     if num_draws is not None:
         check_at_least(1, num_draws=num_draws)
-        draws = draws[:, np.arange(num_draws) * draws.shape[1] // num_draws]
+    draws = _draws(result, num_draws, jax.random.fold_in(rng_key, _START))[:, :, last]
     keys = jax.random.split(rng_key, horizon)
     sites, data, largest = _go_on(model, keys, draws.reshape(-1, draws.shape[-1]), stacked_inputs(inputs, horizon))
     check_exact(model.sites, largest)
@@ -105,7 +109,7 @@ def hindcast(
         horizon: H, at least 1, and less than the result's frames.
         rng_key: PRNG key.
         inputs: The filter's inputs.
-        num_draws: Draws of each chain, evenly chosen or repeated.
+        num_draws: Draws, as :func:`forecast` takes them.
 
     Returns:
         Predicted data by site, (chain, draw, start, lead, ...); ``start`` is the number of the frame that a forecast starts
@@ -124,17 +128,28 @@ def hindcast(
     if horizon >= len(numbers):
         raise InputError(f"{horizon}", field="horizon", expected=f"less than the result's {len(numbers)} frames")
     starts = len(numbers) - horizon
-    draws = flat_draws(result).transpose("frame", "chain", "draw", "dof").values[:starts]
-    chosen = draws[:, :, np.arange(num_draws) * draws.shape[2] // num_draws]
+    chosen = np.moveaxis(_draws(result, num_draws, jax.random.fold_in(rng_key, _START)), 2, 0)[:starts]
     ahead = np.arange(starts)[:, None] + np.arange(1, horizon + 1)
     windows = rows_of(stacked_inputs(inputs, len(numbers)), ahead)
     keys = jax.random.split(rng_key, (starts, horizon))
     data = _from_all(model, keys, chosen.reshape(starts, -1, chosen.shape[-1]), windows)
     variables = {}
     for name, values in data.items():
-        array = np.moveaxis(np.asarray(values), 2, 0).reshape(draws.shape[1], num_draws, starts, horizon, *values.shape[3:])
+        array = np.moveaxis(np.asarray(values), 2, 0).reshape(chosen.shape[1], num_draws, starts, horizon, *values.shape[3:])
         variables[name] = (("chain", "draw", "start", "lead", *(f"{name}_dim_{i}" for i in range(array.ndim - 4))), array)
     return xr.Dataset(variables, {"start": numbers[:starts], "lead": np.arange(1, horizon + 1)})
+
+
+def _draws(result: xr.DataTree, number: int | None, rng_key: Array) -> NDArray[Any]:
+    """Draws (chain, number, frame, d): of all particles by weight where the result keeps them, else some of its draws."""
+    kept = group_of(result, HISTORY)
+    if number is None or "state" not in kept:
+        draws: NDArray[Any] = flat_draws(result).transpose("chain", "draw", "frame", "dof").values
+        return draws if number is None else draws[:, np.arange(number) * draws.shape[1] // number]
+    particles, log_weights = kept["state"].values, kept["log_weight"].values
+    keys = jax.random.split(rng_key, len(particles))
+    chosen = np.asarray(jax.vmap(lambda key, weights: systematic(key, weights, number))(keys, log_weights))
+    return np.swapaxes(np.take_along_axis(particles, chosen[..., None], 1), 0, 1)[None]
 
 
 @partial(jit, static_argnums=0)

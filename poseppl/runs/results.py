@@ -40,7 +40,8 @@ group                        variables
 ===========================  =================================================================================================
 
 Weighted particles have no chains: their ``posterior`` is one chain of draws resampled by weight, and the root attribute
-``num_particles`` holds the number of particles behind each frame. The provenance is in the root attributes, as JSON.
+``num_particles`` holds the number of particles behind each frame. Of a smoothed result the attribute ``joint`` says whether
+draws of one index are one trajectory along the frames. The provenance is in the root attributes, as JSON.
 
 >>> tree = build_result(state=np.zeros((2, 5, 3, 1)), names=Names(dof=("level",)), attrs={"model": "random walk"})
 >>> tree["posterior"].sizes["draw"], provenance(tree)["model"]

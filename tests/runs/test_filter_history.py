@@ -140,6 +140,17 @@ def test_smoothers_of_a_result_are_right_where_a_site_has_no_noise(build, tmp_pa
     assert error < 0.3 and least > 0.75 and most < 1.25
 
 
+@pytest.mark.parametrize(("name", "joint"), [("backward simulation", True), ("fixed lag", False)])
+def test_draws_are_trajectories_where_the_result_says_so(name, joint):
+    """The lag of a frame is then the state of the frame before, in every draw."""
+    posed = Posed(oscillator)
+    result = poseppl.infer(posed.model, {"y": posed.data}, poseppl.particle_filter(posed.model, 1000), KEY)
+    smoothed = poseppl.smooth(result, SMOOTHERS[name](posed.model), KEY)
+    now, before = (smoothed[f"posterior/{site}"].values for site in ("now", "before"))
+    assert poseppl.runs.results.provenance(smoothed)["joint"] is joint
+    assert np.array_equal(before[..., 1:], now[..., :-1]) is joint
+
+
 @pytest.mark.parametrize("name", ["backward simulation", "metropolis", "forward-backward"])
 def test_a_smoothing_that_cannot_go_back_is_refused(name):
     """Draws that were resampled frame by frame cannot come from one another; so do those of a Gaussian."""
@@ -215,7 +226,7 @@ def test_a_hidden_markov_result_has_its_draws_and_is_smoothed_exactly():
     ahead = poseppl.forecast(result, model, 2, KEY, num_draws=4000)["forecast/z"].isel(frame=1).values
     expected = result["summary/z_probability"].values[-1] @ matrix @ matrix
     shares = np.bincount(ahead.ravel(), minlength=3) / ahead.size
-    np.testing.assert_allclose(shares, expected, atol=5 * np.sqrt(0.25 / 200))
+    np.testing.assert_allclose(shares, expected, atol=5 * np.sqrt(0.25 / 4000))
 
 
 def test_a_gaussian_filter_keeps_its_moments():
