@@ -66,11 +66,10 @@ class SmoothCommand(CommandWithSettings):
 def smooth(result: str, method: str, settings: dict[str, str], **options: Any) -> None:
     """Smooth the result of poseppl track: the posterior of every frame given all frames, also the later ones.
 
-    RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps up
-    to track's --history-mib; from the draws where it keeps none. Genealogy and fixed-lag follow all particles back through their
-    ancestors: where RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
-    poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which
-    smoother?" in the documentation.
+    RESULT is a file that poseppl track wrote. The smoother starts from the filter's particles or Gaussians, which RESULT keeps
+    up to track's --history-mib, or from the draws if it keeps none. Genealogy and fixed-lag follow all particles back through
+    their ancestors: if RESULT keeps none, a particle filter runs again with its seed. A result of videos holds no pictures: use
+    poseppl track --smooth METHOD. Which smoother for what: see "Which filter, which smoother?" in the documentation.
     """
     from poseppl.cli.console import ConsoleProgress, print_table, print_verdict, start_jax
     from poseppl.cli.files import check_writable, contents_of, output_path
