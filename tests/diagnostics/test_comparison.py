@@ -93,7 +93,6 @@ def test_summaries_are_means_over_frames(comparison: xr.DataTree) -> None:
     assert (np.abs(summary["coverage"] - summary["level"]) < 5 * summary["coverage_se"]).all()
 
 
-@pytest.mark.full
 def test_the_quicker_run_wins_by_the_known_factor() -> None:
     """The chains' inefficiencies are (1 + rho) / (1 - rho) = 3 and 1, and the times 2 to 1."""
     long = {
@@ -172,7 +171,6 @@ def test_a_wrong_posterior_is_left_out_of_comparisons_of_ess() -> None:
     assert not result["winner"]["not_worse"].sel(quantity="error", run="wrong")
 
 
-@pytest.mark.full
 def test_variance_between_seeds_is_that_of_the_mean() -> None:
     """Independent draws of unit variance: the mean of 200 of them has the variance 1 / 200, within and between runs."""
     trees = {f"seed {seed}": run_on(DATA, seed=seed) for seed in range(8)}

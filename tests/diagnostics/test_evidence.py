@@ -79,7 +79,6 @@ def test_differences_beyond_noise_are_told_from_others() -> None:
     )
 
 
-@pytest.mark.full
 def test_seeds_tell_the_error_of_what_does_not_know_its_own() -> None:
     rng = np.random.default_rng(1)
     seeds = {

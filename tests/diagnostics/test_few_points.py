@@ -17,6 +17,7 @@ from poseppl.runs.predictive import StatePrediction, predictive_checks
 from poseppl.runs.simulation import simulate
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("noise", [NOWHERE, FAINT, 3.0])
 def test_the_least_inflation_is_at_most_the_true_one_and_most_of_it(noise: float) -> None:
     """Of 800 sequences of five points; it is of first order in 1 / n, which leaves less than 0.3 of what is beyond 1 out."""

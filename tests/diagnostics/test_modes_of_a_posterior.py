@@ -86,7 +86,6 @@ def test_halves_of_one_mode_are_not_two(mirror, monkeypatch) -> None:
     assert (modes_over_time(mirror[1]).masses[:3] > 0).sum(1).max() > 1
 
 
-@pytest.mark.full
 def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
     """Of chains that mix slowly, of tails that are heavy, of few draws, and of draws that are not finite."""
     rng = np.random.default_rng(1)
@@ -101,7 +100,6 @@ def test_draws_of_one_mode_are_one_in_many_dimensions() -> None:
     assert mode_labels(np.zeros((1, 2))).tolist() == [0]
 
 
-@pytest.mark.full
 def test_modes_of_two_limbs_are_told_apart_with_their_places() -> None:
     rng = np.random.default_rng(2)
     places = np.tile([[0.0, 0.0, 900.0], [200.0, 0.0, 1100.0], [-200.0, 0.0, 1100.0]], (1000, 1, 1))

@@ -70,7 +70,6 @@ def errors(tree: xr.DataTree) -> list[str]:
     return [found.text for found in verdicts(tree) if found.severity == "error"]
 
 
-@pytest.mark.full
 def test_an_exact_smoother_is_let_be(runs: list[Smoothing]) -> None:
     trees = [checked(each.smoothed) for each in runs]
     assert [errors(tree) for tree in trees] == [[]] * SEEDS
@@ -97,6 +96,7 @@ def test_a_wrong_smoother_is_an_error(runs: list[Smoothing], change: Change, wor
         assert any(words in text for text in errors(checked(each.smoothed, change)))
 
 
+@pytest.mark.full
 def test_a_wrong_model_is_an_error_of_its_filter_and_of_its_smoother() -> None:
     """Data of noise that is three times as large as the model has it."""
     noise = np.sqrt(8 * 0.25) * np.random.default_rng(0).standard_normal((FRAMES, 1))

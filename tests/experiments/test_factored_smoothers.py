@@ -178,6 +178,7 @@ def drawn(tables: FactoredTables, mixtures: Mixtures, chains: int = 24, rounds: 
     return [x.mean(0) for x in pairs], [x.std(0, ddof=1) / np.sqrt(chains) + 1e-5 for x in pairs]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(2))
 def test_gibbs_comes_to_the_enumeration(seed):
     tables, mixtures = tiny(seed), mixtures_of(seed)

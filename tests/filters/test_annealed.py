@@ -54,7 +54,6 @@ def likeliest():
     return np.linalg.solve(posed.matrices.H, np.asarray(posed.observations.values["y"][0], float))
 
 
-@pytest.mark.full
 def test_particles_gather_at_the_mode_of_the_likelihood():
     distances, spreads = [], []
     for num_layers in (1, 10):
@@ -100,7 +99,6 @@ def test_noise_of_a_layer_falls_by_the_survival_rate():
     np.testing.assert_allclose(np.asarray(state.particles).var(0), 100 * survival, rtol=5 * np.sqrt(2 / 4000) + 0.02)
 
 
-@pytest.mark.full
 def test_crossover_takes_whole_groups_from_either_parent():
     particles = jnp.arange(50.0)[:, None] + jnp.array([0.0, 100.0, 200.0, 300.0, 400.0])
     groups = np.array([1, 0, 1, 2, 2])
@@ -158,7 +156,6 @@ def test_settings_out_of_range_are_refused(settings, word):
         annealed_filter(problem().model, **{"num_particles": 10, **settings})
 
 
-@pytest.mark.full
 def test_layers_disperse_by_the_transitions_own_variance():
     """From 20,000 pairs of draws, whatever states they start from; times the factor of the layer."""
     model, number = linear_gaussian(2, Q=[[0.3, 0.0], [0.0, 2.0]]).compile(), 20_000

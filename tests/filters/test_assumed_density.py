@@ -12,8 +12,6 @@ import pytest
 import poseppl
 from poseppl.filters.assumed_density import draws_of_covariances
 
-pytestmark = pytest.mark.full
-
 NUM_FRAMES = 30
 
 
@@ -39,6 +37,7 @@ def moments(model, built, data):
     return whole.mean(0), whole.std(0), np.asarray(result["sample_stats"]["ess"]).reshape(-1)
 
 
+@pytest.mark.full
 def test_a_site_that_is_drawn_anew_in_each_frame_agrees_with_kalman():
     model = poseppl.StateSpaceModel(initial, transition, observation).compile()
     data = {"y": np.random.default_rng(0).normal(size=(NUM_FRAMES, 2))}

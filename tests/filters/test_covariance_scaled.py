@@ -68,6 +68,7 @@ def test_both_mirror_modes_are_carried_with_their_weights():
     assert ((single < 0.01) | (single > 0.99)).all()
 
 
+@pytest.mark.full
 def test_evidence_is_near_to_the_grids():
     """Modes that lie apart are near to Gaussians: Laplace's approximation is good to a few percent."""
     model, observations, grid, exact = mirrored(LEVEL + 0.4 * np.sin(np.arange(10.0)))

@@ -81,6 +81,7 @@ def test_velocity_is_what_the_estimate_moved(frames):
         np.testing.assert_allclose(after.velocity, after.best - before.best, atol=1e-6)
 
 
+@pytest.mark.full
 def test_without_data_particles_move_by_the_velocity(frames):
     _, found = frames
     (before, _), (after, info) = found[MASKED - 1], found[MASKED]
@@ -88,7 +89,6 @@ def test_without_data_particles_move_by_the_velocity(frames):
     np.testing.assert_allclose(after.particles, expected, atol=1e-6)
 
 
-@pytest.mark.full
 def test_noise_follows_the_survival_diagnostic():
     values = jnp.log(jnp.array([0.5, 0.5, 0.0, 0.0]))
     assert abs(float(_noise_factor(values, "survival")) - 0.5) < 1e-6

@@ -158,7 +158,6 @@ def test_inflation_widens_the_prediction_alone():
     np.testing.assert_allclose(states[1].mean(0), states[0].mean(0), atol=1e-6)
 
 
-@pytest.mark.full
 def test_tapers_by_position_and_by_name_agree():
     model = linear_gaussian_model(linear_gaussian_matrices(6, 3)).compile()
     by_position = localise_by_position(model, {"x": np.arange(6), "y": np.arange(3)}, 2.0, period=6)
@@ -237,7 +236,6 @@ def test_one_step_of_adaptive_inflation_is_a_product_of_gaussians(factor, drift)
     np.testing.assert_allclose(adapted_inflation(jnp.asarray(factor), predicted, drift) ** 2, exact, rtol=1e-4)
 
 
-@pytest.mark.full
 def test_inflation_is_adapted_by_members_that_are_not_inflated():
     """The next factor is that of the innovations against the first prediction as it was drawn."""
     model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()
@@ -251,7 +249,6 @@ def test_inflation_is_adapted_by_members_that_are_not_inflated():
     assert abs(float(expected) - 1.5) > 1e-5
 
 
-@pytest.mark.full
 def test_states_and_data_have_tapers_of_their_own():
     """Data that no state hangs together with move nothing, whatever they are to each other."""
     model = linear_gaussian_model(linear_gaussian_matrices(2)).compile()

@@ -22,7 +22,6 @@ RNG = np.random.default_rng(5)
 FIVE = (RNG.dirichlet(np.ones(5)), RNG.dirichlet(np.ones(5), 5), RNG.dirichlet(np.ones(3), 5))
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("matrices", [TWO_STATES, FIVE], ids=["two", "five"])
 def test_equal_to_forward_filtering(matrices):
     model = finite_hmm(*matrices).compile()

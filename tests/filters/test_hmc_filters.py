@@ -17,8 +17,6 @@ from poseppl.motion.bodies.body import BodyInputs
 from poseppl.motion.geometry import paper_camera
 from poseppl.program import Clamped, Observation
 
-pytestmark = pytest.mark.full
-
 SHORT = HMCSettings(num_updates=30, num_leapfrog=8, num_warmup=10)
 
 
@@ -113,6 +111,7 @@ def test_inflation_is_the_bias_of_the_inverse_covariance():
     assert float(covariance_inflation(jax.random.normal(jax.random.key(1), (4000, 5, 5)))) < 1.01
 
 
+@pytest.mark.full
 def test_effective_draws_of_autoregressive_chains():
     """An AR(1) chain of coefficient rho has an inefficiency factor of (1 + rho) / (1 - rho)."""
     rho, num_chains, num_draws = 0.5, 200, 400
@@ -124,6 +123,7 @@ def test_effective_draws_of_autoregressive_chains():
     assert abs(float(effective_draws(jnp.swapaxes(chain, 0, 1))) / expected - 1) < 5 * 0.1 / np.sqrt(20) + 0.01
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "build",
     [

@@ -105,7 +105,6 @@ def test_a_model_without_finite_sites_or_inputs_is_one_gaussian():
     np.testing.assert_allclose(info.log_evidence, its_info.log_evidence, rtol=1e-5)
 
 
-@pytest.mark.full
 def test_transitions_that_depend_on_the_value_before_and_draws_that_hang_together():
     """Two coordinates of which the past value decides the mean; both frames against the sum over all histories."""
     posed, number = in_two_coordinates(TRANSITION, True, np.array([[np.nan, np.nan], [1.2, -0.5]])), 20_000

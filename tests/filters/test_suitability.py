@@ -36,6 +36,7 @@ def test_a_filter_that_refuses_a_model_is_known() -> None:
     assert not takes(MODELS["counts"]().model, FILTERS["assumed-density"].builder)
 
 
+@pytest.mark.full
 def test_a_hidden_markov_model_is_advised_what_is_exact_which_is_let_be() -> None:
     model = finite_hmm().compile()
     data = jax.tree.map(np.asarray, simulate(model, jax.random.key(0), 60).values)

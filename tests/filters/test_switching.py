@@ -149,8 +149,7 @@ def moments_of(states):
     return mean, covariance
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("by_past", [False, True])
+@pytest.mark.parametrize("by_past", [pytest.param(False, marks=pytest.mark.full), True])
 def test_two_moments_of_a_mixture_of_pasts_are_kept(by_past):
     """Frames: one that is seen, and one that is not, whose moments are exact where all are linear; k swaps where it decides."""
     transition = np.array([[1e-6, 1 - 1e-6], [1 - 1e-6, 1e-6]]) if by_past else TRANSITION

@@ -21,8 +21,6 @@ from poseppl.kernels import HMC_MOVES, RANDOM_WALK_MOVES, OwnKernel
 from poseppl.kernels.adapted_chain import unchecked
 from poseppl.particles.resampling import systematic
 
-pytestmark = pytest.mark.full
-
 SETTINGS = Tempering(0.5, 30, None, 1, True, HMC_MOVES, systematic)
 NUM = 400
 
@@ -97,6 +95,7 @@ KINDS = {
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("nuts", "elliptical-slice")]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", [*(name for name in KINDS if name not in ("nuts", "elliptical-slice")), *SLOW])
 def test_evidence_and_moments_are_those_of_quadrature(kind, exact):
     found = runs(KINDS[kind])
@@ -113,18 +112,21 @@ def test_evidence_and_moments_are_those_of_quadrature(kind, exact):
         assert (ess[k, steps:] == NUM).all() and (temperatures[k, steps:] == 1).all()
 
 
+@pytest.mark.full
 def test_moves_on_another_density_are_noticed(exact):
     """As when the prior's normalised density is left out of the moves."""
     found = runs(SETTINGS, prior=lambda x, context: 0.5 * log_prior(x))
     assert max(scores(found, exact)) > 10
 
 
+@pytest.mark.full
 def test_fixed_temperatures_are_those_given(exact):
     found = runs(SETTINGS._replace(temperatures=(0.02, 0.1, 0.3, 1.0)))
     np.testing.assert_allclose(found.temperatures, np.tile([0.02, 0.1, 0.3, 1.0], (60, 1)), rtol=1e-6)
     assert max(scores(found, exact)) < 5
 
 
+@pytest.mark.full
 def test_partly_impossible_data():
     """Half of the prior has no likelihood: the evidence is half of the rest's, and no draw lies there."""
     found = runs(SETTINGS, lambda x: jnp.where(x[0] > 0, -2.0 * x[1] ** 2, -jnp.inf))
@@ -132,6 +134,7 @@ def test_partly_impossible_data():
     assert abs(z_scores(np.exp(np.asarray(found.log_evidence, float)), 0.5 / np.sqrt(5.0))) < 5
 
 
+@pytest.mark.full
 def test_impossible_data_end_at_once():
     one = jax.jit(lambda value: one_run(SETTINGS, lambda x: value + 0.0 * x[0], jax.random.key(0)))
     for value in (-np.inf, np.nan, np.inf):
@@ -141,6 +144,7 @@ def test_impossible_data_end_at_once():
         np.testing.assert_array_equal(found.ancestors, np.arange(NUM))
 
 
+@pytest.mark.full
 def test_the_last_temperature_allowed_takes_what_is_left():
     found = runs(SETTINGS._replace(max_temperatures=2), num=5)
     assert (found.num_temperatures == 2).all() and (found.temperatures[:, 1] == 1.0).all()
@@ -148,6 +152,7 @@ def test_the_last_temperature_allowed_takes_what_is_left():
     assert np.isfinite(found.log_evidence).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("moves", "num_particles"), [(HMC_MOVES, 1), (RANDOM_WALK_MOVES, 7)], ids=["one", "equal"])
 def test_one_particle_and_equal_particles(moves, num_particles):
     posed = problem()
@@ -159,6 +164,7 @@ def test_one_particle_and_equal_particles(moves, num_particles):
         assert all(np.isfinite(np.asarray(leaf, float)).all() for leaf in jax.tree.leaves(found))
 
 
+@pytest.mark.full
 def test_learning_from_the_particles_biases_the_evidence_little():
     posed = problem()
     _, _, increments = replicate(tempered_filter(posed.model, 300), posed, 40)
@@ -180,6 +186,7 @@ def test_precise_data_in_ten_dimensions():
     assert np.std(found) < 1.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "word"),
     [
@@ -205,6 +212,7 @@ def test_settings_out_of_range_are_refused(settings, word):
         tempered_filter(problem().model, **{"num_particles": 100, **settings})
 
 
+@pytest.mark.full
 def test_evidence_is_right_where_coordinates_are_many_and_particles_few():
     """28 standard normal coordinates, half of them seen in small noise: 50 runs of 200 particles, within 4 standard errors."""
     model = linear_gaussian(28, 14, R=0.01 * np.eye(14)).compile()
@@ -216,6 +224,7 @@ def test_evidence_is_right_where_coordinates_are_many_and_particles_few():
     assert abs(bias + variance / 2) < 4 * np.sqrt(variance / 50 + variance**2 / 100)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("step_size", "low", "high"), [(0.5, 100.0, NUM), (0.1, 1.0, 50.0)])
 def test_the_effective_number_is_what_means_of_runs_differ_by(step_size, low, high):
     """Moves that draw copies apart, and moves that leave them alike, on the way to data that are ten times as precise."""

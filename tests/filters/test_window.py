@@ -21,8 +21,6 @@ from poseppl.filters.window_target import empty_window, move_on, window_target
 from poseppl.gaussians.linearisation import Gaussian
 from poseppl.program import Observation
 
-pytestmark = pytest.mark.full
-
 WINDOW = 3
 
 
@@ -64,6 +62,7 @@ def evaluate(window, xs):
     return jax.vmap(target.log_density)(xs), curvature, -jax.hessian(target.log_density)(xs[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("num_frames", [1, 2, 3, 4, 5])
 def test_target_is_the_joint_density_of_the_window(num_frames):
     """Also while it fills up: its empty slots are then independent of the rest."""
@@ -180,6 +179,7 @@ def test_a_window_comes_nearer_to_the_truth_of_a_nonlinear_model():
     assert gain.mean() > 2 * gain.std(ddof=1) / np.sqrt(len(gain))
 
 
+@pytest.mark.full
 def test_numbers_out_of_range_are_refused():
     with pytest.raises(ValueError, match="at least 1"):
         window_filter(problem().model, window=0)

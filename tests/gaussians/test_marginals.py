@@ -11,8 +11,6 @@ import scipy.stats
 from poseppl.gaussians.gaussian import Gaussian
 from poseppl.gaussians.marginals import Marginals, gaussian_marginals
 
-pytestmark = pytest.mark.full
-
 LEVELS = np.array([0.05, 0.5, 0.95])
 WEIGHTS = np.array([0.2, 0.5, 0.3])
 
@@ -33,12 +31,14 @@ def test_a_mixture_in_two_coordinates():
         np.testing.assert_allclose(ends, roots, atol=1e-5)
 
 
+@pytest.mark.full
 def test_finite_values_are_their_own_quantiles():
     found = Marginals(jnp.log(WEIGHTS), jnp.arange(3.0)[:, None], jnp.zeros((3, 1)))
     np.testing.assert_array_equal(found.quantiles(jnp.array([0.1, 0.3, 0.65, 0.75])).ravel(), [0.0, 1.0, 1.0, 2.0])
     np.testing.assert_allclose(found.standard_deviation, np.sqrt(1.7 - 1.1**2), rtol=1e-6)
 
 
+@pytest.mark.full
 def test_one_gaussian():
     found = gaussian_marginals(*Gaussian(jnp.array([1.0, 2.0]), jnp.array([[4.0, 1.0], [1.0, 0.0]])))
     ends = np.stack([1 + 2 * scipy.stats.norm.ppf(LEVELS), np.full(3, 2.0)], 1)

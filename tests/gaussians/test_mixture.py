@@ -83,6 +83,7 @@ def test_fit_finds_the_mixture():
     np.testing.assert_allclose(residuals, chains - MEANS[component][:, None], atol=0.3)
 
 
+@pytest.mark.full
 def test_chains_count_by_their_weights():
     """A chain of the weight of two is the same as the chain twice, but for what the number of draws is worth."""
     rng = np.random.default_rng(2)
@@ -113,7 +114,6 @@ def test_few_draws_in_many_dimensions_leave_no_direction_without_variance(number
     assert np.isfinite(jax.vmap(log_mixture(mixture))(chains.reshape(-1, 10))).all()
 
 
-@pytest.mark.full
 def test_a_coordinate_that_is_the_same_in_all_draws_has_no_variance():
     draws = np.random.default_rng(4).normal(size=(6, 50, 3)) * [1.0, 0.0, 1e-3]
     mixture, residuals = fit_mixture(jnp.asarray(draws, jnp.float32), 3)

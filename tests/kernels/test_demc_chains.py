@@ -37,6 +37,7 @@ EXACT = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", EXACT)
 def test_the_density_is_invariant_for_few_members(name):
     chains = after_updates(*EXACT[name])

@@ -79,6 +79,7 @@ def described(mean, matrix, linear, starts):
     return face_modes(climbs, linear)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("shift", [-1.5, -0.2, 0.0, 0.2, 1.5])
 def test_the_mass_of_a_gaussian_cut_by_one_bound_is_exact(dtype, shift):

@@ -106,6 +106,7 @@ def test_evaluations_are_counted(name):
         assert gradients is None or int(info.num_gradient) == gradients
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["particle", "particle-adaptive", "guided", "annealed", "demc"])
 def test_ess_is_that_of_the_weights(name):
     posed, row = problem(), next(row for row in FILTERS if row.name == name)

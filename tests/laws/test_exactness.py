@@ -110,6 +110,7 @@ def test_evidence_of_every_frame_is_kalmans(row):
     check_evidence(evidence_ratios(replicates(row)[2]), row.evidence_error)
 
 
+@pytest.mark.full
 def test_evidence_of_the_best_particle_is_noticed():
     ratios = evidence_ratios(replicates(next(row for row in FILTERS if row.name == "hmc"))[2])
     assert not evidence_is_exact(20 * ratios)

@@ -106,7 +106,6 @@ def test_intervals_hold_when_errors_are_known_to_last(scene: Scene[PointData], f
     assert other < -4, independent
 
 
-@pytest.mark.full
 def test_a_start_that_was_sought_in_the_points_is_no_prior_of_itself(scene: Scene[PointData]) -> None:
     """A known start stays; else angles are those of people at rest, and the root may be far from where it was found."""
     known, sought = (make_problem(each) for each in (scene, scene._replace(states=None)))

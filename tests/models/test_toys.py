@@ -66,6 +66,7 @@ def test_growth_densities(dimension):
     assert model.coordinate_names == (("x",) if dimension == 1 else ("x[0]", "x[1]", "x[2]"))
 
 
+@pytest.mark.full
 def test_growth_filter_against_a_grid():
     """Filtered means and evidence of a particle filter against a grid filter, within 5 standard errors of replicates."""
     rng = np.random.default_rng(4)

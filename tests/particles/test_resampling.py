@@ -29,7 +29,6 @@ def z_scores(counts, expected):
     return (counts.mean(0) - expected) / np.where(error > 0, error, 1e-3)
 
 
-@pytest.mark.full
 @every_scheme
 def test_unbiased(name, num=7):
     log_weights = 1.5 * jax.random.normal(jax.random.key(0), (20,))

@@ -94,6 +94,7 @@ def test_as_exact_in_float64_as_scipy(name):
         np.testing.assert_allclose(log_prob(law, jnp.asarray(counts)), exact(counts), rtol=1e-10, atol=1e-7)
 
 
+@pytest.mark.full
 def test_gradients():
     rate, x = np.float32(1_001_000.0), 1_000_000
     found = jax.grad(lambda rate: log_prob(dist.Poisson(rate), x))(rate)

@@ -123,6 +123,7 @@ def test_the_kalman_filter_and_the_particle_filter_have_the_posterior(seen):
     assert abs(particles["sample_stats/log_evidence"].values[0] - evidence) < error
 
 
+@pytest.mark.full
 def test_the_information_is_the_curvature_of_what_was_seen():
     for observation, data in (
         (chain, {"first": np.nan, "alone": 0.2, "second": -0.3, "third": 1.0}),

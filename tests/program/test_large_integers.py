@@ -63,6 +63,7 @@ def test_every_integer_comes_back(dtype):
     np.testing.assert_array_equal(np.asarray(parts, np.float64).sum(0), values)
 
 
+@pytest.mark.full
 def test_draws_and_densities_are_exact():
     model = SHOPS.compile()
     x = model.sample_initial(jax.random.key(1))

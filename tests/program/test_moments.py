@@ -95,7 +95,6 @@ class Known(dist.Normal):
         return jnp.where(jnp.array([True, True]) if mask is None else mask, 1.0, 0.0)[:, None] * self.fixed * rows / 0.5
 
 
-@pytest.mark.full
 @pytest.mark.parametrize(("constant", "asked"), [(True, 1), (False, 0)])
 def test_a_jacobian_in_closed_form_is_used_where_it_is_whole(constant, asked):
     def program(params, state, inputs):

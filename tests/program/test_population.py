@@ -10,8 +10,6 @@ from law_problems import frame, problem
 
 from poseppl.program import population
 
-pytestmark = pytest.mark.full
-
 POSED = problem()
 MODEL, INPUTS, OBSERVATION = POSED.model, POSED.inputs[1], frame(POSED.observations, 1)
 XS, BEFORE = jax.random.normal(jax.random.key(0), (2, 4, 2))
@@ -37,6 +35,7 @@ def test_the_population_is_its_particles(name):
     np.testing.assert_allclose(found, np.asarray(expected), rtol=1e-5)
 
 
+@pytest.mark.full
 def test_moments_are_those_of_each_particle():
     means, covariances = population.transition_moments(MODEL, BEFORE, INPUTS)
     for found_mean, found_covariance, x in zip(means, covariances, BEFORE, strict=True):

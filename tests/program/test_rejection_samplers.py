@@ -34,7 +34,9 @@ REJECTED = {
 """Sites that are drawn by loops of random length."""
 
 
-@pytest.mark.parametrize("name", REJECTED)
+@pytest.mark.parametrize(
+    "name", ["von-Mises", *(pytest.param(name, marks=pytest.mark.full) for name in REJECTED if name != "von-Mises")]
+)
 def test_sites_that_are_drawn_by_rejection_have_their_distribution(name):
     distribution, exact = REJECTED[name]
 

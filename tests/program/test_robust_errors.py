@@ -46,7 +46,6 @@ def test_vectors_have_one_squared_error():
     assert np.abs(single.log_prob(jnp.asarray(POINTS)).sum(1) - exact.logpdf(POINTS)).max() > 0.1
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("strength", [0.5, 6.0, 60.0, 250.0])
 def test_leclercs_window_makes_it_a_density(strength):
     """Over a square window of 100 standard deviations a side, in which the peak lies."""
@@ -92,7 +91,6 @@ def test_draws_have_the_densitys_squared_errors(family, gaussian):
     assert scipy.stats.kstest(radii_of(gaussian, other), exact).pvalue < 1e-3
 
 
-@pytest.mark.full
 def test_moments_of_a_lorentzian():
     errors = Lorentzian(dist.Normal(jnp.ones(2), 3.0).to_event(1), jnp.array(8.0))
     draws = np.asarray(errors.sample(jax.random.key(1), (100_000,)), float)

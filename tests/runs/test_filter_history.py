@@ -151,7 +151,10 @@ def test_draws_are_trajectories_where_the_result_says_so(name, joint):
     assert np.array_equal(before[..., 1:], now[..., :-1]) is joint
 
 
-@pytest.mark.parametrize("name", ["backward simulation", "metropolis", "forward-backward"])
+@pytest.mark.parametrize(
+    "name",
+    ["forward-backward", *(pytest.param(name, marks=pytest.mark.full) for name in ("backward simulation", "metropolis"))],
+)
 def test_a_smoothing_that_cannot_go_back_is_refused(name):
     """Draws that were resampled frame by frame cannot come from one another; so do those of a Gaussian."""
     posed = Posed(oscillator)

@@ -116,7 +116,6 @@ def test_forecasts_cover_the_data_that_come():
     assert abs(half.estimate - 0.9) > 4 * half.standard_error
 
 
-@pytest.mark.full
 def test_forecasts_from_all_frames_are_kalman_predictions(result):
     predicted = poseppl.hindcast(result, POSED.model, 2, jax.random.key(3), POSED.inputs, num_draws=DRAWS)
     assert predicted["y"].dims[:4] == (*LEADING, "start", "lead") and predicted["start"].values.tolist() == [0, 1, 2]

@@ -65,6 +65,7 @@ def test_moments_are_those_of_the_changes(filtered):
     np.testing.assert_allclose(summary["people_quantile"], PEOPLE + summary["change_quantile"], rtol=1e-7)
 
 
+@pytest.mark.full
 def test_smoothed_draws_are_exact(country, filtered):
     smoothed = poseppl.smooth(filtered, poseppl.backward_simulation_smoother(country, 50), jax.random.key(1))
     assert constant(smoothed, "posterior")
@@ -108,6 +109,7 @@ def from_inputs(params, state, inputs):
     numpyro.sample("cells", dist.Delta(inputs if state is None else state["cells"] - 1))
 
 
+@pytest.mark.full
 def test_online_and_batches_and_simulations_say_so_too(caplog):
     model = StateSpaceModel(lambda params, inputs: from_inputs(params, None, inputs), from_inputs, weighed).compile(np.int32(0))
     filter = poseppl.particle_filter(model, 20)

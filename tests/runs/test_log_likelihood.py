@@ -260,7 +260,10 @@ def switching_evidence(params):
     return total
 
 
-@pytest.mark.parametrize("build", [particle_filter, guided_filter, rao_blackwellised_filter])
+@pytest.mark.parametrize(
+    "build",
+    [particle_filter, *(pytest.param(build, marks=pytest.mark.full) for build in (guided_filter, rao_blackwellised_filter))],
+)
 def test_finite_sites_have_their_score(build):
     """Their draws know nothing of the probabilities that they were drawn by: without the score the derivative by these is 0."""
     model, replicates = switching_model(), 1000

@@ -40,7 +40,7 @@ def test_constants_of_any_kind_are_compiled_for_once() -> None:
     assert count == {"init": 1, "step": 1}
 
 
-@pytest.mark.parametrize("at", [1, 3])
+@pytest.mark.parametrize("at", [pytest.param(1, marks=pytest.mark.full), 3])
 def test_a_state_that_is_not_finite_is_refused_and_the_one_before_it_kept(at: int) -> None:
     model, filter = failing(at, broken=True)
     online = Online(filter, KEY)

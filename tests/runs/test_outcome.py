@@ -38,7 +38,6 @@ def counting_model(noise: float = 1e-6) -> StateSpaceModel:
     return StateSpaceModel(initial, transition, observation)
 
 
-@pytest.mark.full
 @pytest.mark.parametrize("length", [1, T])
 def test_a_simulation_uses_each_frame_s_own_inputs(length: int) -> None:
     inputs = jnp.array([3.0, 1.0, 20.0, 400.0])[:length]

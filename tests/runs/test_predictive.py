@@ -63,6 +63,7 @@ def overconfident(filter: Filter) -> Filter:
     return dataclasses.replace(filter, init=lambda *a: narrowed(filter.init(*a)), step=lambda *a: narrowed(filter.step(*a)))
 
 
+@pytest.mark.full
 def test_ranks_are_uniform_under_the_exact_filter() -> None:
     prediction = check(KALMAN, LINEAR, simulate(LINEAR, FRAMES, 0)).prediction.data
     assert prediction.transform.shape == (FRAMES, 2) and prediction.chi_square.shape == (FRAMES,)

@@ -59,11 +59,13 @@ def test_data_that_are_rounded(caplog):
     assert sum("rounding decides" in text for text in caplog.messages) == 1
 
 
+@pytest.mark.full
 def test_densities_that_are_rounded():
     text = only_warning(run(model(visits), 400_000 + np.arange(3), num_particles=2000))
     assert "'y'" in text and "jax_enable_x64" in text
 
 
+@pytest.mark.full
 def test_a_filter_that_collapsed():
     text = only_warning(run(model(), np.full(3, 30.0)))
     assert "fewer than 2 of 100 particles are effective" in text
@@ -126,6 +128,7 @@ def test_frames_that_come_one_by_one():
     assert online.finish().warnings == tuple(said) and "inputs" in said[0]
 
 
+@pytest.mark.full
 def test_batches():
     compiled = model()
     found = infer_batch(

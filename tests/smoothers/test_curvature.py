@@ -5,14 +5,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from oracles.kalman import kalman_filter, rauch_tung_striebel
 from poseppl_models.linear_gaussian import linear_gaussian_matrices, linear_gaussian_model
 
 from poseppl.gaussians.block_tridiagonal import to_dense
 from poseppl.smoothers.curvature import average_precision, draws_about
-
-pytestmark = pytest.mark.full
 
 MATRICES = linear_gaussian_matrices(2, 1, A=[[0.9, 0.5], [-0.3, 0.7]], Q=[[0.3, 0.1], [0.1, 0.2]])
 MODEL = linear_gaussian_model(MATRICES).compile()

@@ -10,8 +10,6 @@ from poseppl_models.linear_gaussian import linear_gaussian
 
 from poseppl.smoothers import History, ensemble_kalman_smoother
 
-pytestmark = pytest.mark.full
-
 FRAMES = 5
 MODEL = linear_gaussian(2, 1).compile()
 YS = np.random.default_rng(0).normal(scale=2.0, size=(FRAMES, 1))

@@ -50,6 +50,7 @@ def smoothed(num_draws: int, num_mode_steps: int = 20) -> Any:
     return smoother.smooth(jax.random.key(0), history, model.observe({"y": DATA}), None)
 
 
+@pytest.mark.full
 def test_the_mode_of_a_robust_model_is_found() -> None:
     """It is a general optimiser's, and the mean of n draws within 4 standard errors of it; after a step it is not found."""
     mode = minimize(energy, np.zeros(len(DATA)), tol=1e-10).x
@@ -69,6 +70,7 @@ def test_it_climbs_until_a_step_promises_nothing() -> None:
     assert 4 < taken[1] <= 8  # and a last step of two of them
 
 
+@pytest.mark.full
 def test_of_two_modes_it_finds_the_higher_from_the_other() -> None:
     """Squares of a walk are seen, which may have either sign; at the start it is more likely to be positive."""
 

@@ -51,7 +51,6 @@ def test_weights_are_densities_of_the_other_slots(variant):
     np.testing.assert_allclose(ours - ours[0], np.array(exact) - exact[0], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.full
 def test_proposals_have_their_moments():
     noise, scale, h = np.array([[1.0, 0.4], [0.4, 0.5]]), np.array([[0.6, -0.1], [-0.1, 0.3]]), 0.8
     mean, u = np.array([1.0, -2.0]), np.array([0.5, 0.3])

@@ -97,6 +97,7 @@ def test_exact_backward_simulation_draws_by_the_formula():
         assert (np.abs(share - weights[t]) <= 5 * np.sqrt(weights[t] * (1 - weights[t]) / num) + 1e-4).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_metropolis_moves_forget_where_they_started(unit):
     """Without a genealogy, and with many moves, shares are those of forward-backward weights, in whatever unit: in the smaller
@@ -196,6 +197,7 @@ def test_settings_that_make_no_sense_are_refused(build, message):
         build()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("method", ["exact", "linear"])
 def test_the_first_frame_of_two_filters_is_free_of_the_artificial_prior(method):
     """Data far from the prediction, at the second frame alone: divided out, the prior leaves Kalman's smoothed mean."""
@@ -237,7 +239,6 @@ def test_two_filters_of_a_linear_gaussian_model_have_nearly_equal_weights():
     assert (np.asarray(found.info.ess) > 900).all()
 
 
-@pytest.mark.full
 def test_the_effective_number_counts_the_particles_that_trajectories_pass():
     """Of 60 trajectories, by counting alike states of each frame."""
     history, observations, inputs = history_for_conduct()

@@ -45,7 +45,6 @@ def test_structure_is_read_from_the_program():
     assert not structure.affine
 
 
-@pytest.mark.full
 def test_one_component_is_the_exact_smoother_after_one_round():
     with jax.enable_x64(True):
         posed = mixture_problem(num_frames=4, num_components=1)

@@ -75,6 +75,7 @@ def test_shares():
     assert core_shares([3, 5], 1) == [[3, 5]]
 
 
+@pytest.mark.full
 def test_a_job_that_waits_behind_one_that_dies_is_done(tmp_path):
     jobs = [Draw(0), Draw(1, mishap="die")]
     with pytest.raises(JobError, match="1 of 2 jobs failed.*the others are kept"):

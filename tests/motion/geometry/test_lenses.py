@@ -45,6 +45,7 @@ def places() -> np.ndarray:
     return np.random.default_rng(0).uniform(-1500, 1500, (200, 3))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", LENSES)
 def test_projection_is_that_of_opencv(dtype, name: str) -> None:
     camera = cameras_of_records([record(name)])

@@ -13,8 +13,6 @@ from poseppl.motion.io.keypoint_layouts import LAYOUTS, markers_of_names
 from poseppl.motion.io.openpose import read_openpose
 from poseppl.motion.tracking.calibration_units import infer_unit
 
-pytestmark = pytest.mark.full
-
 MARKERS = markers_of_names(LAYOUTS["body25b"])
 
 
@@ -43,6 +41,7 @@ def test_the_unit_is_found(records: tuple[CameraRecord, ...], people: list[Detec
             np.testing.assert_allclose(ours.translation, records[c].translation)
 
 
+@pytest.mark.full
 def test_what_makes_no_person_is_told(records: tuple[CameraRecord, ...], people: list[DetectedPeople]) -> None:
     with pytest.raises(
         InputError, match=r"--unit: .* in cm the person would be 0\.5\d m tall .expected mm, cm, m, or how many mm"

@@ -10,8 +10,6 @@ from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.geometry.triangulation import triangulate
 from poseppl.motion.tracking.camera_errors import camera_errors
 
-pytestmark = pytest.mark.full
-
 NOISE, FRAMES, POINTS = 4.0, 200, 10
 
 

@@ -11,8 +11,6 @@ from poseppl.motion.geometry import join_cameras, look_at, project
 from poseppl.motion.io import DetectedPeople
 from poseppl.motion.tracking.clock_offsets import coarse_offsets, fine_offsets
 
-pytestmark = pytest.mark.full
-
 NUM_FRAMES, NUM_POINTS, RATE = 80, 14, 30.0
 NOISE = 4.0
 """Standard deviation of a coordinate, px."""
@@ -59,10 +57,12 @@ def check(off: np.ndarray, told: np.ndarray) -> None:
     assert np.sqrt((told**2).mean()) < 1.5 * np.sqrt((off**2).mean())
 
 
+@pytest.mark.full
 def test_noise_by_frames() -> None:
     check(*errors(0.01))
 
 
+@pytest.mark.full
 def test_noise_that_lasts() -> None:
     check(*errors(15.0))
 

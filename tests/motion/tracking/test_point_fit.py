@@ -57,7 +57,6 @@ def deviation(params: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.asarray(np.exp(size) * np.sqrt(share))
 
 
-@pytest.mark.full
 def test_motion_that_is_not_foreseen_is_no_error(fitted: PointParams) -> None:
     """Two cameras disagree in one of four coordinates: the deviation is known to within 1 / sqrt(2 T K)."""
     error = deviation({name: np.asarray(value) for name, value in fitted.params.items()})

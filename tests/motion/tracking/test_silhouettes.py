@@ -143,6 +143,7 @@ def test_a_batch_of_particles_is_each_of_them():
     np.testing.assert_allclose(together, [density(each) for each in x], rtol=2e-5)
 
 
+@pytest.mark.full
 def test_a_camera_with_an_empty_mask_does_not_count():
     truth = pose()
     masks = {name: np.stack([mask]) for name, mask in masks_of(truth).items()}
