@@ -236,6 +236,7 @@ def test_tables_of_three_kinds_are_one(folder):
         read_table("twice.csv")
 
 
+@pytest.mark.full
 def test_seconds_since_1970_are_read_in_double_precision(folder, capsys):
     head, *rows = (folder / "data.csv").read_text().split()
     lines = [f"time,{head}", *(f"{1_700_000_000 + second},{row}" for second, row in enumerate(rows))]
@@ -247,7 +248,8 @@ def test_seconds_since_1970_are_read_in_double_precision(folder, capsys):
     assert "inputs['time']: numbers as large as 1700000005 are 128 apart" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("fill", [pytest.param(False, marks=pytest.mark.full), True])
+@pytest.mark.full
+@pytest.mark.parametrize("fill", [False, True])
 def test_gaps_are_reported_or_filled(folder, capsys, fill):
     """The smoother and the forecasts get the inputs of all frames, too."""
     lines = [f"{t + 40 * (t > 2)},{PUSH[t]},{a},{b}" for t, (a, b) in enumerate(ROWS)]

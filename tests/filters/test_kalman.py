@@ -246,6 +246,7 @@ def test_a_diffuse_start_is_exact_in_float32(matrices):
     np.testing.assert_allclose(result["sample_stats/log_evidence"], wanted.log_evidence, atol=2e-3)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("matrices", [LOCAL_TREND, SEASONAL, ACCELERATED], ids=["trend", "seasonal", "accelerated"])
 def test_smoothing_from_a_diffuse_start_is_exact_in_float32(matrices):
     model, ys, exact = diffuse_problem(*matrices)

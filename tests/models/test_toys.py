@@ -170,6 +170,7 @@ def test_finite_hmm_evidence_is_the_sum_over_paths():
     np.testing.assert_allclose(filtered[-1], smoothed[-1])
 
 
+@pytest.mark.full
 def test_finite_hmm_draws_have_its_probabilities():
     model = finite_hmm().compile()
     keys = jax.random.split(jax.random.key(0), 4000)

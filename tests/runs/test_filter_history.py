@@ -125,22 +125,19 @@ SMOOTHERS = {
 
 @pytest.mark.parametrize("build", [oscillator, *(pytest.param(each, marks=pytest.mark.full) for each in (total, constant))])
 def test_smoothers_of_a_result_are_right_where_a_site_has_no_noise(build, tmp_path):
-    """Also from a file. Ancestors that remain of 20,000 particles after 8 frames are hundreds: 0.15 is several errors."""
+    """Also from a file. Hundreds of ancestors remain of 5000 particles after 8 frames: 0.3 is several errors."""
     posed = Posed(build)
-    result = poseppl.infer(posed.model, {"y": posed.data}, poseppl.particle_filter(posed.model, 20_000), KEY)
+    result = poseppl.infer(posed.model, {"y": posed.data}, poseppl.particle_filter(posed.model, 5000), KEY)
     poseppl.save_result(result, tmp_path / "filtered.nc")
     read = poseppl.load_result(tmp_path / "filtered.nc")
     for name, make in SMOOTHERS.items():
-        if name == "forward-backward":
-            continue
         error, least, most = distance(posed, poseppl.smooth(read, make(posed.model), KEY))
-        assert error < 0.15 and least > 0.85 and most < 1.15, name
-    small = poseppl.infer(posed.model, {"y": posed.data}, poseppl.particle_filter(posed.model, 4000), KEY)
-    error, least, most = distance(posed, poseppl.smooth(small, SMOOTHERS["forward-backward"](posed.model), KEY))
-    assert error < 0.3 and least > 0.75 and most < 1.25
+        assert error < 0.3 and least > 0.75 and most < 1.25, name
 
 
-@pytest.mark.parametrize(("name", "joint"), [("backward simulation", True), ("fixed lag", False)])
+@pytest.mark.parametrize(
+    ("name", "joint"), [("backward simulation", True), pytest.param("fixed lag", False, marks=pytest.mark.full)]
+)
 def test_draws_are_trajectories_where_the_result_says_so(name, joint):
     """The lag of a frame is then the state of the frame before, in every draw."""
     posed = Posed(oscillator)
@@ -220,14 +217,14 @@ def smoothed_probabilities(matrix, data):
 
 def test_a_hidden_markov_result_has_its_draws_and_is_smoothed_exactly():
     model, matrix = chain()
-    data = np.array([0.1, 1.4, 2.9, 0.2, 1.1])
+    data = np.array([0.1, 1.4, 2.9, 0.2, 3.4])
     result = poseppl.infer(model, {"y": data}, hidden_markov_filter(model), KEY)
     assert result["posterior/z"].sizes["draw"] == 200
     smoothed = poseppl.smooth(result, poseppl.forward_backward_smoother(model), KEY)
     np.testing.assert_allclose(smoothed["summary/z_probability"], smoothed_probabilities(matrix, data), atol=1e-5)
     assert not [found.text for found in poseppl.verdicts(smoothed) if "particles" in found.text]
-    ahead = poseppl.forecast(result, model, 2, KEY, num_draws=4000)["forecast/z"].isel(frame=1).values
-    expected = result["summary/z_probability"].values[-1] @ matrix @ matrix
+    ahead = poseppl.forecast(result, model, 1, KEY, num_draws=4000)["forecast/z"].values
+    expected = result["summary/z_probability"].values[-1] @ matrix
     shares = np.bincount(ahead.ravel(), minlength=3) / ahead.size
     np.testing.assert_allclose(shares, expected, atol=5 * np.sqrt(0.25 / 4000))
 
@@ -244,7 +241,7 @@ def test_a_gaussian_filter_keeps_its_moments():
         np.testing.assert_allclose(np.cov(particles.T), covariance[frame], atol=0.35 * covariance[frame].max())
 
 
-@pytest.mark.parametrize("room", [1.0, 0.05, 0.0])
+@pytest.mark.parametrize("room", [0.05, *(pytest.param(room, marks=pytest.mark.full) for room in (1.0, 0.0))])
 def test_a_history_without_room_is_left_out_and_reported(room):
     """20,000 bytes a frame of 1000 particles, with 3 numbers and an ancestor each: 0.12 MiB in all."""
     posed, said = Posed(constant), []

@@ -53,6 +53,7 @@ def constant(tree, group):
     return np.all(people - change == PEOPLE)
 
 
+@pytest.mark.full
 def test_every_draw_is_exact(filtered):
     assert constant(filtered, "posterior")
     assert "people (rest)" in names_of(filtered, "dof")
@@ -75,6 +76,7 @@ def test_forecasts_are_exact(country, filtered):
     assert constant(poseppl.forecast(filtered, country, 4, jax.random.key(2)), "forecast")
 
 
+@pytest.mark.full
 def test_simulated_states_are_exact(country):
     states = simulate(country, jax.random.key(3), 6).states
     sites = jax.vmap(country.to_sites)(states)
@@ -121,6 +123,7 @@ def test_online_and_batches_and_simulations_say_so_too(caplog):
     assert "integers beyond 2^24" in caplog.text
 
 
+@pytest.mark.full
 def test_a_forecast_says_so_too():
     model = CULTURE.compile()
     found = poseppl.infer(model, {"y": np.zeros(10)}, poseppl.particle_filter(model, 20), jax.random.key(0))

@@ -56,6 +56,7 @@ def test_a_smoother_of_other_params_is_refused(result, tmp_path):
     assert poseppl.smooth(old, other, KEY)["posterior"].sizes["frame"] == 4
 
 
+@pytest.mark.full
 def test_series_of_a_batch_know_their_model():
     batch = poseppl.infer_batch(compiled(1.0), [DATA, DATA], poseppl.kalman_filter, KEY)
     with pytest.raises(ValueError, match="filtered under other params"):
