@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -88,6 +88,7 @@ def test_a_broken_state_does_not_begin_anew():
     assert info.failed and np.isnan(after.particles).all()
 
 
+@cache
 def dense_posterior():
     """Mean (T, d) and covariances of the smoothing distribution, from the joint density's Hessian, all frames at once."""
     shape = POSED.exact.means.shape
@@ -96,11 +97,11 @@ def dense_posterior():
         return POSED.model.log_joint(flat.reshape(shape), POSED.observations, POSED.inputs)
 
     zero = jnp.zeros(shape[0] * shape[1])
-    precision = -jax.hessian(log_joint)(zero)
-    covariance = jnp.linalg.inv(precision)
-    mean = (covariance @ jax.grad(log_joint)(zero)).reshape(shape)
+    slope, curvature = jax.jit(lambda x: (jax.grad(log_joint)(x), jax.hessian(log_joint)(x)))(zero)
+    covariance = np.linalg.inv(-np.asarray(curvature, float))
+    mean = (covariance @ np.asarray(slope)).reshape(shape)
     blocks = covariance.reshape(*shape, *shape)
-    return mean, jnp.stack([blocks[t, :, t] for t in range(shape[0])])
+    return mean, np.stack([blocks[t, :, t] for t in range(shape[0])])
 
 
 @both

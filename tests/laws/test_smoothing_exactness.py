@@ -42,7 +42,7 @@ CHEAP = (
     "variational",
 )
 """Smoothers that make their replicates in a tenth of a second."""
-LARGE = ("particle-mgrad", "particle-gibbs-ancestor", "trajectory-nuts", "two-filter-linear", "variational")
+LARGE = ("particle-mgrad", "particle-gibbs-ancestor", "trajectory-nuts", "two-filter", "two-filter-linear", "variational")
 consistent_smoothers = rows([r for r in SMOOTHERS if r.consistent], default=lambda row: row.name not in LARGE)
 discrete_smoothers = rows([r for r in SMOOTHERS if r.consistent and r.discrete])
 two_kinds = pytest.mark.parametrize("name", ["forward-backward", "backward-simulation"])

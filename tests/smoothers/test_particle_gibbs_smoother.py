@@ -94,7 +94,7 @@ def worst(shares):
     return np.abs(z_scores(shares[:, common], exact[common])).max()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [METHODS[0], *(pytest.param(method, marks=pytest.mark.full) for method in METHODS[1:])])
 def test_trajectories_of_two_states_have_their_exact_probabilities(method):
     model, observations = two_states()
     smoother = particle_gibbs_smoother(model, num_particles=3, num_chains=CHAINS, num_draws=DRAWS, num_warmup=20, method=method)
